@@ -1,4 +1,4 @@
-"""Results of an answer: as arrays, as text and as a verdict; and the facts below the picture of a panel."""
+"""Results of an answer as arrays, as text and as a verdict; facts below the picture of a panel."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Unusable(Verdict):
 
 
 def outcome(answer: Any, inputs: tuple[Any, ...]) -> Any:
-    """The result of an answer for the inputs of a case; a value is its own result."""
+    """The result of an answer for the inputs of a case; an answer that is a value is the result itself."""
     if not callable(answer):
         return answer
     try:
@@ -105,7 +105,7 @@ def is_list(expected: Any) -> bool:
 
 
 def not_indices(got: Any, expected: Any) -> str:
-    """A sentence if a result has another form than the expected indices; else ""."""
+    """A sentence about a result that does not have the form of the expected indices; else ""."""
     if not (is_list(expected) and isinstance(got, np.ndarray) and np.isfinite(got).all()):
         return ""
     if got.size > 2 and np.isin(got, (0, 1)).all():
@@ -132,7 +132,7 @@ def unusable(got: Any, expected: Any, what: str, hint: str) -> Unusable | None:
 
 
 def holds(test: Callable[..., Any], *inputs: Any) -> bool:
-    """Whether a test of a result holds; False for a result that the test does not accept."""
+    """Whether a result passes a test; False if the test raises an error."""
     try:
         return bool(test(*inputs))
     except (TypeError, ValueError, IndexError):

@@ -22,14 +22,14 @@ def point(u: float, v: float, d: float, camera: StereoCamera) -> Array:
 
 
 def motions() -> list[Case]:
-    """One, two and three motions (4, 4), each turning more than the one before."""
+    """One, two and three motions (4, 4), with increasing rotation angles."""
     turn = np.array([0.0, 0.3, 0.0])
     T = [rigid(rotation_from_vector(k * turn), np.array([0.1 * k, 0.0, -1.0])) for k in (1, 2, 3)]
     return [(T[:count],) for count in (1, 2, 3)]
 
 
 def appended(step: Callable[[Array], Array], before: bool = False) -> Callable[..., list[Array]]:
-    """Chains of poses: the identity, then `step` of each motion on the right, or `before` the last pose."""
+    """Answer that multiplies the last pose by `step` of a motion, on the right or (`before`) on the left."""
 
     def chained(motions: list[Array]) -> list[Array]:
         path = [np.eye(4)]
@@ -41,7 +41,7 @@ def appended(step: Callable[[Array], Array], before: bool = False) -> Callable[.
 
 
 def apart(T: Array, turned: bool = True) -> Array:
-    """The transposed rotation, or R itself, with -t: not the inverse of a motion."""
+    """Wrong inverse of a motion: the transposed rotation (`turned`) or R itself, with -t."""
     return rigid(T[:3, :3].T if turned else T[:3, :3], -T[:3, 3])
 
 
@@ -59,12 +59,12 @@ def steps(poses: Array) -> Array:
 
 
 def way(poses: Array) -> float:
-    """Metres along a path."""
+    """The length of a path, metres."""
     return float(np.linalg.norm(steps(poses), axis=1).sum())
 
 
 def beeline(poses: Array) -> float:
-    """Metres from the start of a path straight to its end."""
+    """The distance from the start of a path to its end, metres."""
     return float(np.linalg.norm(steps(poses).sum(axis=0)))
 
 

@@ -1,7 +1,4 @@
-"""Chapter 0: look at a sequence: both images, disparity, depth of a point.
-
-And, drawn for its pages: matches in boxes, depths, and one picture for each stage of the method.
-"""
+"""Chapter 0: a panel with both images, disparity and depth of a point; pictures of the method's stages."""
 
 from __future__ import annotations
 
@@ -146,12 +143,12 @@ class Watched(Sequence):
 
 
 def watched(sequence: Sequence, *vehicles: int) -> Watched:
-    """A sequence of which only the boxes of some vehicles are seen."""
+    """The sequence with only the boxes of the given vehicles."""
     return Watched(**vars(sequence), vehicles=vehicles)
 
 
 def boxed_picture(sequence: Sequence, frame: int) -> Image:
-    """All matches of a frame with the one before; those in the boxes of vehicles are orange."""
+    """All matches of a frame with the previous frame; matches in vehicle boxes are orange."""
     config, boxes = preset("feature_selection"), sequence.boxes(frame)
     matches = frame_matches(sequence, frame, config)
     kept = ~in_boxes(matches.cur_left, boxes, config.filter)
@@ -176,7 +173,7 @@ def rays_view(sequence: Sequence, frame: int) -> View:
 
 
 def poses_view(sequence: Sequence, every: int = 10) -> View:
-    """The true poses as cameras, every tenth one, in three dimensions."""
+    """The path of the true poses in three dimensions, with a camera at every tenth pose."""
     poses = from_first(true_poses(sequence))
     cameras = [part for k in range(0, len(poses), every) for part in camera(poses[k], str(k), size=2.0)]
     path = Shape(poses[:, :3, 3], GOOD)
@@ -184,7 +181,7 @@ def poses_view(sequence: Sequence, every: int = 10) -> View:
 
 
 def depth_figure(camera: StereoCamera, measured: Array, true: Array) -> Figure:
-    """Errors of measured depths (N,) over the true ones, metres, and σ_Z of the median error of the disparity."""
+    """Errors of measured depths (N,) over the true depths, metres, and σ_Z of the median disparity error."""
     made, (axis,) = figure(260)
     good = np.isfinite(measured) & np.isfinite(true)
     measured, true = measured[good], true[good]
@@ -199,7 +196,7 @@ def depth_figure(camera: StereoCamera, measured: Array, true: Array) -> Figure:
 
 
 def method_stages(sequence: Sequence, frame: int) -> dict[str, Image | Figure]:
-    """A picture for each of the stages 1 to 4, of the matches that the buckets leave in one frame >= 2."""
+    """Pictures of the stages 1 to 4 for one frame >= 2, with the matches after the buckets."""
     config, focal, image = preset("solution_selection"), sequence.camera.f, stereo(sequence, frame)[0]
     points = frame_points(sequence, frame, config)
     everything = np.ones(len(points.matches), np.bool_)
@@ -227,7 +224,7 @@ def method_stages(sequence: Sequence, frame: int) -> dict[str, Image | Figure]:
 def residual_picture(
     image: Image, matches: StereoMatches, R_cp: Array, inliers: BoolArray, rig: StereoCamera
 ) -> Image:
-    """The matches by the residual, in pixels, of the translation that the inliers (N,) give."""
+    """The matches, coloured by their residuals, pixels, from the translation of the inliers (N,)."""
     solved = solve_translation(rig, matches[inliers], R_cp, preset("solution_selection").translation)
     assert solved is not None
     M, d = eliminate_points(*feature_rows(rig, matches, R_cp))

@@ -31,18 +31,18 @@ def eigenvalues(gx: Array, gy: Array, total: Callable[..., Any] = np.sum) -> Arr
 
 
 def strength(gx: Array, gy: Array, total: Callable[..., Any] = np.sum) -> Any:
-    """The root of the smaller eigenvalue."""
+    """The square root of the smaller eigenvalue."""
     return np.sqrt(max(eigenvalues(gx, gy, total)[0], 0.0))
 
 
 def unsorted(gx: Array, gy: Array) -> Any:
-    """The root of the eigenvalue that `np.linalg.eig` happens to give first."""
+    """The square root of the first eigenvalue of `np.linalg.eig`, which is not always the smaller one."""
     M = [[np.sum(gx * gx), np.sum(gx * gy)], [np.sum(gx * gy), np.sum(gy * gy)]]
     return np.sqrt(max(np.linalg.eig(M)[0][0], 0.0))
 
 
 def stereo_pairs() -> list[Case]:
-    """Good matches, with one two rows lower, at 0.2 px, with a negative disparity, higher; all; other limits."""
+    """Pairs of good matches, each with one of four bad matches; all six matches; other limits."""
     left = np.tile([100.0, 50.0], (6, 1))
     right = np.array([[90.0, 50.4], [99.5, 51.0], [90.0, 52.0], [99.8, 50.0], [110.0, 50.0], [90.0, 48.0]])
     some = [(left[[0, 0, i]], right[[0, 0, i]], 1.0, 0.5) for i in (0, 2, 3, 4, 5)]
@@ -50,7 +50,7 @@ def stereo_pairs() -> list[Case]:
 
 
 def chains() -> list[Case]:
-    """Best matches between four images of 12 features; most chains close, some are lost or go astray."""
+    """Best matches between four images of 12 features; most chains close, others are incomplete or wrong."""
     cases = []
     for seed in range(20):
         rng = np.random.default_rng(seed)
@@ -91,7 +91,7 @@ def judged(
     disparity: Callable[..., Any] = np.positive,
     limits: Callable[..., tuple[float, float]] = lambda *limits: limits,
 ) -> Callable[..., Any]:
-    """The stereo check, of functions of the differences in row and in column, and of the limits."""
+    """Answer for the stereo check from functions of the row difference, the disparity and the limits."""
 
     def check(left: Array, right: Array, *given: float) -> Any:
         most, least = limits(*given)
@@ -104,12 +104,12 @@ good = judged()
 
 
 def top(left: float, middle: float, right: float) -> float:
-    """Where the parabola through three values has its top."""
+    """The position of the maximum of the parabola through three values."""
     return (left - right) / 2 / (left - 2 * middle + right)
 
 
 def chosen(by_age: int = 1, by_strength: int = 1) -> Callable[..., Index]:
-    """The choice of features by bucket, with the signs that ages and strengths count with."""
+    """Answer for the buckets; the factors `by_age` and `by_strength` set the signs of ages and strengths."""
     return lambda uv, age, strength, size, count: select_by_bucket(
         uv, by_age * age, by_strength * strength, BucketConfig(size=size, features=count)
     )
@@ -119,13 +119,13 @@ kept = chosen()
 
 
 def in_sorted_list(uv: Array, age: Array, strength: Array, *more: int) -> Index:
-    """The places of the features kept in the list that is sorted by age and strength."""
+    """Wrong answer: positions of the selected features in the sorted list, not their indices."""
     order = np.lexsort((-strength, -age))
     return np.flatnonzero(np.isin(order, kept(uv, age, strength, *more)))
 
 
 def overfull(kept: Array, uv: Array, age: Array, strength: Array, size: int, count: int) -> bool:
-    """Whether a bucket keeps more features than it may."""
+    """Whether a bucket keeps more than `count` features."""
     return bool(np.unique(uv[kept.astype(int)] // size, axis=0, return_counts=True)[1].max() > count)
 
 

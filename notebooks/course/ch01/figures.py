@@ -37,8 +37,7 @@ def grey_picture(response: NDArray[np.float32]) -> Image:
 def windows_picture(image: Image, half: int = 5, reach: int = 10) -> Image:
     """The flattest window of an image, its clearest edge and its clearest corner, (2 half + 1)² pixels each.
 
-    Beside each window: differences between the window and the image, for shifts of up to `reach` pixels;
-    black is zero.
+    Beside each window are the differences to the image for shifts of up to `reach` pixels; black is zero.
     """
     values = np.sort(cv2.cornerEigenValsAndVecs(image, 2 * half + 1, 3)[:, :, :2], axis=2)
     values = values[half + reach : -half - reach, half + reach : -half - reach]
@@ -73,7 +72,7 @@ def points_picture(image: Image, uv: Array, words: str, cell: int = 0) -> Image:
 
 
 def surroundings(image: Image, uv: Array, radius: int) -> tuple[Image, NDArray[np.int64]]:
-    """The pixels around a place, (2 radius + 1)², and the place itself in whole pixels."""
+    """The (2 radius + 1)² pixels around a point, and the point in whole pixels."""
     middle = np.rint(uv).astype(np.int64)
     padded = np.pad(image, radius, mode="edge")
     rows, columns = (slice(at, at + 2 * radius + 1) for at in middle[::-1].tolist())
@@ -81,7 +80,7 @@ def surroundings(image: Image, uv: Array, radius: int) -> tuple[Image, NDArray[n
 
 
 def descriptor_figure(images: dict[str, Image], left: Array, right: Array, difference: Array) -> Image:
-    """A feature `left` (2,), the most alike of its candidates `right` (N, 2), and the `difference` (N,) of all."""
+    """A chart of the `difference` (N,) between a feature `left` (2,) and its candidates `right` (N, 2)."""
     made, (axis,) = figure(SQUARE, width=2 * SQUARE)
     axis.plot(left[0] - right[:, 0], difference / 1000, "o", color=GOOD, markersize=4)
     axis.set_ylim(bottom=0)
@@ -92,7 +91,7 @@ def descriptor_figure(images: dict[str, Image], left: Array, right: Array, diffe
 
 
 def descriptor_picture(image: Image, uv: Array, radius: int = 10, size: int = SQUARE) -> Image:
-    """The surroundings of a feature, enlarged; arrows are the gradients at the places that describe it."""
+    """The enlarged surroundings of a feature; arrows are the gradients in its descriptor."""
     crop, _ = surroundings(image, uv, radius)
     scale = size / (2 * radius + 1)
     picture = photo(np.asarray(cv2.resize(crop, (size, size), interpolation=cv2.INTER_NEAREST)), size)
@@ -106,13 +105,13 @@ def descriptor_picture(image: Image, uv: Array, radius: int = 10, size: int = SQ
 
 
 def four_images(sequence: Sequence, frame: int) -> dict[str, Image]:
-    """The images of a frame and the one before, by the names in SIDES."""
+    """The images of a frame and of the previous frame, by the names in SIDES."""
     (prev_left, prev_right), (cur_left, cur_right) = stereo(sequence, frame - 1), stereo(sequence, frame)
     return dict(zip(SIDES, (prev_left, prev_right, cur_right, cur_left), strict=True))
 
 
 def loop_picture(images: dict[str, Image], matches: StereoMatches, back: Array, number: int) -> Image:
-    """The surroundings of one match in the four images, in the order of the loop, and where the loop ends."""
+    """The surroundings of one match in the four images, in the order of the loop, and the end of the loop."""
     radius = 45
     scale, parts = SQUARE / (2 * radius + 1), []
     places = (matches.prev_left, matches.prev_right, matches.cur_right, matches.cur_left)
@@ -127,7 +126,7 @@ def loop_picture(images: dict[str, Image], matches: StereoMatches, back: Array, 
 
 
 def fates_picture(image: Image, trace: Trace, wrong: NDArray[np.bool_], words: str) -> Image:
-    """The current image with every matched feature, coloured by its fate; kept wrong matches (M,) have a ring."""
+    """The current image with all matched features, coloured by fate; kept wrong matches (M,) have rings."""
     picture = photo(image, image.shape[1])
     matches, names = trace.matches, trace.fate[trace.index]
     order = np.concatenate([np.flatnonzero(names == name) for name in list(FATES)[::-1]])
@@ -140,7 +139,7 @@ def fates_picture(image: Image, trace: Trace, wrong: NDArray[np.bool_], words: s
 
 
 def fates_chart(axis: Axes, trace: Trace, wrong: NDArray[np.bool_] | None) -> None:
-    """Number of features by fate; the dark part is the wrong matches (M,), where the truth is known."""
+    """Number of features by fate; if the truth is known, the dark parts count the wrong matches (M,)."""
     names = trace.fates
     counts = np.array([np.count_nonzero(trace.fate == name) for name in names])
     bars = axis.barh(names, counts, 0.7, color=[FATES[name] for name in names])
@@ -160,13 +159,13 @@ def fates_chart(axis: Axes, trace: Trace, wrong: NDArray[np.bool_] | None) -> No
 
 
 def by_fate(trace: Trace, error: Array) -> dict[str, Array]:
-    """Errors (M,) of the kept and of the dropped matches."""
+    """From the errors (M,) of all matches, the errors of the kept and of the dropped matches."""
     fate = trace.fate[trace.index]
     return {"kept": error[fate == CHOSEN], "dropped": error[~np.isin(fate, (CHOSEN, SURPLUS))]}
 
 
 def errors_chart(axis: Axes, errors: dict[str, Array], title: str = "how far from the truth") -> None:
-    """By name, the share of the matches with an error up to so many pixels; NaN where the truth is not known."""
+    """Cumulative distributions of errors, pixels, by name; an error is NaN if the truth is unknown."""
     if not any(np.isfinite(values).any() for values in errors.values()):
         say(axis, "this sequence has no truth for single matches")
         return

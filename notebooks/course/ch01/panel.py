@@ -1,4 +1,4 @@
-"""Chapter 1: the matched features, the check that drops each of the others, and the truly correct ones."""
+"""Chapter 1: the matched features, the check that drops each other feature, and the errors of the matches."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Chapter 1: where matches get lost: one step of a front end, its checks switched on one by one."""
+"""Chapter 1: one step of a front end, repeated with one more check each time, and the fates of its features."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Trace:
     ----------
     id : (N,) numbers of the features.
     fates : possible fates of a feature, in the order of the steps; fate : (N,) fate of each feature.
-    matches : the M matched features, before all checks; index : (M,) their numbers among the N.
+    matches : the M matched features, before all checks; index : (M,) their indices in `id`.
     kept : matches that pass the checks; chosen : kept matches that the buckets keep.
     """
 
@@ -57,7 +57,7 @@ class Trace:
 
 
 def trace(sequence: Sequence, frame: int, config: MethodConfig) -> Trace:
-    """Fates of the features of the pair before `frame`, for the configuration's front end.
+    """Fates of the features of the previous pair of `frame`, for the configuration's front end.
 
     Earlier pairs are matched with the default checks: the settings apply to this step only.
     """

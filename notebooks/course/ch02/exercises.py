@@ -21,13 +21,13 @@ FIRST = "rotation error of solution 1"
 
 
 def matches() -> list[Case]:
-    """Six times E and one noisy match."""
+    """Six cases: an E and one noisy match."""
     given = random_problems(np.random.default_rng(7), 6, 1, noise_px=2.0)
     return list(zip(given.E, given.x_p[:, 0], given.x_c[:, 0], strict=True))
 
 
 def from_line(value: Callable[[float, Array], Any]) -> Callable[..., float]:
-    """A function (E, x_p, x_c) of x_cᵀ E x_p and of the line E x_p (3,)."""
+    """Answer (E, x_p, x_c), built from a function of x_cᵀ E x_p and the line E x_p (3,)."""
 
     def measured(E: Array, x_p: Array, x_c: Array) -> float:
         line = E @ np.append(x_p, 1.0)
@@ -56,20 +56,20 @@ def five_matches(seed: int) -> tuple[Array, Array]:
 
 
 def essentials() -> list[Case]:
-    """Five essential matrices and two others, the first of rank 2."""
+    """Five essential matrices and two other matrices: one of rank 2, one random."""
     rng = np.random.default_rng(10)
     E = random_problems(rng, 5).E
     return [(each,) for each in (*E, np.diag([1.0, 0.5, 1.0]) @ E[0], rng.normal(size=(3, 3)))]
 
 
 def ten(E: Array, times: float = 1.0, half: float = 0.5) -> Array:
-    """The ten constraints, the nine of the matrix `times` as large."""
+    """The ten constraints, with `times` the nine constraints of the matrix, and `half` in place of ½."""
     M = E @ E.T @ E - half * np.trace(E @ E.T) * E
     return np.append(times * M.ravel(), np.linalg.det(E))
 
 
 def up_to_scale(values: Array) -> Array:
-    """Ones where the nine values are those of a case's matrix, in any order and at any scale."""
+    """Ones if the nine values are those of a case's matrix, in any order and at any scale; else zeros."""
     nine = [np.sort(np.abs(each)) for each in (values[:9], values[1:])]  # the determinant is last, or first
     right = [np.sort(np.abs(ten(E)[:9])) for (E,) in essentials()[5:]]
     alike = [np.allclose(a / a[-1], b / b[-1]) for a in nine for b in right if a[-1] > 1e-9]
@@ -82,7 +82,7 @@ def is_essential(E: Array) -> bool:
 
 
 def solutions(x_p: Array, x_c: Array) -> Array:
-    """All essential matrices (M, 3, 3) through five matches, (5, 2) each."""
+    """All essential matrices (M, 3, 3) that fit five matches x_p, x_c (5, 2)."""
     return five_point(x_p[None], x_c[None]).E
 
 
@@ -93,7 +93,7 @@ def in_basis(E: Array, x_p: Array, x_c: Array) -> Array:
 
 
 def only_z_is_right(E: Array, x_p: Array, x_c: Array) -> bool:
-    """Whether matrices have the z of the solutions."""
+    """Whether the matrices have the same z as the solutions."""
     got, right = (np.sort(in_basis(each, x_p, x_c)[2]) for each in (E, solutions(x_p, x_c)))
     return np.allclose(got, right, rtol=1e-3)
 
@@ -115,16 +115,16 @@ def counts() -> Index:
 
 @functools.cache
 def median_error(noise_px: float) -> float:
-    """Median over sets of the rotation error of the best candidate, degrees, at this noise."""
+    """Median rotation error of the best candidate of a set, degrees, with a noise of `noise_px` pixels."""
     given = random_problems(np.random.default_rng(0), PROBLEMS, motion="forward", noise_px=noise_px)
-    solutions = five_point(given.x_p, given.x_c)
-    agreement = np.abs(np.sum(solutions.E * given.E[solutions.set_index], axis=(1, 2)))
-    best = np.flatnonzero(first_of_each_set(-agreement, solutions.set_index))
-    return float(np.median(rotation_errors(solutions.E[best], given.R_cp[solutions.set_index[best], None])))
+    candidates = five_point(given.x_p, given.x_c)
+    agreement = np.abs(np.sum(candidates.E * given.E[candidates.set_index], axis=(1, 2)))
+    best = np.flatnonzero(first_of_each_set(-agreement, candidates.set_index))
+    return float(np.median(rotation_errors(candidates.E[best], given.R_cp[candidates.set_index[best], None])))
 
 
 def growth() -> float:
-    """The median error at 0.4 px divided by that at 0.1 px."""
+    """The ratio of the median errors at 0.4 px and at 0.1 px."""
     return median_error(0.4) / median_error(0.1)
 
 

@@ -1,4 +1,4 @@
-"""Chapter 2, drawn: epipolar lines, the polynomial and its roots, the four motions of one E."""
+"""Figures of chapter 2: epipolar lines, the polynomial and its roots, the four motions of one E."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ TOP = 1.1 * float(np.arcsinh(1 / COMPRESSED))
 def epipolar_line(E: Array, x_p: Array, camera: StereoCamera) -> Array:
     """The epipolar line a u + b v + c = 0 of the current point, (3,) pixels, a² + b² = 1.
 
-    `E x_p` is the line in normalised coordinates; K⁻ᵀ takes it to pixels.
+    `E x_p` is the line in normalised coordinates, and K⁻ᵀ E x_p the line in pixels.
     """
     line = np.linalg.inv(camera.K).T @ E @ np.append(x_p, 1.0)
     return np.asarray(line / np.linalg.norm(line[:2]))
@@ -66,7 +66,7 @@ def draw_line(picture: Image, line: Array, colour: str, thickness: int = 1) -> N
 
 
 def draw_dot(picture: Image, uv: Array, colour: str, radius: float, words: str = "") -> None:
-    """A disc at a sub-pixel place of a BGR picture, in place, with words beside it."""
+    """Draw a disc at a sub-pixel position of a BGR picture, in place, with words beside the disc."""
     u, v = np.rint(np.asarray(uv) * 16).astype(int).tolist()
     cv2.circle(picture, (u, v), round(radius * 16), bgr(colour), -1, cv2.LINE_AA, shift=4)
     if words:
@@ -76,7 +76,7 @@ def draw_dot(picture: Image, uv: Array, colour: str, radius: float, words: str =
 
 
 def draw_flow(picture: Image, start: Array, end: Array, colours: Sequence[str], radius: float) -> None:
-    """A line from each start (N, 2) to a disc at its end (N, 2), pixels, the last on top, in place."""
+    """Draw lines from starts (N, 2) to discs at ends (N, 2), pixels, the last line on top, in place."""
     places = np.rint(16 * np.stack([start, end], axis=1)).astype(int).tolist()
     paint = {colour: bgr(colour) for colour in set(colours)}
     for (a, b), colour in zip(places, colours, strict=True):
@@ -92,9 +92,9 @@ def pixels(x: Array, camera: StereoCamera) -> Array:
 def lines_picture(
     image: Image, camera: StereoCamera, E: Array, x_p: Array, x_c: Array, names: Sequence[int]
 ) -> Image:
-    """The current image with M matches (M, 2), named, each with its epipolar line under its own E (M, 3, 3).
+    """The current image with M named matches (M, 2) and the epipolar line of each match and its E (M, 3, 3).
 
-    Of one match, the lines are numbered.
+    If the M matches are one match, its lines are numbered.
     """
     picture = photo(image, image.shape[1])
     colours = [CYCLE[number % len(CYCLE)] for number in range(len(E))]
@@ -111,7 +111,7 @@ def lines_picture(
 def polynomial_of(x_p: Array, x_c: Array) -> tuple[Array, Array]:
     """The degree-10 polynomial of one five-point set, x_p and x_c (5, 2).
 
-    Coefficients (11,) of z¹⁰, z⁹w, …, w¹⁰, and the real roots (K,) as directions of (z, w) in [0, 180) degrees.
+    Returns coefficients (11,) of z¹⁰, …, w¹⁰ and real roots (K,): directions of (z, w) in [0, 180) degrees.
     """
     basis, _ = null_space(epipolar_rows(x_p[None], x_c[None]))
     coefficients = determinant(eliminate(cubic_constraints(basis)))
@@ -149,11 +149,11 @@ def errors_chart(axis: Axes, errors: Array, winner: float, what: str = "rotation
 
 
 def four_motions(E: Array, x_p: Array, x_c: Array) -> list[tuple[Array, Array, Array, BoolArray]]:
-    """The four motions of E (3, 3), R and t with |t| = 1, and the depths they give to matches x_p, x_c (N, 2).
+    """The four motions of E (3, 3), with the depths of matches x_p, x_c (N, 2).
 
-    Of each motion: R, t, the depths (N,) along the previous rays, and which points are in front of both cameras.
-    depth_c x_c = depth_p R x_p + t, solved by least squares: the cross product with one ray leaves the
-    other's depth.
+    Each motion has R, t with |t| = 1, depths (N,) along the previous rays, and a mask (N,) of the points in
+    front of both cameras. Least squares solves depth_c x_c = depth_p R x_p + t: a cross product with one ray
+    leaves only the depth along the other ray.
     """
     rotations, t = decompose_essential(E)
     p, c = (np.concatenate([x, np.ones((len(x), 1))], axis=1) for x in (x_p, x_c))
@@ -172,7 +172,7 @@ TOY_X = np.array([0.9, -0.5, 2.6])  # the point seen by both cameras, in the pre
 
 
 def epipolar_plane() -> list[Shape]:
-    """Two cameras, a point, the plane through the three, and the line where it cuts the current image."""
+    """Two cameras, a point, the epipolar plane, and its intersection with the current image."""
     T_p_c, c, size = inverse(TOY), inverse(TOY)[:3, 3], 1.2
     x_p, x_c = (X[:2] / X[2] for X in (TOY_X, transform(TOY, TOY_X[None])[0]))
     epipole = TOY[:2, 3] / TOY[2, 3]
@@ -216,9 +216,10 @@ KINDS: dict[str, Motion] = {
 
 
 def degeneracies(noise_px: float, count: int = 200) -> tuple[list[str], list[Shape]]:
-    """By kind of scene: a line of text, and one scene of 65 points, with two cameras and five points in orange.
+    """For each kind of scene, a line of text and a scene of 65 points, two cameras and five points in orange.
 
-    The text has the number of solutions of five points that fit all 65 and, with noise, median errors of the best.
+    The text has the number of five-point solutions that fit all 65 points, and the median errors of the best
+    solution with noise.
     """
     lines, shapes = [], []
     for number, (name, kind) in enumerate(KINDS.items()):

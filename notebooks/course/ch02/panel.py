@@ -50,7 +50,7 @@ _errors: Memory[tuple[Array, float]] = Memory(16)
 
 
 def reference_rotation(sequence: Sequence, frame: int, points: Points) -> Array:
-    """The true rotation or, without truth, the best one from all matches."""
+    """The true rotation or, without truth, the best rotation from all matches."""
     if points.T_cp is not None:
         return np.asarray(points.T_cp[:3, :3])
 
@@ -67,7 +67,7 @@ def with_noise(points: Points, noise: float, focal: float) -> Points:
 
 
 def rotation_errors(E: Array, R_true: Array) -> Array:
-    """Angle between the rotation of each E (M, 3, 3) and the true one, (M,) degrees.
+    """Angle between the rotation of each E (M, 3, 3) and the true rotation, (M,) degrees.
 
     E has two rotations; the error is that of the nearer rotation. The other rotation differs by 180° about t,
     and depth excludes it.
@@ -78,14 +78,14 @@ def rotation_errors(E: Array, R_true: Array) -> Array:
 
 
 def first_of_each_set(errors: Array, set_index: Index, count: int = 1) -> BoolArray:
-    """Which (M,) are among the `count` smallest errors of their set."""
+    """Mask (M,) of the candidates with the `count` smallest errors of their set."""
     order = np.lexsort((errors, set_index))
     rank = np.arange(len(order)) - np.searchsorted(set_index[order], set_index[order])
     return np.isin(np.arange(len(order)), order[rank < count])
 
 
 def sets_of(points: Points, seed: Any, sets: int, spread: str) -> Index:
-    """Matches of five-point sets, (sets, 5): drawn by chance or, "side by side", each one with its four nearest."""
+    """Five-point sets (sets, 5): random matches or, if "side by side", a match and its four neighbours."""
     chosen = draw_sets(np.random.default_rng(seed), len(points.x_c), sets)
     if spread == "anywhere":
         return chosen
@@ -103,7 +103,7 @@ def set_errors(points: Points, R_true: Array, chosen: Index, threshold: float) -
 
 
 class FivePointPanel(Panel):
-    """Five matches of a frame, all essential matrices through them, and how good they are."""
+    """Five matches of a frame, all essential matrices that fit them, and the errors of these matrices."""
 
     kit = preset("solution_selection", variant="kit")
     title = "Five matches and every essential matrix through them"
@@ -182,7 +182,7 @@ class FivePointPanel(Panel):
         return np.asarray(sets_of(points, [3, view.draw], 1, view.spread)[0])
 
     def _picture(self, state: State, points: Points, named: list[int], E: Array, inlier: BoolArray) -> Image:
-        """The frame with its matches; of the first named one, the lines under the true E and under a solution."""
+        """The frame with its matches, and lines of the first named match for the true E and a solution."""
         camera = state.sequence.camera
         picture = photo(stereo(state.sequence, state.frame)[0], camera.width)
         starts, ends = draw.pixels(points.x_p, camera), draw.pixels(points.x_c, camera)

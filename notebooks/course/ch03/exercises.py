@@ -18,7 +18,7 @@ from ..checker import Case, Exercise
 
 
 def vectors() -> list[Case]:
-    """Two essential vectors, one with its sign changed, and a vector whose square is 1 + 1e-16."""
+    """Pairs of essential vectors: different, with opposite signs, and equal with a square of 1 + 1e-16."""
     e = essential_vector(random_problems(np.random.default_rng(1), 2).E)
     unit = np.full(9, 1.0 / 3.0 + 1e-16)
     return [(e[0], e[1]), (e[0], -e[1]), (unit, unit.copy())]
@@ -30,12 +30,12 @@ def of_any_length(E: Array, rng: np.random.Generator) -> Array:
 
 
 def candidates() -> list[Case]:
-    """Candidates of any length and sign, a prior and k = 2, 3, 1, for every set with four or more."""
+    """Candidates of any length and sign, a prior and k = 2, 3, 1, for sets with at least four candidates."""
     rng = np.random.default_rng(2)
     given = random_problems(rng, 60, motion="forward")
-    candidates = five_point(given.x_p, given.x_c)
-    E = of_any_length(candidates.E, rng)
-    sets = [(s, E[candidates.set_index == s]) for s in range(60)]
+    solutions = five_point(given.x_p, given.x_c)
+    E = of_any_length(solutions.E, rng)
+    sets = [(s, E[solutions.set_index == s]) for s in range(60)]
     return [
         (E, essential_vector(given.E[(s + 1) % 60]), k) for s, E in sets if len(E) >= 4 for k in (2, 3, 1)
     ]
@@ -46,7 +46,7 @@ def angles(E: Array, e_prev: Array) -> Array:
     return essential_angle(essential_vector(E), e_prev)
 
 
-# Mistakes of an order by angle: the measure of (E, e_prev) in its place.
+# Wrong measures of (E, e_prev) in place of the angle.
 ORDERS: dict[str, Callable[[Array, Array], Array]] = {
     "long candidates are taken for near: E has no fixed length, an essential vector has norm 1.": (
         lambda E, e_prev: np.arccos(np.abs(E.reshape(-1, 9) @ e_prev))
@@ -58,14 +58,14 @@ ORDERS: dict[str, Callable[[Array, Array], Array]] = {
 
 
 def first_by(measure: Callable[[Array, Array], Array]) -> Callable[..., Any]:
-    """The first k candidates by a measure of (E, e_prev)."""
+    """Answer: the k candidates with the smallest measure of (E, e_prev)."""
     return lambda E, e_prev, k: np.argsort(measure(E, e_prev), kind="stable")[:k]
 
 
 def frames() -> list[Case]:
-    """Candidates of frames, half of the matches wrong, of any length and sign; image errors, a rough prior, k = 1, 2.
+    """Frames with half of the matches wrong: candidates, their sets and image errors, a rough prior, k = 1, 2.
 
-    The winner is in the first set or in the last one, frame by frame.
+    Candidates have any length and sign. The winner is alternately in the first and in the last set.
     """
     cases: list[Case] = []
     for seed in range(8):
@@ -87,7 +87,7 @@ def frames() -> list[Case]:
 
 
 def least(values: Array, allowed: BoolArray) -> int:
-    """Index of the smallest value that is allowed."""
+    """Index of the smallest of the allowed values."""
     return int(np.argmin(np.where(allowed, values, np.inf)))
 
 
@@ -97,13 +97,13 @@ def selected(E: Array, set_index: Any, errors: Array, e_prev: Array, k: int) -> 
 
 
 def of_winners(E: Array, set_index: Any, errors: Array, e_prev: Array, k: int) -> int:
-    """The winner of a set that is nearest to e_prev."""
+    """Wrong answer: among the winners of the sets, the winner nearest to e_prev."""
     competing = np.where(nearest_to_prior(E, set_index, e_prev, k), errors, np.inf)
     return least(angles(E, e_prev), first_of_each_set(competing, set_index, 1))
 
 
 def within_sets(E: Array, set_index: Any, errors: Array, e_prev: Array, k: int) -> int:
-    """A mistake: indices of the nearest within each set, used as indices of all candidates."""
+    """Wrong answer: indices of the nearest within each set, used as indices of all candidates."""
     sets = (np.flatnonzero(set_index == s) for s in np.unique(set_index))
     kept = np.concatenate([np.argsort(angles(E[members], e_prev), kind="stable")[:k] for members in sets])
     return int(kept[np.argmin(errors[kept])])
@@ -115,7 +115,7 @@ def by_order(measure: Callable[[Array, Array], Array]) -> Callable[..., int]:
 
 
 def sets_for(good: float) -> float:
-    """Sets until one has only right matches with 99 %, when all five are right with a probability `good`."""
+    """Sets for one correct set with a probability of 99 %, if a set is correct with a probability `good`."""
     return float(np.log(0.01) / np.log(1.0 - good))
 
 
@@ -123,7 +123,7 @@ def truncated(
     cost: Callable[[Array, float], Any] = lambda d, tau: np.minimum((d / tau) ** 2, 1.0),
     mean: Callable[..., Any] = np.mean,
 ) -> Callable[[Array, float], Any]:
-    """The mean of a cost of (distances, threshold)."""
+    """Answer: the `mean` of the `cost` of (distances, threshold)."""
     return lambda d, threshold: mean(cost(d, threshold))
 
 

@@ -1,4 +1,4 @@
-"""Pictures of chapter 3: candidates by angle to the prior, image error and rotation error; errors over frames."""
+"""Figures of chapter 3: candidates by angle to the prior and by errors; errors over frames."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ class Field:
 
     Attributes
     ----------
-    angle : (M,) to the previous essential vector, degrees; NaN without one.
+    angle : (M,) angle to the previous essential vector, degrees; NaN without a previous vector.
     image_error : (M,) truncated mean squared Sampson distance over all matches, in [0, 1].
-    rotation_error : (M,) against the reference rotation, degrees.
+    rotation_error : (M,) angle to the reference rotation, degrees.
     kept : (M,) candidates that may compete in solution selection.
-    consensus, selected : indices of the two winners; `dropped`: the prior was dropped.
+    consensus, selected : winners without and with the prior, indices; dropped : whether the prior is dropped.
     """
 
     angle: Array
@@ -51,9 +51,9 @@ def features_picture(
     words: str,
     ringed: BoolArray | None = None,
 ) -> Image:
-    """An image with a line from each start (N, 2) to a dot at its end (N, 2): blue counts, orange hardly, grey not.
+    """An image with a line from each start (N, 2) to a dot at its end (N, 2), coloured by weight.
 
-    weight : (N,) in [0, 1], or a mask of inliers; NaN where a match is not used. ringed : (N,), those in rings.
+    weight : (N,) in [0, 1] or a mask: blue from ½, else orange; NaN grey. ringed : (N,) matches with rings.
     """
     picture = photo(image, image.shape[1])
     for place in () if ringed is None else np.rint(16 * end[ringed]).astype(int).tolist():
@@ -67,7 +67,7 @@ def features_picture(
 def field_figure(field: Field, result: float | None = None, height: int = 260) -> Figure:
     """Image error of each candidate over its angle to the previous vector, and over its rotation error.
 
-    `result`, degrees, is marked on the right: the error of the rotation that the frame gets in the end.
+    A mark on the right shows `result`, degrees: the error of the frame's final rotation.
     """
     made, (by_angle, by_error) = figure(height, 2)
     with_truth = bool(np.isfinite(field.rotation_error).any())
@@ -106,7 +106,7 @@ def errors_figure(
     title: str = "rotation error [deg]",
     x_name: str = "frame",
 ) -> Figure:
-    """Errors (N,) by name: of frames 1, 2, … with their medians, or over x (N,).
+    """Curves of errors (N,) by name, over the frames 1, 2, … with medians, or over x (N,).
 
     Errors (S, N) of several seeds are drawn as their median, with a band from the smallest to the largest.
     Identical curves are drawn as one line with all their names.
@@ -135,7 +135,7 @@ def errors_figure(
 def turns_figure(angle: Array, turn: Array) -> Figure:
     """The change of the motion along a path, and the rotation of its steps, degrees.
 
-    angle : (N - 2,) from each essential vector to the next, NaN at a standstill; turn : (N - 1,) of each step.
+    angle : (N - 2,) between successive essential vectors, NaN at a standstill; turn : (N - 1,) of each step.
     """
     made, (axis,) = figure(220)
     frames = 2 + np.arange(len(angle))
@@ -151,7 +151,7 @@ def turns_figure(angle: Array, turn: Array) -> Figure:
 def stopping_figure(needed: Array, stop: Array) -> Figure:
     """Number of sets that adaptive stopping requires, over the number of sets drawn.
 
-    needed : (S, N) for S orders of the sets, drawn as median and band; stop : (S,) sets drawn in the end.
+    needed : (S, N) for S orders of the sets, shown as median and band; stop : (S,) final numbers of sets.
     """
     made, (axis,) = figure(230)
     drawn = np.arange(1, needed.shape[1] + 1)

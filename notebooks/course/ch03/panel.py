@@ -1,4 +1,4 @@
-"""Chapter 3: the winner among a thousand solutions, with the prior and without."""
+"""Chapter 3: the winner among about a thousand solutions, with the prior and without the prior."""
 
 from __future__ import annotations
 
@@ -56,10 +56,10 @@ _priors: Memory[Array] = Memory(24)
 def disturbed_frame(
     sequence: Sequence, frame: int, config: MethodConfig, view: SelectionView
 ) -> tuple[Points, BoolArray]:
-    """A frame's points with some matches moved together and some wrong, and a mask (N,) of both.
+    """A frame's points with some moving and some wrong matches, and a mask (N,) of both.
 
-    The moved ones are the leftmost and turn about their middle; a wrong one ends 4 to 40 px away. Without truth
-    the rotation of the matches and the median change of the points are the camera's motion.
+    The leftmost matches move together and turn about their middle; a wrong match is shifted by 4 to 40 px.
+    Without truth, the camera's motion is the rotation from the matches and the median change of the points.
     """
     points, camera = frame_points(sequence, frame, config), sequence.camera
     T_cp = points.T_cp
@@ -88,7 +88,7 @@ def disturbed_frame(
 
 
 def shifts(rng: np.random.Generator, count: int) -> Array:
-    """Shifts (count, 2) of mismatches: 4 to 40 pixels in any direction."""
+    """Shifts (count, 2) of mismatches, 4 to 40 px in any direction."""
     angle, length = rng.uniform(0, 2 * np.pi, count), rng.uniform(4.0, 40.0, count)
     return np.asarray(length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1))
 
@@ -121,7 +121,7 @@ def field_of(
     config: SelectionConfig,
     focal: float,
 ) -> Field:
-    """Angles, errors and winners of a frame's candidates; NaN for errors of rotation without a true one."""
+    """Angles, errors and winners of a frame's candidates; without a true rotation, its errors are NaN."""
     nothing = np.full(len(candidates.E), np.nan)
     angle = nothing if e_prev is None else np.degrees(essential_angle(essential_vector(candidates.E), e_prev))
     errors = truncated_errors(candidates.E, points.x_p, points.x_c, config.threshold / focal)
@@ -132,7 +132,7 @@ def field_of(
 
 
 class SelectionPanel(Panel):
-    """All candidates of a frame, the prior's choice among them, and the winners."""
+    """All candidates of a frame, the candidates near the prior, and the winners."""
 
     title = "A thousand solutions, one winner"
     view = SelectionView

@@ -23,12 +23,12 @@ FAR, NEAR = 40.0, 8.0  # metres
 
 
 def exact_matches(count: int, seed: int, noise: float = 0.0) -> StereoMatches:
-    """Matches (count,) of random points 5 to 40 m ahead under R_CP, T_CP, with noise in pixels."""
+    """Matches (count,) of random points 5 to 40 m ahead for the motion R_CP, T_CP, with noise in pixels."""
     return noisy_matches(CAMERA, spread_points(count, seed, 5.0, 40.0), rigid(R_CP, T_CP), noise, seed)
 
 
 def one_match() -> list[Case]:
-    """The four normalised points of a match, its rotation and the baseline."""
+    """The four normalised points of a match, the rotation and the baseline."""
     m = exact_matches(1, 3)
     x = [CAMERA.normalise(uv)[0] for uv in (m.prev_left, m.prev_right, m.cur_left, m.cur_right)]
     return [(*x, R_CP, CAMERA.baseline)]
@@ -37,7 +37,7 @@ def one_match() -> list[Case]:
 def eight_rows(
     x_pl: Array, x_pr: Array, x_cl: Array, x_cr: Array, R_cp: Array, b: float
 ) -> tuple[Array, Array]:
-    """M (8, 6) and c (8,) of one feature: x and y in previous left and right, current left and right."""
+    """M (8, 6) and c (8,) of one feature: x and y in previous left and right, then in current left and right."""
     M, c = np.zeros((8, 6)), np.array([0.0, 0, -b, 0, 0, 0, -b, 0])
     for view, x in enumerate((x_pl, x_pr, x_cl, x_cr)):
         rows = np.outer(x, [0, 0, 1]) - np.eye(3)[:2]
@@ -46,13 +46,13 @@ def eight_rows(
 
 
 def times(x: float, y: float) -> Callable[..., tuple[Array, Array]]:
-    """The eight rows, with those in x multiplied by one factor and those in y by another."""
+    """Answer: the eight rows, with the factor `x` for rows in x and the factor `y` for rows in y."""
     factors = np.tile([x, y], 4)
     return lambda *case: (factors[:, None] * eight_rows(*case)[0], factors * eight_rows(*case)[1])
 
 
 def solve(M: Array, c: Array) -> Array:
-    """(Q, t) (6,) of one feature by least squares."""
+    """The least-squares solution (Q, t) (6,) of one feature."""
     return np.asarray(np.linalg.lstsq(M, c, rcond=None)[0])
 
 
@@ -62,7 +62,7 @@ def noisy_rows(count: int, seed: int, noise: float) -> tuple[Array, Array, Array
 
 
 def stacked(A: Array, B: Array, c: Array) -> Array:
-    """The least-squares t of all features, with the points Q eliminated by projection."""
+    """The least-squares t of all features, after the elimination of the points Q by projection."""
     return solve_all(*eliminate_points(A, B, c), np.ones(len(A)))
 
 
@@ -72,7 +72,7 @@ def cauchy(r: Array, s: float) -> Array:
 
 
 def drawn_answers() -> list[Case]:
-    """Translations of a few draws (S, 3), and the true one."""
+    """Translations (S, 3) of a few draws, and the true translation."""
     rng = np.random.default_rng(8)
     return [(0.97 * T_CP + rng.normal(0.0, 0.01, (count, 3)), T_CP) for count in (5, 20)]
 
@@ -88,12 +88,12 @@ def off(answers: Array, t_true: Array) -> Array:
 
 
 def bias_and_scatter(answers: Array, t_true: Array) -> tuple[float, float]:
-    """Mean and standard deviation of the error of the lengths, per cent."""
+    """Mean and standard deviation of the errors of the lengths, per cent of the true length."""
     return float(off(answers, t_true).mean()), float(off(answers, t_true).std())
 
 
 def one_residual(place: float) -> Callable[..., bool]:
-    """A test for the case of one residual of so many scales."""
+    """Test for the case of one residual of `place` times the scale."""
     return lambda w, r, s: len(r) == 1 and r[0] == place * s
 
 

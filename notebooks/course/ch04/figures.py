@@ -1,4 +1,4 @@
-"""Pictures of chapter 4: answers of single features, residuals by depth, the joint answer with its covariance."""
+"""Figures of chapter 4: answers of single features, residuals by depth, the joint answer and covariance."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MILLI = 1e3
 
 
 def residuals_chart(axis: Axes, depth: Array, residual: Array, limit: float | None) -> None:
-    """Residual of each feature over its depth; at the limit (the line) a weight is halved or becomes zero."""
+    """Residual of each feature over its depth; the line is the limit at which a weight becomes ½ or zero."""
     used = np.isfinite(residual)
     heavy = used & (residual <= (np.inf if limit is None else limit))
     shown = np.where(used, np.clip(residual, LEAST, MOST), LEAST)
@@ -40,7 +40,7 @@ def residuals_chart(axis: Axes, depth: Array, residual: Array, limit: float | No
 def ellipse_chart(
     axis: Axes, each: Array, weight: Array, t: Array, covariance: Array, t_reference: Array, reference: str
 ) -> None:
-    """Errors of t_cp in the x-z plane, millimetres: each feature alone, and all together with its ellipse.
+    """Errors of t_cp in the x-z plane, millimetres: each feature alone, and all features with an ellipse.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def spread_figure(depth: Array, error: Array) -> Figure:
 
 
 def variants_figure(tables: dict[str, dict[str, Array]]) -> Figure:
-    """Error of each frame by variant, one axis a table, millimetres on a logarithmic scale."""
+    """Error of each frame by variant, millimetres on a logarithmic scale; each table has its own axis."""
     made, axes = figure(290, len(tables))
     for axis, (title, errors) in zip(axes, tables.items(), strict=True):
         for row, (name, values) in enumerate(errors.items()):
@@ -105,7 +105,7 @@ def bias_figure(noises: Array, tables: dict[str, list[dict[str, Array]]], t_true
 
     Parameters
     ----------
-    noises : (K,) pixels. tables : by title, for each noise the answers (S, 3) by name. t_true : (3,).
+    noises : (K,) pixels. tables : by title, the answers (S, 3) by name for each noise. t_true : (3,).
     """
     made, axes = figure(260, len(tables))
     for axis, (title, table) in zip(axes, tables.items(), strict=True):
@@ -122,10 +122,10 @@ def bias_figure(noises: Array, tables: dict[str, list[dict[str, Array]]], t_true
 
 
 def lengths_figure(lengths: dict[str, Array], height: int = 200) -> Figure:
-    """Length of each frame's step, as a share of the true one, by what was made of its matches."""
+    """Ratio of the length of each frame's step to the true length, by the treatment of the matches."""
     made, (axis,) = figure(height)
     axis.axhline(1.0, color=DARK, linewidth=1, linestyle=":")
     for (name, values), colour in zip(lengths.items(), (BAD, GOOD, FIFTH), strict=False):
         axis.plot(np.arange(1, len(values) + 1), values, color=colour, linewidth=1.5, label=name)
-    finish(axis, "length of the step, as a share of the true one", "frame")
+    finish(axis, "length of the step, as a share of the true length", "frame")
     return made

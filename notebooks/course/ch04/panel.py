@@ -1,4 +1,4 @@
-"""Chapter 4: the translation of a frame from features near and far, good and bad."""
+"""Chapter 4: the translation of a frame from near and far features, with noise and wrong matches."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class TranslationView(Checked):
 
 
 def disturbed(matches: StereoMatches, view: TranslationView) -> StereoMatches:
-    """The matches with noise, and some of them 4 to 40 px from their place in the current pair."""
+    """The matches with noise; some matches are shifted by 4 to 40 px in the current pair."""
     rng, count = np.random.default_rng([6, view.draw]), len(matches)
     noise = rng.normal(0.0, view.noise, (4, count, 2))
     mismatched = rng.permutation(count)[: round(view.wrong * count)]
@@ -58,12 +58,12 @@ def disturbed(matches: StereoMatches, view: TranslationView) -> StereoMatches:
 
 
 def usual_rotation(sequence: Sequence, frame: int, points: Points) -> Array:
-    """The true rotation of a drawn frame; for others the best estimate from the matches.
+    """The true rotation of a drawn frame; for a real frame, the best estimate from the matches.
 
-    The truth of a real drive comes from GPS and gyroscopes: over one frame the matches are more accurate.
+    The truth of a real drive is from GPS and gyroscopes; over one frame, the matches are more accurate.
     """
-    known = points if truth(sequence) is not None else replace(points, T_cp=None)
-    return reference_rotation(sequence, frame, known)
+    exact = points if truth(sequence) is not None else replace(points, T_cp=None)
+    return reference_rotation(sequence, frame, exact)
 
 
 def reference(sequence: Sequence, points: Points, R_cp: Array) -> tuple[Array, str]:
@@ -72,7 +72,7 @@ def reference(sequence: Sequence, points: Points, R_cp: Array) -> tuple[Array, s
         return np.asarray(points.T_cp[:3, 3]), RECORDED if truth(sequence) is None else TRUE
     solved = solve_translation(sequence.camera, points.matches, R_cp, TranslationConfig())
     if solved is None:
-        raise DataError("this frame's matches give no translation")
+        raise DataError("the matches of this frame give no translation")
     return solved[0], UNDISTURBED
 
 
@@ -83,10 +83,10 @@ def covariance(
     config: TranslationLimits,
     weighting: str = METHOD,
 ) -> Array:
-    """Covariance (3, 3) of the translation, m², from the data alone, for every weighting alike.
+    """Covariance (3, 3) of the translation, m², from the scatter of groups of features, for any weighting.
 
-    G groups of features are solved separately. If the solutions have the covariance S, their mean has S / G;
-    the solution from all features has about the same covariance.
+    If the solutions of G groups have the covariance S, their mean has S / G; the solution from all features
+    has about the same covariance.
     """
     group = np.arange(len(matches)) % GROUPS
     solved = [solve_by(weighting, camera, matches[group == g], R_cp, config) for g in range(GROUPS)]
@@ -95,7 +95,7 @@ def covariance(
 
 
 class TranslationPanel(Panel):
-    """One frame's translation: residuals by depth, and the error with its ellipse from above."""
+    """The translation of one frame: residuals by depth, and the error with its ellipse, from above."""
 
     title = "From a rotation and stereo matches to a translation"
     view = TranslationView

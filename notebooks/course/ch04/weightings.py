@@ -1,4 +1,4 @@
-"""Chapter 4: plain ways to combine the rows of all features, beside those of the paper and of variant kit."""
+"""Chapter 4: simple combinations of the rows of all features, and those of the paper and of variant kit."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ PUBLISHED, ROBUST = "published", "robust (kit)"
 
 
 def spread_points(count: int, seed: int, nearest: float, farthest: float) -> Array:
-    """Points (count, 3) all over the image, metres, between two depths."""
+    """Points (count, 3), metres, spread over the image between two depths."""
     rng = np.random.default_rng(seed)
     z = rng.uniform(nearest, farthest, count)
     return np.stack([rng.uniform(-0.7, 0.7, count) * z, rng.uniform(-0.2, 0.2, count) * z, z], axis=1)
 
 
 def noisy_matches(camera: StereoCamera, X_p: Array, T_cp: Array, noise: float, seed: int) -> StereoMatches:
-    """Matches of points X_p (N, 3), metres, before and after T_cp with Gaussian noise in pixels.
+    """Matches of points X_p (N, 3), metres, for the motion T_cp, with Gaussian noise in pixels.
 
-    A point that noise puts behind the cameras, or nearly at infinity, is left out.
+    Points with a noisy disparity of at most 0.5 px are dropped.
     """
     places = np.array([*camera.project(X_p), *camera.project(transform(T_cp, X_p))])
     places += np.random.default_rng(seed).normal(0.0, noise, places.shape)
@@ -42,13 +42,13 @@ def noisy_matches(camera: StereoCamera, X_p: Array, T_cp: Array, noise: float, s
 
 
 def alone(A: Array, B: Array, c: Array) -> Array:
-    """The t of each feature alone, (N, 3) metres: the solution of its own eight rows A, B (N, 8, 3), c (N, 8)."""
+    """The t of each feature alone, (N, 3) metres: the solution of its eight rows A, B (N, 8, 3), c (N, 8)."""
     M, d = paper.eliminate_points(A, B, c)
     return np.asarray((np.linalg.pinv(M) @ d[..., None])[..., 0])
 
 
 def solve_all(M: Array, d: Array, weight: Array) -> Array:
-    """Least-squares t (3,) of all rows M (N, 8, 3) and d (N, 8), each feature's times its weight (N,)."""
+    """Least-squares t (3,) of all rows M (N, 8, 3), d (N, 8), times the weights (N,) of the features."""
     rows = (weight[:, None, None] * M).reshape(-1, 3), (weight[:, None] * d).ravel()
     return np.asarray(np.linalg.lstsq(*rows)[0], np.float64)
 
@@ -56,10 +56,10 @@ def solve_all(M: Array, d: Array, weight: Array) -> Array:
 def solve_by(
     weighting: str, camera: StereoCamera, matches: StereoMatches, R_cp: Array, config: TranslationLimits
 ) -> tuple[Array, Array, Array] | None:
-    """The translation t_cp (3,), metres, that a weighting gives.
+    """The translation t_cp (3,) of a weighting, metres, with residuals and weights; None without a solution.
 
-    With it the residual norm (N,) of each feature's eight rows, pixels (infinite beyond the largest depth), and
-    the weight (N,) that it has beside its depth (NaN: not used). None without a solution.
+    The residual (N,) is the norm of a feature's eight rows, pixels (infinite beyond the largest depth). The
+    weight (N,) is the feature's weight besides the division by depth (NaN: not used).
     """
     if weighting == METHOD and isinstance(config, KitTranslationConfig):
         solved = robust_translation(camera, matches, R_cp, config)
@@ -76,10 +76,10 @@ def solve_by(
     weight = np.ones(len(used))
     if weighting == METHOD:
         assert isinstance(config, TranslationConfig)
-        found = paper.solve_translation(camera, matches[used], R_cp, config)
-        if found is None:
+        solution = paper.solve_translation(camera, matches[used], R_cp, config)
+        if solution is None:
             return None
-        t, weight = found[0], found[1].astype(np.float64)
+        t, weight = solution[0], solution[1].astype(np.float64)
     elif weighting in (MEDIAN, MEAN):
         t = (np.median if weighting == MEDIAN else np.mean)(alone(*rows), axis=0)
     else:
@@ -91,7 +91,7 @@ def solve_by(
 
 
 def weighting_errors(tracks: TrackConfig, frames: int, seed: int) -> dict[str, Array]:
-    """Translation error of each frame, millimetres, by weighting; the same estimated rotations for all."""
+    """Translation error of each frame, millimetres, by weighting, with the same estimated rotations."""
     ways = {PUBLISHED: METHOD, ROBUST: METHOD} | {name: name for name in WEIGHTINGS[1:]}
     errors: dict[str, list[float]] = {name: [] for name in ways}
     for frame in simulate_tracks(drive(frames), CAMERA, tracks, seed):
