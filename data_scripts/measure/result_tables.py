@@ -151,7 +151,7 @@ def page_tables(
     result.append(plain("Box rules, variant kit: features removed, %", "sequence, method", removed, 0))
     learning = with_numbers(learning)
     sentences = compared(learning, "off", "learnt", "Learning the calibration")
-    result += tables("What learning the calibration does", learning, sentences, "sequence, method")
+    result += tables("Effect of the estimated calibration", learning, sentences, "sequence, method")
     result.append(plain("Axes of the truth, and the length of the path", "sequence, method", axes, 3))
     result[-1].notes.append(
         "TE, pitch and yaw are those of the rotation between camera and truth that minimises TE (`vo data "

@@ -117,5 +117,5 @@ def test_results_are_as_chapter_6_and_the_appendix_say() -> None:
     rows = results_table("Other systems on the same frames", "kitti/00, 100 m").rows
     for errors in zip(*(map(float, row[1:]) for row in rows), strict=True):
         assert max(errors) < 2 * min(errors)
-    for _, off, learnt in results_table("What learning the calibration does: TE, %", "kitti/01").rows:
+    for _, off, learnt in results_table("Effect of the estimated calibration: TE, %", "kitti/01").rows:
         assert float(learnt) < 0.5 * float(off)

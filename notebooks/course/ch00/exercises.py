@@ -29,7 +29,7 @@ def motions() -> list[Case]:
 
 
 def appended(step: Callable[[Array], Array], before: bool = False) -> Callable[..., list[Array]]:
-    """Answer that multiplies the last pose by `step` of a motion, on the right or (`before`) on the left."""
+    """Answer that appends poses: the last pose times `step` of a motion, or (`before`) `step` times the pose."""
 
     def chained(motions: list[Array]) -> list[Array]:
         path = [np.eye(4)]

@@ -63,7 +63,7 @@ def essentials() -> list[Case]:
 
 
 def ten(E: Array, times: float = 1.0, half: float = 0.5) -> Array:
-    """The ten constraints, with `times` the nine constraints of the matrix, and `half` in place of ½."""
+    """The ten constraints; `times` scales the nine constraints of the matrix, and `half` replaces ½."""
     M = E @ E.T @ E - half * np.trace(E @ E.T) * E
     return np.append(times * M.ravel(), np.linalg.det(E))
 

@@ -92,7 +92,7 @@ def pixels(x: Array, camera: StereoCamera) -> Array:
 def lines_picture(
     image: Image, camera: StereoCamera, E: Array, x_p: Array, x_c: Array, names: Sequence[int]
 ) -> Image:
-    """The current image with M named matches (M, 2) and the epipolar line of each match and its E (M, 3, 3).
+    """The current image with M named matches (M, 2), each with the epipolar line of its own E (M, 3, 3).
 
     If the M matches are one match, its lines are numbered.
     """
@@ -219,7 +219,7 @@ def degeneracies(noise_px: float, count: int = 200) -> tuple[list[str], list[Sha
     """For each kind of scene, a line of text and a scene of 65 points, two cameras and five points in orange.
 
     The text has the number of five-point solutions that fit all 65 points, and the median errors of the best
-    solution with noise.
+    solution of noisy points.
     """
     lines, shapes = [], []
     for number, (name, kind) in enumerate(KINDS.items()):

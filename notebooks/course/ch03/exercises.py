@@ -18,7 +18,7 @@ from ..checker import Case, Exercise
 
 
 def vectors() -> list[Case]:
-    """Pairs of essential vectors: different, with opposite signs, and equal with a square of 1 + 1e-16."""
+    """Pairs of vectors: two different, two of opposite sign, and two equal with a squared norm above 1."""
     e = essential_vector(random_problems(np.random.default_rng(1), 2).E)
     unit = np.full(9, 1.0 / 3.0 + 1e-16)
     return [(e[0], e[1]), (e[0], -e[1]), (unit, unit.copy())]
