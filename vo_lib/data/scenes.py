@@ -47,7 +47,7 @@ class SceneConfig(Checked):
 
     width: int = setting(KITTI_WIDTH, "Image width.", unit="px", low=64, high=4096)
     height: int = setting(KITTI_HEIGHT, "Image height.", unit="px", low=48, high=3072)
-    focal: float | None = setting(None, "Focal length; none: that of KITTI.", unit="px", low=20, high=8000)
+    focal: float | None = setting(None, "Focal length; none: KITTI's.", unit="px", low=20, high=8000)
     baseline: float = setting(0.5372, "Distance between the two cameras.", unit="m", low=0.01, high=5)
     camera_height: float = setting(1.65, "Height of the cameras above the road.", unit="m", low=0.5, high=5)
 

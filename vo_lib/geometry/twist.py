@@ -58,7 +58,7 @@ def bracket(xi: Array) -> Array:
 
 
 def carried_along(poses: Array, frames: IntArray, new_poses: Array) -> Array:
-    """Poses (N, 4, 4) after a move of the poses at frames (K,), starting with 0, to `new_poses` (K, 4, 4).
+    """Poses (N, 4, 4) if the poses at frames (K,) become `new_poses` (K, 4, 4); the first frame is 0.
 
     Between two such frames, the change is distributed evenly, as a twist.
     """

@@ -1,7 +1,7 @@
 """Estimation of calibration errors that remain in calib.txt (chapters 3 and 4, not in the paper).
 
 In a rectified pair both images of a point are in one row, and the columns differ by f b / Z. In a real pair
-rows and disparities have errors, a smooth field over the image of some tenths of a pixel. These errors make
+rows and disparities have errors, a smooth field of some tenths of a pixel. These errors make
 depths and steps wrong, on the KITTI highway by 5 %. The field is a polynomial for the disparities and one for
 the rows, in the normalised position x, y. They are correlated, since each fault of a rig has a shape in both
 polynomials (`RIG_FAULTS`). A model with too few terms is worse than no model: the rest of the field is then

@@ -108,7 +108,7 @@ def right_slope(slope: Array) -> Array:
 def motion_warp(
     camera: StereoCamera, uv: Array, disparity: Array, slope: Array, R_cp: Array, t_cp: Array
 ) -> Array:
-    """Warps (N, 2, 2) of small windows on surfaces by a motion, du_c/du_p.
+    """Warps (N, 2, 2) of small windows on surfaces, due to a motion, du_c/du_p.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ LEARNING_ROUNDS = 5
 
 
 def place_frames(count: int, config: LoopConfig) -> IntArray:
-    """The frames that are places: every n-th of `count`, with n so large that their number is allowed."""
+    """The frames that are places: every n-th of `count`, with n large enough for at most `config.places`."""
     return np.arange(0, count, max(config.every, -(-count // config.places)), dtype=np.int64)
 
 

@@ -79,9 +79,9 @@ def _peaks(response: NDArray[np.int16], config: FeatureConfig) -> tuple[Array, A
 
 
 def stereo_matches(left: Described, right: Described, max_disparity: int) -> tuple[Index, Index]:
-    """For each left feature the most similar right feature of its kind, and vice versa.
+    """For each left feature, the most similar right feature of its kind, and vice versa.
 
-    Two features are compared if their rows differ by `MAX_ROW_DIFFERENCE_PX` at most and their disparity
+    Two features are compared if their rows differ by at most `MAX_ROW_DIFFERENCE_PX` and their disparity
     is 0 … max_disparity, pixels. Such pairs are few, so all are compared at once.
 
     Returns
@@ -108,7 +108,7 @@ def stereo_matches(left: Described, right: Described, max_disparity: int) -> tup
 
 
 def best_matches(query: Described, train: Described, radius: int) -> Index:
-    """For each query feature the most similar train feature of its kind near the same position.
+    """For each query feature, the most similar train feature of its kind near the same position.
 
     Parameters
     ----------

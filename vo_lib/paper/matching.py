@@ -118,9 +118,9 @@ def subpixel_matches(
 ) -> StereoMatches:
     """The matches in whole pixels that pass the checks, with sub-pixel positions.
 
-    The position in the previous left image is kept. Lucas-Kanade tracks it to the previous right and to the
-    current left image, and from both to the current right image, where the two positions must agree. A match
-    that fails a check is not tracked further.
+    The position in the previous left image is kept. Lucas-Kanade tracks this position to the previous right
+    and to the current left image, and from both to the current right image, where the two positions must
+    agree. A match that fails a check is not tracked further.
     """
     side = config.subpixel_window
     prev_right, ok, _ = track(before.left, before.right, matches.prev_left, matches.prev_right, side)
