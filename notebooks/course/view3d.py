@@ -51,7 +51,7 @@ class Shape:
     ----------
     at : places (N, 3), metres, x right, y down, z forward.
     colour : "#RRGGBB"; for dots also grey levels (N,).
-    name : words at the first place of a line or area; of a path, at the last place.
+    name : text at the first place of a line or area, or at the last place of a path.
     width : width of a line or dot, pixels.
     seen : (N,) first frame with each dot or place of a path; a slider selects the frame.
     """
@@ -119,7 +119,7 @@ class View:
 
 
 def view(*shapes: Shape, height: int = 420, times: Any = (), title: str = "View in three dimensions") -> View:
-    """Shapes for the last expression of a cell; `times` (N,) are the seconds of the frames of the slider."""
+    """Shapes for the last expression of a cell; `times` (N,) are the times of the slider's frames, seconds."""
     return View(shapes, height, times, title)
 
 

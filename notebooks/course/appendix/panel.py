@@ -129,7 +129,7 @@ def too_long(shares: Array) -> float:
 
 
 def image_grid(camera: StereoCamera, columns: int = 13, rows: int = 5) -> Array:
-    """Normalised positions (rows · columns, 2) all over the left image."""
+    """Normalised positions (rows · columns, 2) of a grid over the left image."""
     u, v = np.meshgrid(np.linspace(0, camera.width, columns), np.linspace(0, camera.height, rows))
     return camera.normalise(np.stack([u, v], axis=-1).reshape(-1, 2))
 

@@ -65,7 +65,7 @@ def results_table(title: str, only: str = "") -> ReportTable:
 
 
 def whole_drive(section: str, row: str) -> dict[str, str]:
-    """TE in % and RE in deg/100 m of a whole drive by method, ± deviation over the seeds, from `results.md`."""
+    """TE in % and RE in deg/100 m of a whole drive by method, ± standard deviation, from `results.md`."""
 
     def cells(title: str) -> dict[str, str]:
         table = results_table(f"{section}: {title}", row)

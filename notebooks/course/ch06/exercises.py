@@ -1,4 +1,4 @@
-"""Exercises of chapter 6: end of a sub-sequence, its errors, all of them, a yaw error, two averages, ATE."""
+"""Exercises of chapter 6: end and errors of a sub-sequence, all errors, a yaw error, two averages, ATE."""
 
 from __future__ import annotations
 

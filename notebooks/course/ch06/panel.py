@@ -118,7 +118,7 @@ class EvaluationPanel(Panel):
         paths, (whole, piece) = figure(PATH_HEIGHT, 2)
         paths_chart(whole, truth, aligned, f"{state.sequence.name}, alignment {view.alignment}", shown)
         if shown is None:
-            say(piece, f"from frame {frame} on the path is too short")
+            say(piece, f"the path after frame {frame} is too short")
         else:
             drift_chart(piece, truth, estimate, *shown)
         others = {

@@ -87,7 +87,7 @@ class ExplorePanel(Panel):
         return Drawing(stack([picture], self.height), sentence, facts)
 
     def _open(self, name: str) -> None:
-        """The first frames of a sequence with their matches: seconds the first time, so always a job."""
+        """The first frames of a sequence with their matches; always a job, since the first call takes seconds."""
 
         def prepare(report: Progress) -> Sequence:
             sequence = part_of(opened(name, report), FRAMES)
@@ -100,5 +100,5 @@ class ExplorePanel(Panel):
 
 
 def _shown(value: Any) -> str:
-    """A setting as text; a slider's 0.05 may be 0.04999999999999999."""
+    """A setting as rounded text; the value 0.05 of a slider may be 0.04999999999999999."""
     return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,4 +1,4 @@
-"""Chapter 8: the student's functions of all chapters; a function of the library replaces each missing one."""
+"""Chapter 8: the student's functions of all chapters; library functions replace missing functions."""
 
 from __future__ import annotations
 

@@ -85,8 +85,7 @@ def simulate_tracks(
 
     Yields
     ------
-    SimulatedFrame for the pairs 1 to N - 1. The measurements in the current pair are the previous pair of the
-    next frame, as with a real tracker. With zero noise the right matches satisfy the geometry exactly.
+    SimulatedFrame for the pairs 1 to N - 1. Positions in the current pair are also those in the previous pair of the next frame, as in a real tracker. With zero noise the right matches satisfy the geometry exactly.
     """
     street = _Street(np.asarray(poses, float), camera, config or TrackConfig(), np.random.default_rng(seed))
     return map(street.step, range(1, len(poses)))
