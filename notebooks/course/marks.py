@@ -29,7 +29,7 @@ CHECK = re.compile(r"^(ch\d\d)\.(\w+)\((\w+)\)$", re.MULTILINE)
 
 
 @functools.cache
-def asked() -> dict[str, tuple[str, Exercise]]:
+def tasks() -> dict[str, tuple[str, Exercise]]:
     """Number and check of each exercise whose answer is a function, by the name of the function."""
     checks, number = {}, ""
     for path in sorted(NOTEBOOKS.glob("0*.ipynb")):
@@ -52,7 +52,7 @@ def marks(path: Path) -> dict[str, Any]:
         raise DataError("the file is missing: expected a student's my_vo.py", path)
     definitions = load(path)
     functions: dict[str, dict[str, Any]] = {}
-    for name, (number, exercise) in asked().items():
+    for name, (number, exercise) in tasks().items():
         verdict = Verdict(False, "not there")
         if callable(definitions.get(name)):
             verdict = exercise.judge(definitions[name])

@@ -53,7 +53,7 @@ class Shape:
     colour : "#RRGGBB"; for dots also grey levels (N,).
     name : text at the first place of a line or area, or at the last place of a path.
     width : width of a line or dot, pixels.
-    seen : (N,) first frame with each dot or place of a path; a slider selects the frame.
+    first : (N,) first frame with each dot or place of a path; a slider selects the frame.
     """
 
     at: Array
@@ -61,7 +61,7 @@ class Shape:
     kind: Literal["line", "area", "dots"] = "line"
     name: str = ""
     width: float = 2.0
-    seen: Any = None
+    first: Any = None
 
 
 def camera(T_w_c: Array, name: str = "", colour: str = DARK, size: float = 0.3) -> list[Shape]:
@@ -103,7 +103,7 @@ class View:
                 axis.fill(u, v, color=shape.colour, alpha=0.25)
             else:
                 axis.plot(u, v, color=shape.colour, linewidth=shape.width)
-            k = 0 if shape.seen is None else -1
+            k = 0 if shape.first is None else -1
             axis.annotate(shape.name, (u[k], v[k]), (4, 4), textcoords="offset points", fontsize=FONT_SIZE)
         axis.set_aspect("equal", adjustable="datalim")
         axis.invert_yaxis()
@@ -127,9 +127,9 @@ def view_of_run(run: Run, height: int = 480) -> View:
     """The path of a run, the points of its matches, and the true path if there is one."""
     sequence, points = run.sequence, points_of(run)
     frames = np.arange(len(run.poses))
-    grey, seen = np.array([each[1:] for each in points], int).reshape(-1, 2).T
-    shapes = [Shape(np.array([X for X, _, _ in points]).reshape(-1, 3), grey, "dots", width=1.5, seen=seen)]
-    shapes.append(Shape(run.poses[:, :3, 3], GOOD, name="path", seen=frames))
+    grey, first = np.array([each[1:] for each in points], int).reshape(-1, 2).T
+    shapes = [Shape(np.array([X for X, _, _ in points]).reshape(-1, 3), grey, "dots", width=1.5, first=first)]
+    shapes.append(Shape(run.poses[:, :3, 3], GOOD, name="path", first=frames))
     if sequence.truth is not None:
         true = from_first(sequence.truth)[:, :3, 3]
         shapes.append(Shape(true, DARK, name="truth", width=1.0))

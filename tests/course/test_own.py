@@ -140,7 +140,7 @@ def solve_five(x_p, x_c): return five_point(x_p, x_c)
     assert marks.main() == 2
     output = capsys.readouterr()
     weights, select = "4.8  weights              passes", "3.5  select               not there"
-    for line in (f"1 of {len(marks.asked())} pass", weights, select, "hands the work to `five_point`"):
+    for line in (f"1 of {len(marks.tasks())} pass", weights, select, "hands the work to `five_point`"):
         assert line in output.out
     assert re.fullmatch("error: .*ben.py: the file cannot be run.*\n", output.err)
     monkeypatch.setattr(sys, "argv", ["marks", "--json", str(anna)])

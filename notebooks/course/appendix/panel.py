@@ -220,11 +220,11 @@ class CalibrationPanel(Panel):
         learnt, lengths = learn(camera, tracks_of(state.sequence, state.frame), true, TERMS[terms])
         errors, image = learnt.errors, stereo(state.sequence, state.frame)[0]
         maps = field_maps(image, camera, {"the rig's": true, "learnt": errors})
-        left = np.abs(field_at(true - errors, *image_grid(camera).T)).max(axis=1)
+        remaining = np.abs(field_at(true - errors, *image_grid(camera).T)).max(axis=1)
         facts = (
             *(Fact(f"steps too long, {name}", too_long(share), "%", 2) for name, share in lengths.items()),
-            Fact("disparities still wrong by up to", float(left[0]), "px", 2),
-            Fact("rows still wrong by up to", float(left[1]), "px", 2),
+            Fact("disparities still wrong by up to", float(remaining[0]), "px", 2),
+            Fact("rows still wrong by up to", float(remaining[1]), "px", 2),
         )
         sentence = f"Learnt in {len(lengths['corrected'])} frames: {describe_errors(errors, learnt.covariance, camera)}."
         return Drawing(stack([maps, lengths_figure(lengths, CHART_HEIGHT)], self.height), sentence, facts)

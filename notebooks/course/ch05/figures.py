@@ -23,12 +23,12 @@ MOST_DRAWN = 400  # candidates; more would hide the picture
 LEAST_LABELLED = 44  # pixels of a box, for its score above it
 
 
-def score_picture(image: Image, found: NetworkOutput) -> Image:
+def score_picture(image: Image, output: NetworkOutput) -> Image:
     """The network's image once per stride, from left to right; the tint of a cell is the cell's best score."""
-    ground, parts, first = photo(letterboxed(image, found.letterbox), found.letterbox.width), [], 0
+    ground, parts, first = photo(letterboxed(image, output.letterbox), output.letterbox.width), [], 0
     for stride in STRIDES:
-        rows, columns = found.letterbox.height // stride, found.letterbox.width // stride
-        best = found.scores[first : first + rows * columns].max(axis=1).reshape(rows, columns)
+        rows, columns = output.letterbox.height // stride, output.letterbox.width // stride
+        best = output.scores[first : first + rows * columns].max(axis=1).reshape(rows, columns)
         first += rows * columns
         share = np.kron(best, np.ones((stride, stride)))[:, :, None]
         tinted = (1 - share) * (0.8 * ground) + share * np.array(bgr(BAD))
@@ -40,13 +40,13 @@ def score_picture(image: Image, found: NetworkOutput) -> Image:
     return np.concatenate(parts, axis=1)
 
 
-def candidates_picture(image: Image, found: NetworkOutput, score: float, kept: Array, words: str) -> Image:
+def candidates_picture(image: Image, output: NetworkOutput, score: float, kept: Array, words: str) -> Image:
     """The network's image with the candidates above a score, thin orange, and the boxes (K, 4) that stay, blue."""
-    picture = photo(letterboxed(image, found.letterbox), found.letterbox.width)
-    best = found.scores.max(axis=1)
+    picture = photo(letterboxed(image, output.letterbox), output.letterbox.width)
+    best = output.scores.max(axis=1)
     passed = np.flatnonzero(best >= score)
     passed = passed[np.argsort(-best[passed], kind="stable")][:MOST_DRAWN]
-    for boxes, colour, thick in ((found.corners[passed], BAD, 1), (kept, GOOD, 2)):
+    for boxes, colour, thick in ((output.corners[passed], BAD, 1), (kept, GOOD, 2)):
         for x0, y0, x1, y1 in np.rint(np.clip(boxes, -9, 9999)).astype(int).tolist():
             cv2.rectangle(picture, (x0, y0), (x1, y1), bgr(colour), thick, cv2.LINE_AA)
     return caption(photo(picture, WIDTH, PHOTO_HEIGHT), words)

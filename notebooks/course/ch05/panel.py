@@ -123,7 +123,7 @@ def precision_recall(sequence: Sequence, frames: range, detector: YoloDetector) 
     A box is correct if its IoU with a labelled box is at least 0.5. If several boxes match the same label,
     only the box with the best score is correct.
     """
-    found, labelled = [], 0
+    pairs, labelled = [], 0
     for frame in frames:
         boxes = detector.select_boxes(
             frame_candidates(sequence, frame, detector), LEAST_SCORE, DetectorConfig().nms
@@ -132,10 +132,10 @@ def precision_recall(sequence: Sequence, frames: range, detector: YoloDetector) 
         labelled += shared.shape[1]
         for row, score in zip(shared, boxes.score.tolist(), strict=True):
             right = float(row.max(initial=0.0) >= 0.5)
-            found.append((score, right))
+            pairs.append((score, right))
             if right:
                 shared[:, row.argmax()] = 0.0  # each labelled box once
-    scores, hits = np.array(sorted(found, reverse=True)).reshape(-1, 2).T
+    scores, hits = np.array(sorted(pairs, reverse=True)).reshape(-1, 2).T
     hits = np.cumsum(hits)
     return scores, hits / np.arange(1, len(hits) + 1), hits / max(labelled, 1)
 
@@ -221,12 +221,12 @@ class FilteringPanel(Panel):
         if state.view.model.strip() == LABELS:
             plain = photo(image, WIDTH, PHOTO_HEIGHT)
             return caption(plain, f"{len(boxes)} boxes of the label folder, no network")
-        found = frame_candidates(state.sequence, state.frame, detector_of(state.view.model))
-        letterbox = found.letterbox
+        output = frame_candidates(state.sequence, state.frame, detector_of(state.view.model))
+        letterbox = output.letterbox
         corners = (boxes.xyxy + 0.5) * letterbox.scale + (letterbox.left, letterbox.top) * 2
-        count = int(np.count_nonzero(found.scores.max(axis=1) >= score))
+        count = int(np.count_nonzero(output.scores.max(axis=1) >= score))
         words = f"network's image: {count} candidates orange, {len(boxes)} boxes left blue"
-        return candidates_picture(image, found, score, corners, words)
+        return candidates_picture(image, output, score, corners, words)
 
 
 def _apart(T: Array, T_other: Array | None) -> float:

@@ -68,8 +68,8 @@ class ExplorePanel(Panel):
         config = functools.reduce(lambda config, name: change(config, name, changed[name]), changed, base)
         paths = {"preset": poses_of(sequence, base), "with these settings": poses_of(sequence, config)}
         measure = SHORT_MEASURE.lengths, SHORT_MEASURE.step
-        found = (kitti_errors(truth, poses, *measure) for poses in paths.values())
-        (te_preset, te), (re_preset, re) = te_and_re(found).tolist()
+        errors = (kitti_errors(truth, poses, *measure) for poses in paths.values())
+        (te_preset, te), (re_preset, re) = te_and_re(errors).tolist()
         facts = (
             Fact("TE", te, "%", 4),
             Fact("TE of the preset", te_preset, "%", 4),

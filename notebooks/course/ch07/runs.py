@@ -87,8 +87,8 @@ def clip(
     names = sorted((name for name in available() if name.startswith(KITTI)), key=lambda name: name != WHOLE)
     opened_ones = ((name, open_sequence(name)) for name in names)
     parts = (each if name == WHOLE else part_of(each, frames, first) for name, each in opened_ones)
-    found = (p for p in parts if p.truth is not None and suitable_measure(p.truth) == KITTI_MEASURE)
-    sequence = next(found, None) or part_of(opened(STREET, progress), STREET_FRAMES)
+    usable = (p for p in parts if p.truth is not None and suitable_measure(p.truth) == KITTI_MEASURE)
+    sequence = next(usable, None) or part_of(opened(STREET, progress), STREET_FRAMES)
     detector = detector or next(iter(list_detectors()), "")
     if sequence.labels is not None or not detector:
         return sequence

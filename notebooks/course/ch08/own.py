@@ -23,7 +23,7 @@ from vo_lib.runs.front_end import TimedMatches
 from ..ch00.exercises import right_chain
 from ..ch05.traffic import line_distances
 from ..keep import NAME, load
-from ..marks import asked
+from ..marks import tasks
 
 # The functions in the order of the loop.
 STAGES = (
@@ -72,7 +72,7 @@ class Joined:
     def _repr_html_(self) -> str:
         slow = {name: f", slow: {x:.0f} times the library's time" for name, x in self.slow.items()}
         rows = "".join(
-            f"<tr><td>{asked()[name][0]}</td><td><code>{name}</code></td>"
+            f"<tr><td>{tasks()[name][0]}</td><td><code>{name}</code></td>"
             f"<td>{html.escape(words + slow.get(name, ''))}</td></tr>"
             for name, words in self.whose.items()
         )
@@ -81,7 +81,7 @@ class Joined:
 
 def join(**given: Any) -> Joined:
     """All stages: a function of `given` or `my_vo.py` that passes its check, else the library's function."""
-    written, exercises = {**load(Path(NAME)), **given}, asked()
+    written, exercises = {**load(Path(NAME)), **given}, tasks()
     functions, whose, slow = {}, {}, dict[str, float]()
     for name in STAGES:
         own, (_, exercise) = written.get(name), exercises[name]
@@ -123,8 +123,8 @@ def mixed(rotations: Array, translations: Array) -> Array:
 def residuals(M: Array, c: Array, t: Array) -> Array:
     """Residuals (N,) of the rows M (N, 8, 6) and c (N, 8) of N features for t (3,), with the best point Q."""
     A, d = M[..., :3], c - M[..., 3:] @ t
-    left = d[..., None] - A @ (np.linalg.pinv(A) @ d[..., None])
-    return np.asarray(np.linalg.norm(left[..., 0], axis=1))
+    rest = d[..., None] - A @ (np.linalg.pinv(A) @ d[..., None])
+    return np.asarray(np.linalg.norm(rest[..., 0], axis=1))
 
 
 def film(
@@ -141,16 +141,16 @@ def film(
     """
     run = Run(sequence, preset("feature_selection"), poses, [])
     with Film(path, run, "your path and features") as made, np.errstate(all="ignore"):
-        for index, (seen, _) in enumerate(matches):
+        for index, (pair, _) in enumerate(matches):
             if index == 0 or index % every:
                 continue
             before, boxes = sequence.boxes(index - 1), sequence.boxes(index)
-            keep = mine.keep_outside(seen.prev_left, seen.cur_left, before.xyxy, boxes.xyxy)
-            used = seen[keep]
+            keep = mine.keep_outside(pair.prev_left, pair.cur_left, before.xyxy, boxes.xyxy)
+            used = pair[keep]
             used = used[mine.buckets(used.cur_left, used.age, used.strength, 50, 3)]
             T_cp = inverse(poses[index]) @ poses[index - 1]
             near = line_distances(sequence, used, T_cp) < 1.0
-            counts = len(seen), int(np.sum(~keep)), len(used), int(np.sum(near))
-            shown = FilmFrame(index, seen, keep, boxes, None, FrameResult(T_cp, *counts))
+            counts = len(pair), int(np.sum(~keep)), len(used), int(np.sum(near))
+            shown = FilmFrame(index, pair, keep, boxes, None, FrameResult(T_cp, *counts))
             made.add(shown)
     return made.picture(shown)

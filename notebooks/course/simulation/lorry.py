@@ -22,7 +22,7 @@ from vo_lib.settings import Checked, setting
 from .tracks import CAMERA_HEIGHT
 
 SIDE = np.array([4.0, 3.0, 0.0])  # length and height of the lorry's side, metres; the side is flat
-STEP = 0.3  # metres to the right from frame to frame, seen from the camera
+STEP = 0.3  # metres to the right from frame to frame, relative to the camera
 NOISE = 0.15  # standard deviation of each coordinate measured, pixels
 POINTS = 6000  # on the side; no more of them are matched than the share asks for
 TRUCK = 7  # COCO's class
@@ -61,11 +61,11 @@ def with_lorry(
         place = np.array([along - way / 2, 0.0, 0.0])
         # Left and right image: u and v of the ends of the side, and measured u and v of its points.
         rims = np.stack(camera.project(start + place + SIDE * [[0.0], [1.0]])).reshape(2, 4)
-        seen = np.stack(camera.project(points + place)) + NOISE * rng.standard_normal((2, POINTS, 2))
+        pixels = np.stack(camera.project(points + place)) + NOISE * rng.standard_normal((2, POINTS, 2))
         if index == 0:
-            rims_p, seen_p = rims, seen
+            rims_p, pixels_p = rims, pixels
         corner = (camera.width - 1, camera.height - 1)
-        a, b, c, d = images = np.concatenate([seen_p, seen])
+        a, b, c, d = images = np.concatenate([pixels_p, pixels])
         visible = ((images >= 0) & (images <= corner)).all(axis=(0, 2))
         kept = matches[~_hidden(camera, matches, [*rims_p, *rims], config.distance)]
         wanted = round(config.share / (1 - config.share) * len(kept))
@@ -76,7 +76,7 @@ def with_lorry(
         xyxy = np.clip(rims[:1], 0, corner * 2)
         box = Boxes(xyxy, np.array([TRUCK]), np.ones(1))
         yield joined([kept, added]), box[xyxy[:, 2] > xyxy[:, 0]]
-        rims_p, seen_p = rims, seen
+        rims_p, pixels_p = rims, pixels
 
 
 def _hidden(camera: StereoCamera, matches: StereoMatches, rims: list[Array], distance: float) -> BoolArray:

@@ -107,7 +107,7 @@ def _visible_points(rng: np.random.Generator, R_cp: Array, t_cp: Array, points: 
             depth = distance[s] / np.where(np.abs(slope) > 1e-3, slope, 1e-3)
         X = ray * depth[:, None]
         depth_c = np.einsum("ni,ni->n", R_cp[s, 2], X) + t_cp[s, 2]
-        seen = (depth > NEAREST / 2) & (depth < 2 * FARTHEST) & (depth_c > IN_FRONT)
-        X_p[s[seen], n[seen]] = X[seen]
-        todo[s[seen], n[seen]] = False
+        valid = (depth > NEAREST / 2) & (depth < 2 * FARTHEST) & (depth_c > IN_FRONT)
+        X_p[s[valid], n[valid]] = X[valid]
+        todo[s[valid], n[valid]] = False
     raise ValueError("no points in front of both cameras: the rotation is too large")

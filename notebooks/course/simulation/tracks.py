@@ -117,22 +117,22 @@ class _Street:
             parts += [old, self._new(frame, wanted - len(old), moving)]
         return self._measure(frame, joined(parts))
 
-    def _measure(self, frame: int, seen: _Features) -> SimulatedFrame:
+    def _measure(self, frame: int, features: _Features) -> SimulatedFrame:
         """Measure the features in the current pair, some of them at wrong positions."""
-        config, rng, count = self.config, self.rng, len(seen)
-        left, right = (uv + self._noise(count) for uv in self._project(1, seen.point, seen.body))
-        moving, wrong = seen.body >= 0, np.zeros(count, bool)
+        config, rng, count = self.config, self.rng, len(features)
+        left, right = (uv + self._noise(count) for uv in self._project(1, features.point, features.body))
+        moving, wrong = features.body >= 0, np.zeros(count, bool)
         wrong[rng.permutation(np.flatnonzero(~moving))[: round(config.wrong * count)]] = True
         # A mismatch looks like a match: the place of another feature, somewhere near in the picture.
-        lying = np.flatnonzero(wrong)
-        way, angle = rng.uniform(4.0, 40.0, len(lying)), rng.uniform(0, 2 * np.pi, len(lying))
-        disparity = (left - right)[lying, 0] * rng.uniform(0.6, 1.6, len(lying))
-        left[lying] += way[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        right[lying, 0] = left[lying, 0] - disparity
-        right[lying, 1] = left[lying, 1] + self._noise(len(lying))[:, 1]
-        pairs = seen.left, seen.right, left, right
-        matches = StereoMatches(*pairs, seen.age, seen.strength, seen.id)
-        self.alive = replace(seen, left=left, right=right, age=seen.age + 1)[~wrong]
+        mismatches = np.flatnonzero(wrong)
+        way, angle = rng.uniform(4.0, 40.0, len(mismatches)), rng.uniform(0, 2 * np.pi, len(mismatches))
+        disparity = (left - right)[mismatches, 0] * rng.uniform(0.6, 1.6, len(mismatches))
+        left[mismatches] += way[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        right[mismatches, 0] = left[mismatches, 0] - disparity
+        right[mismatches, 1] = left[mismatches, 1] + self._noise(len(mismatches))[:, 1]
+        pairs = features.left, features.right, left, right
+        matches = StereoMatches(*pairs, features.age, features.strength, features.id)
+        self.alive = replace(features, left=left, right=right, age=features.age + 1)[~wrong]
         return SimulatedFrame(frame, matches, wrong, moving, self.from_world[frame] @ self.poses[frame - 1])
 
     def _new(self, frame: int, wanted: int, moving: bool) -> _Features:
@@ -180,8 +180,8 @@ class _Street:
         """Objects drive along their heading; an object that leaves the view reappears elsewhere."""
         before, T_c_w = self.objects, self.from_world[[frame - 1, frame], None]
         x, _, z = np.moveaxis((T_c_w @ np.stack([before, before @ AHEAD]))[..., :3, 3], -1, 0)
-        seen = ((z > 7.0) & (z < 45.0) & (np.abs(x) < 0.6 * z)).all(axis=0)
-        for k in np.flatnonzero(~seen):
+        visible = ((z > 7.0) & (z < 45.0) & (np.abs(x) < 0.6 * z)).all(axis=0)
+        for k in np.flatnonzero(~visible):
             side = float(self.rng.choice([-3.3, 0.0, 3.3]))
             place = np.array([side, CAMERA_HEIGHT, self.rng.uniform(11.0, 25.0)])
             turn = rotation_from_vector(np.array([0.0, np.radians(self.config.object_heading), 0.0]))
