@@ -101,8 +101,8 @@ class Exercise:
         `right`, the results of the first case, or names of facts.
     line : the code of a right answer, shown after the third different failure; by default the hint.
     library : functions of the library that an answer must not call.
-    mistakes : by message (with fields as in `praise`), one or several wrong answers: functions of the inputs,
-        values or a `When`; for facts, a test of the facts.
+    mistakes : dictionary from messages (fields as in `praise`) to wrong answers: functions of the inputs,
+        values or a `When`. For a panel, a wrong answer is a test of the facts.
     slips : messages that replace those of `SLIPS`, by name; for values, only these slips are tested.
     parts : names of several results, in the order in which they are judged.
     form : function that prepares results for the comparison, such as `any_order`.

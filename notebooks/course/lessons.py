@@ -160,7 +160,7 @@ def selection_errors(
 
 
 def errors_by_seed(scenes: list[Scene], frames: int, seeds: int, progress: Progress) -> dict[str, Array]:
-    """Median rotation error over the frames of a run, (seeds, scenes) degrees, by `SELECTIONS`."""
+    """Median rotation errors over the frames of a run, (seeds, scenes), degrees, by selection."""
     medians = {name: np.zeros((seeds, len(scenes))) for name in SELECTIONS}
     for seed, i in np.ndindex(seeds, len(scenes)):
         progress(seed * len(scenes) + i, seeds * len(scenes))

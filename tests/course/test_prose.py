@@ -164,7 +164,7 @@ def test_the_lorry_wins_the_vote_and_the_street_wins_it_again(look: Look) -> Non
     assert far["error, all features"] < street
     assert far["after the buckets"] < 0.5 * far["on the lorry"]
     assert near["error, box removed"] == before["error, box removed"]
-    text = r"is the same at every share\. At 5 m it is larger than at (\d+) m"
+    text = r"is the same at every share\. At 5 m this error is larger than at (\d+) m"
     far, _, numbers = look("05", text, view__distance=15.0)
     assert numbers == [15]
     assert 2 * far["error, box removed"] < near["error, box removed"]

@@ -166,7 +166,7 @@ def arrows_figure(camera: StereoCamera, moved: dict[str, tuple[Array, ...]], hei
 
 
 def faults_figure(camera: StereoCamera) -> Figure:
-    """Displacements of the points in the right image by each fault with a shape."""
+    """Displacements of the points in the right image, one picture per fault."""
     moved: dict[str, tuple[Array, ...]] = {}
     for name, (columns, rows, _) in RIG_FAULTS.items():
         if not name.startswith(("columns", "rows")):  # those are single terms

@@ -106,7 +106,7 @@ less_luck = Exercise(
 
 
 def better(drive: Any, sequence: Sequence) -> Verdict:
-    """The verdict on `drive(sequence, matches, seed=…)`, run with `SEEDS` on a sequence that hides its truth."""
+    """The verdict on `drive(sequence, matches, seed=…)`, run with `SEEDS` on a sequence without truth."""
     if drive is ...:
         return NO_ANSWER
     if not callable(drive):
