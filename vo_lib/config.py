@@ -85,8 +85,8 @@ def config_class(variant: str) -> type[MethodConfig]:
 def change(config: AnyConfig, name: str, value: Any) -> AnyConfig:
     """A copy of a configuration with a new, checked value of one setting, given by its dotted name.
 
-    Raises `DataError` for an unknown name or a value out of range. The error for a setting or value of the
-    other variant names that variant.
+    Raises `DataError` for an unknown name or a value out of range. An error about a setting or value of the
+    other variant names the other variant.
     """
     try:
         changed: AnyConfig = settings.replace(config, name, value)

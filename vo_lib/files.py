@@ -114,8 +114,8 @@ def only_process(folder: Path) -> Iterator[None]:
 def writing(path: str | Path) -> Iterator[BinaryIO]:
     """A binary file open for writing under a temporary name in the folder of `path`, renamed at the end.
 
-    `path` is at all times the complete old or new file. Raises `DataError` if the folder is missing, not
-    writable or full.
+    `path` always has the complete old or the complete new content. Raises `DataError` if the folder is
+    missing, not writable or full.
     """
     path = Path(path)
     draft = path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}{DRAFT}")

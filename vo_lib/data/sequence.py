@@ -137,7 +137,7 @@ def open_folder(folder: Path, name: str, labels: str | Path | None = None) -> Se
 
 
 def _rows_of_frames(rows: Array, frames: list[str], path: Path) -> Array:
-    """One row per frame: all rows, or the rows with the frame numbers of part of a sequence."""
+    """Rows of the frames: all rows of their own table, or some rows of the whole sequence's table."""
     if len(rows) == len(frames):
         return rows
     if len(rows) > int(frames[-1]):

@@ -105,8 +105,8 @@ class YoloDetector:
     def input_size(self, width: int, height: int) -> tuple[int, int]:
         """Width and height of the network's image for an image of this size.
 
-        A size fixed by the model is used. Otherwise the aspect ratio is that of the image. The longer side is
-        `config.size`, or, if `config.size` is 0, the size in the model's metadata, or 640.
+        A size fixed by the model is used. Otherwise the input has the aspect ratio of the image. The longer
+        side is `config.size`, or, if `config.size` is 0, the size in the model's metadata, or 640.
         """
         free_width, free_height = layout.fit_size(width, height, self.config.size or self._default_size)
         return self._width or free_width, self._height or free_height

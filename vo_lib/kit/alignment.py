@@ -140,7 +140,7 @@ def track_warped(
 
 
 def brightness_change(before: Tiles, after: Tiles) -> tuple[float, float]:
-    """Gain and offset that map the brightness of the second image's tiles to that of the first.
+    """Gain and offset that map the tile brightness of the second image to the tile brightness of the first.
 
     Two cameras, and two frames, differ in brightness. The line is fitted to the mean brightness of the tiles,
     then again without the fifth of the tiles with the largest residuals. If the remaining tiles hardly differ

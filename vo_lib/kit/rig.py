@@ -3,8 +3,8 @@
 In a rectified pair both images of a point are in one row, and the columns differ by f b / Z. In a real pair
 rows and disparities have errors, a smooth field of some tenths of a pixel. These errors make
 depths and steps wrong, on the KITTI highway by 5 %. The field is a polynomial for the disparities and one for
-the rows, in the normalised position x, y. They are correlated, since each fault of a rig has a shape in both
-polynomials (`RIG_FAULTS`). A model with too few terms is worse than no model: the rest of the field is then
+the rows, in the normalised position x, y. The two polynomials are correlated, since each fault of a rig has a
+shape in both (`RIG_FAULTS`). A model with too few terms is worse than no model: the rest of the field is then
 absorbed by the constant, which determines the length of the steps. Half of the field is attributed to the
 left camera at x_l, half to the right camera at x_r = x_l - D / f, where D is a point's disparity: this fits
 the flow on KITTI better than the whole field in the right camera.

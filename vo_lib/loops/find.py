@@ -113,7 +113,7 @@ def place_similarities(
 
 
 def uncovered(sequence: Sequence, frame: int, uv: Array, method: MethodConfig) -> BoolArray:
-    """Mask (N,) of the pixels (N, 2) of a left image outside masks and, if the method removes them, boxes."""
+    """Mask (N,) of a left image's pixels (N, 2) outside masks and, with a box rule, outside boxes."""
     keep = np.ones(len(uv), np.bool_)
     if files := sequence.mask_files():
         keep &= at_pixels(read_image(files[frame if len(files) > 1 else 0]), uv) == 0

@@ -3,8 +3,8 @@
 Nistér, "An efficient solution to the five-point relative pose problem", PAMI 2004; the ten constraints as
 in Stewénius, Engels and Nistér, "Recent developments on direct relative orientation", 2006.
 
-Each step is a function. The last axis of the intermediate arrays is that of the sets, so that NumPy does each
-operation for all sets in one pass over memory.
+Each step is a function. The last axis of the intermediate arrays is the axis of the sets, so that NumPy does
+each operation for all sets in one pass over memory.
 
     epipolar_rows (5, 9, S) -> null_space (4, 3, 3, S) -> cubic_constraints (10, 20, S)
     -> eliminate (6, 16, S) -> determinant (11, S) -> real_roots -> back_substitute (4, M) -> polish

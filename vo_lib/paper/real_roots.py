@@ -2,7 +2,7 @@
 
 The polynomials are homogeneous in (z, w), so no root is at infinity: roots in [-1, 1] of z/w, then of w/z.
 Intervals with one root each are found by the sign changes of Bernstein coefficients (Descartes' rule), then
-each root by Newton's method. The last axis of the arrays is that of the polynomials.
+each root by Newton's method. The last axis of the arrays is the axis of the polynomials.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The Sampson distance of many matches to many essential matrices, as two matrix products.
 
 With homogeneous points p and c, cᵀ E p is linear in the nine products c_i p_j, and |(E p)₁,₂|² + |(Eᵀ c)₁,₂|²
-is linear in the squares and products of the coordinates. They are computed once for a frame.
+is linear in the squares and products of the coordinates. The terms are computed once per frame.
 """
 
 from __future__ import annotations

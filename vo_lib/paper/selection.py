@@ -95,8 +95,8 @@ def resolve_by_depth(E: Array, x_p: Array, x_c: Array, X_p: Array) -> tuple[Arra
     -------
     R_cp (3, 3) and the unit direction of t_cp (3,).
 
-    For each rotation, the best length s of t is computed by least squares on x_c × (R X_p + s t) = 0. Its
-    sign selects t or -t; the median residual angle selects the rotation.
+    For each rotation, the best length s of t is computed by least squares on x_c × (R X_p + s t) = 0. The
+    sign of s selects t or -t; the median residual angle selects the rotation.
     """
     rotations, t = decompose_essential(E)
     ray = np.concatenate([x_c, np.ones((len(x_c), 1))], axis=1)

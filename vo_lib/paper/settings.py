@@ -1,7 +1,7 @@
 """Thresholds of the systems of Table 1, with default, unit, range and one sentence each.
 
 The paper gives two of these numbers: buckets of 50×50 px, and two solutions kept per five-point set. The
-others are ours. The base classes `ImageBorder`, `StereoLimits`, `TranslationLimits` and `MethodConfig`
+other numbers are ours. The base classes `ImageBorder`, `StereoLimits`, `TranslationLimits` and `MethodConfig`
 declare the settings that both variants share.
 """
 
