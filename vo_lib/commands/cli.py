@@ -19,7 +19,7 @@ from .script import ENDINGS, OneLineParser, exit_code
 # together take two seconds.
 COMMANDS = {
     "demo": ("demo", "the paper's claim on a drawn traffic jam; nothing is downloaded"),
-    "run": ("run", "run one method on one sequence"),
+    "run": ("run", "one method on one sequence"),
     "reproduce": ("reproduce", "Table 1 and Figure 4: methods over sequences and seeds"),
     "sweep": ("sweep", "a grid over settings on cached matches: table, CSV, heat map"),
     "evaluate": ("evaluate", "KITTI errors, ATE and RPE of runs and trajectory files"),
