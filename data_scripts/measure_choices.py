@@ -6,8 +6,8 @@ examples:
 
 A row has the change of the results of `published` with an alternative choice:
 mean and standard deviation over five seeds, lengths in per cent. On real
-clips, TE is computed with the fitted axes of the truth, as in `vo data
-measure_axes`. Rows about thresholds and boxes have errors over 50 m.
+clips, TE is computed with fitted axes, as in `vo data measure_axes`. Rows
+about thresholds and boxes have errors over sub-sequences of 50 m.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ class FileServer:
     Attributes
     ----------
     files : content by name. ranges : whether the server supports ranges.
-    drop_every : interval n of the answers whose connection is closed half-way; 0: none.
+    drop_every : n; every n-th answer ends half-way with a closed connection (0: no answer).
     status : HTTP status of every answer; 0 is the normal status.
     gets, sent : numbers of GET requests and of sent body bytes, by name.
     """

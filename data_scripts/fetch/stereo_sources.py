@@ -162,7 +162,7 @@ def pair_images(
         chosen = [each.tolist() for each in match_times(stamps[0], stamps[1], max_delay)]
         if len(chosen[0]) < 2:
             raise DataError(
-                f"expected two or more pairs within --max-delay {max_delay:g} s of each other", left
+                f"expected two or more pairs of images at most --max-delay {max_delay:g} s apart", left
             )
         times = stamps[0][chosen[0]]
         if (delay := float(np.abs(times - stamps[1][chosen[1]]).max(initial=0.0))) > 0:

@@ -51,7 +51,7 @@ class TextureSet:
     names: dict[str, int] = field(default_factory=dict)
 
     def add(self, name: str, image: NDArray[np.generic], wrap: tuple[bool, bool] = (False, False)) -> int:
-        """Number of a new texture with power-of-two sides. `wrap` : whether it repeats along s and t."""
+        """Number of a new texture with power-of-two sides. `wrap` : repetition along s and along t."""
         self.names[name] = len(self.images)
         self.images.append(np.asarray(image, np.float32))
         self.wraps.append(wrap)

@@ -25,7 +25,7 @@ def draw_scene(
     Parameters
     ----------
     progress : called with (frames done, frames) while drawing.
-    jobs : number of processes; the images do not depend on it.
+    jobs : number of processes; the images do not depend on this number.
     frames : the frames to draw; None draws all frames.
 
     Raises `DataError` if the folder cannot be written.

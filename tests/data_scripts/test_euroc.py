@@ -75,7 +75,7 @@ def test_euroc_points_project_as_the_poses_predict(tmp_path: Path) -> None:
     X_w = transform(T_w_b[0] @ T_B_0, X)
 
     def rectified(frame: int, camera: int) -> Array:
-        """Rectified pixels of the points, projected by the distorted cameras."""
+        """Rectified pixels of the points, computed from the pixels in the distorted image."""
         T_c_w = inverse(T_w_b[frame] @ T_B_C[camera])
         f_u, f_v, c_u, c_v = INTRINSICS[camera]
         K = np.array([[f_u, 0, c_u], [0, f_v, c_v], [0, 0, 1]])

@@ -35,7 +35,7 @@ class Fault:
     """A fault of the stereo camera.
 
     images : function from the undisturbed drive and a frame number to the pair of the faulty camera.
-    shown : function from a frame number to the frame whose left image is in this frame.
+    shown : function from a frame number to the number of the frame whose left image is used.
     """
 
     images: Callable[[list[Pair], int], Pair]
