@@ -174,6 +174,13 @@ row_error = Exercise(
     mistakes={
         "this is how the depth error grows; a row changes by dx · P₃.": (FAR / NEAR) ** 2,
         "the error of a row grows with the depth: dx is multiplied by P₃.": (NEAR / FAR, 1.0),
+        "this is a difference; the task asks for the quotient of both errors.": (
+            FAR - NEAR,
+            FAR / NEAR - 1.0,
+        ),
+        "the half pixel is in both errors, and the quotient does not contain it.": (
+            *(pixels * FAR / NEAR**power for pixels in (0.5, 2.0) for power in (0, 1)),
+        ),
     },
 )
 
