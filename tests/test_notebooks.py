@@ -10,6 +10,7 @@ from typing import Any
 import nbclient
 import nbformat
 import pytest
+from conftest import find_browser
 
 from course.ch08 import own
 from course.panel import ERROR_CLASS
@@ -104,6 +105,16 @@ def test_saved_answers_form_an_odometry_in_chapter_8(student: tuple[Path, dict[P
     assert ">yours<" in board
     assert any("<video" in page for page in pages)
     assert (folder / "my_path.mp4").stat().st_size > 100_000
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(find_browser() is not None, reason="test_browser.py runs these notebooks in a browser")
+@pytest.mark.usefixtures("street")
+@pytest.mark.parametrize("path", [*CHAPTERS, *APPENDICES], ids=name)
+def test_notebooks_run_without_a_browser(path: Path, tmp_path: Path) -> None:
+    notebook = execute(path, tmp_path, KITTI_ROOT="")
+    assert complaints(notebook) == []
+    assert [verdict for verdict in verdicts(notebook) if RIGHT_CLASS in verdict] == []
 
 
 @pytest.mark.parametrize("path", [*CHAPTERS, *APPENDICES, *SOLUTIONS], ids=name)

@@ -142,7 +142,7 @@ corner_strength = Exercise(
         "this is the larger one, which is large on an edge, too.": lambda *g: np.sqrt(eigenvalues(*g)[1]),
         "`np.linalg.eig` gives the eigenvalues in no order, and the first is not always the smaller; "
         "`np.linalg.eigvalsh` sorts them.": unsorted,
-        "both eigenvalues are given back; the smaller one is asked for.": eigenvalues,
+        "both eigenvalues are returned; return only the smaller one.": eigenvalues,
         "this takes means over the window; M is a sum.": lambda gx, gy: strength(gx, gy, np.mean),
         "without Σ gx gy, a slanting edge looks like a corner.": lambda gx, gy: np.sqrt(
             min(np.sum(gx * gx), np.sum(gy * gy))
@@ -245,7 +245,7 @@ buckets = Exercise(
             lambda got, uv, age, *more: sorted(age[got]) == sorted(age[kept(uv, age, *more)])
         ),
         "neither age nor strength is used.": chosen(0, 0),
-        "only `count` features in all are kept; `count` in each square are asked for.": (
+        "only `count` features in all are kept; keep `count` in each square.": (
             lambda uv, age, strength, size, count: np.lexsort((-strength, -age))[:count],
         ),
         "a square keeps one more than `count`.": lambda *case: kept(*case[:4], case[4] + 1),

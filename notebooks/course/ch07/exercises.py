@@ -120,11 +120,11 @@ gain = Exercise(
             lambda before, after: change(before, after, np.hypot(before.std(), after.std())),
             lambda before, after: change(before, after, abs(after.std() - before.std())),
         ),
-        "this is the standard error of the mean, the deviation by √S; the spread of the change is asked for.": (
+        "this is the standard error of the mean, the deviation by √S; return the deviation of the change.": (
             lambda before, after: change(before, after, np.std(after - before, ddof=1) / len(before) ** 0.5),
             lambda before, after: change(before, after, np.std(after - before) / np.sqrt(len(before))),
         ),
-        "this is the change relative to `before`; it is asked for in the same unit.": lambda before, after: (
+        "this is the change relative to `before`; return the change in the unit of `before`.": lambda before, after: (
             change(0 * after + 1, after / before)
         ),
     },
