@@ -103,7 +103,7 @@ def claim_figure(
     path.set_xlim(-room(1.2 * reach, least=0.5), room(1.2 * reach, least=0.5))
     finish(turns, "rotation error of each step [deg]", "frame", "", "upper left")
     finish(lengths, "translation error of each step [mm]", "frame")
-    finish(path, "estimated path", "x, right [m]", "z, forward [m]", "lower left")
+    finish(path, "estimated path", "x, right [m]", "z, forward [m]", "above")
     return made
 
 
