@@ -75,6 +75,10 @@ step = Exercise(
     mistakes={
         "this step goes backwards: after it the points are at Z - 1.": lambda Z, *rig: step_seen(Z + 1, *rig),
         "this is the depth before the step alone.": depth_seen,
+        "the disparities are too small by e here; add e to the true disparity.": lambda Z, e, fb: step_seen(
+            Z, -e, fb
+        ),
+        "this is right for one rig only: use the argument `fb`.": lambda Z, e, fb: step_seen(Z, e, FB),
     },
     slips={"sign": "the sign: a step ahead makes depths smaller."},
 )
