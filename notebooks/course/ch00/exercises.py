@@ -78,7 +78,7 @@ disparity_at_20_m = Exercise(
     line="camera.f * camera.baseline / 20",
     mistakes={
         "this is f / Z: which length is missing?": lambda camera: camera.f / DISTANCE,
-        "this is b / Z, and no pixels: where is f?": lambda camera: camera.baseline / DISTANCE,
+        "this is b / Z, which is not in pixels: where is f?": lambda camera: camera.baseline / DISTANCE,
     },
     slips={"inverse": "the nearer a point, the larger its d.", "sign": "the sign: which column is larger?"},
 )
@@ -98,10 +98,10 @@ back_project = Exercise(
         "Y runs upwards: the camera's y axis points down.": lambda *x: point(*x) * (1, -1, 1),
         "X runs to the left: the camera's x axis points right.": lambda *x: point(*x) * (-1, 1, 1),
         "u and v are swapped: u is the column and gives X.": lambda u, v, *more: point(v, u, *more),
-        "X and Y are those of the ray at depth 1: how far along it is the point?": (
+        "X and Y are those of the ray at depth 1: how far along the ray is the point?": (
             lambda *x: point(*x) / [point(*x)[2], point(*x)[2], 1.0],
         ),
-        "Z is {got[2]:.3f} m, expected {right[2]:.3f} m: what does the disparity say?": When(
+        "Z is {got[2]:.3f} m, expected {right[2]:.3f} m: which depth follows from the disparity?": When(
             lambda X, *case: abs(X[2] - point(*case)[2]) > 1e-9
         ),
     },
@@ -114,7 +114,7 @@ depth_error_ratio = Exercise(
     hint="take the derivative of Z = f b / d by d, and put Z back in its place.",
     line="(40 / 10) ** 2",
     mistakes={"the error grows faster than the distance.": (4.0, 2.0)},
-    slips={"inverse": "this is how much smaller it is at 10 m."},
+    slips={"inverse": "this is the inverse of the factor."},
 )
 
 chain = Exercise(
@@ -124,7 +124,7 @@ chain = Exercise(
     hint="the first pose is the identity; each motion gives one more pose, from the pose before.",
     line="poses.append(poses[-1] @ inverse(T_cp))",
     mistakes={
-        "each pose is that of one motion alone.": lambda all_T: [np.eye(4), *map(inverse, all_T)],
+        "each pose contains only one motion.": lambda all_T: [np.eye(4), *map(inverse, all_T)],
         "the car drives backwards: T_cp takes points into the new camera, a pose takes them back.": (
             appended(lambda T_cp: T_cp),
             appended(lambda T_cp: T_cp, before=True),
@@ -137,7 +137,7 @@ chain = Exercise(
         "all poses are the same array: append a new one each time.": lambda m: (
             right_chain(m)[-1:] * (len(m) + 1)
         ),
-        "as many poses as motions; the first pose is the identity.": lambda m: right_chain(m)[1:],
+        "the first pose, the identity, is missing.": lambda m: right_chain(m)[1:],
         "a motion is missing.": lambda motions: right_chain(motions)[:-1],
     },
 )
@@ -151,7 +151,7 @@ path_length = Exercise(
     mistakes={
         "{got:.2f} m is the distance from start to end.": beeline,
         "the steps are not added: sum them.": lambda poses: np.linalg.norm(steps(poses), axis=1),
-        "one norm of all steps: take it of each, along axis 1.": lambda poses: np.linalg.norm(steps(poses)),
+        "compute the norm of each step, along axis 1.": lambda poses: np.linalg.norm(steps(poses)),
         "this adds squared lengths: the root is missing.": lambda poses: (steps(poses) ** 2).sum(),
         "the height y is left out.": lambda p: np.linalg.norm(steps(p)[:, ::2], axis=1).sum(),
     },

@@ -137,9 +137,9 @@ corner_strength = Exercise(
     hint="M is 2×2: sum gx², gx gy and gy² over the window; then take the root of the smaller eigenvalue.",
     line="M = [[np.sum(gx * gx), np.sum(gx * gy)], [np.sum(gx * gy), np.sum(gy * gy)]]; np.linalg.eigvalsh(M)",
     library=("corner_strength",),
-    slips={"square": "right, except for the root."},
+    slips={"square": "this is correct except for the square root."},
     mistakes={
-        "this is the larger one, which is large on an edge, too.": lambda *g: np.sqrt(eigenvalues(*g)[1]),
+        "this is the larger eigenvalue, also large on an edge.": lambda *g: np.sqrt(eigenvalues(*g)[1]),
         "`np.linalg.eig` gives the eigenvalues in no order, and the first is not always the smaller; "
         "`np.linalg.eigvalsh` sorts them.": unsorted,
         "both eigenvalues are returned; return only the smaller one.": eigenvalues,
@@ -175,9 +175,9 @@ is_stereo = Exercise(
         "the match whose rows differ by two is judged good.": judged(row=np.zeros_like),
         "a disparity of 0.2 px is judged good.": judged(limits=lambda most, least: (most, -99.0)),
         "the match with a negative disparity is judged good.": judged(disparity=np.abs),
-        "two rows off in one direction: use the absolute value.": (*map(judged, (np.positive, np.negative)),),
+        "the row difference needs an absolute value.": (*map(judged, (np.positive, np.negative)),),
         "the disparity is left column minus right column.": judged(disparity=np.negative),
-        "matches with too small a disparity are judged good, and those with a sufficient one bad.": judged(
+        "matches with a small disparity are judged good, and matches with a sufficient disparity bad.": judged(
             disparity=np.negative, limits=lambda most, least: (most, -least)
         ),
     },
@@ -237,9 +237,9 @@ buckets = Exercise(
         "the youngest and weakest are kept: in `np.lexsort`, both keys need a minus.": chosen(-1, -1),
         "the youngest are kept; the oldest come first.": chosen(by_age=-1),
         "of features of the same age the weakest are kept.": chosen(by_strength=-1),
-        "`size` is hard-coded: use the one given.": lambda *case: kept(*case[:3], 50, case[4]),
-        "`count` is hard-coded: use the one given.": lambda *case: kept(*case[:4], 3),
-        "these are ranks in the sorted list; give back the features' own indices, `order[rank]`.": in_sorted_list,
+        "`size` is hard-coded: use the argument.": lambda *case: kept(*case[:3], 50, case[4]),
+        "`count` is hard-coded: use the argument.": lambda *case: kept(*case[:4], 3),
+        "these are ranks in the sorted list; return the indices of the features, `order[rank]`.": in_sorted_list,
         "a square is overfull; the square of a feature is `uv // size`, column and row.": When(overfull),
         "the ages are right, but among features of the same age strength is not used.": When(
             lambda got, uv, age, *more: sorted(age[got]) == sorted(age[kept(uv, age, *more)])
@@ -248,7 +248,7 @@ buckets = Exercise(
         "only `count` features in all are kept; keep `count` in each square.": (
             lambda uv, age, strength, size, count: np.lexsort((-strength, -age))[:count],
         ),
-        "a square keeps one more than `count`.": lambda *case: kept(*case[:4], case[4] + 1),
+        "a square keeps one feature more than `count`.": lambda *case: kept(*case[:4], case[4] + 1),
         "the image is cut into strips, not squares: a square is a column and a row of the grid.": (
             lambda uv, *case: kept(uv * [1, 0], *case),
             lambda uv, *case: kept(uv * [0, 1], *case),
@@ -258,13 +258,13 @@ buckets = Exercise(
 
 too_strict = Exercise(
     {"right ones dropped": 140.0, "wrong among the kept": 9.0},
-    praise="{right ones dropped:.0f} right matches are dropped, and {wrong among the kept:.0f} wrong ones are "
-    "still kept. A strict check is not a safe one.",
+    praise="{right ones dropped:.0f} correct matches are dropped, and {wrong among the kept:.0f} wrong matches are "
+    "still kept. A strict check is not a safe check.",
     mistakes={
-        "this sequence has no truth for single matches: choose a drawn one.": lambda now: np.isnan(
+        "this sequence has no truth for single matches: choose a drawn sequence.": lambda now: np.isnan(
             now["right ones dropped"]
         ),
-        "only {right ones dropped:.0f} right matches are dropped. Set one tolerance below the accuracy of the "
+        "only {right ones dropped:.0f} correct matches are dropped. Set one tolerance below the accuracy of the "
         "matches.": lambda now: not now["right ones dropped"] > 100,
     },
 )

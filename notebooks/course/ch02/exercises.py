@@ -219,7 +219,7 @@ solve_five = Exercise(
     library=("five_point", "findEssentialMat", "real_roots", "eliminate", "determinant", "back_substitute"),
     slips={"transposed": "these are the transposes: vec(E) runs row by row, and a row of A has x_c first."},
     mistakes={
-        "this is one of several solutions; give back all real ones: chapter 3 chooses.": (
+        "this is one of several solutions; return all real solutions: chapter 3 selects one of them.": (
             *(lambda *x, some=some: solutions(*x)[some] for some in (slice(1), slice(-1, None), 0)),
         ),
         "every z is right, x and y are not. Either x and y are exchanged (the columns of C are those of x², y², xy, x, "
@@ -238,10 +238,10 @@ most_frequent_count = Exercise(
     hint="count the solutions of each set, then the sets with 0, 1, 2 … solutions.",
     line="np.argmax(np.bincount(np.bincount(solutions.set_index)))",
     mistakes={
-        "this is the mean number; the most frequent one is wanted.": lambda: counts().mean(),
-        "this is the index of a set, that of the set with most solutions.": lambda: np.argmax(counts()),
-        "this is how many sets have the most frequent number.": lambda: np.bincount(counts()).max(),
-        "this is a share of the sets; the number of solutions is wanted.": When(lambda got: 0 < got < 1),
+        "this is the mean number; the task is the most frequent number.": lambda: counts().mean(),
+        "this is the index of the set with the most solutions.": lambda: np.argmax(counts()),
+        "this is a number of sets, not of solutions.": lambda: np.bincount(counts()).max(),
+        "this is a share of the sets; the task is the number of solutions.": When(lambda got: 0 < got < 1),
         "odd numbers hardly ever occur: complex roots come in pairs.": When(lambda got: got % 2 == 1),
     },
 )
@@ -267,13 +267,13 @@ far_off = Exercise(
     praise="{rotation error of solution 1:.1f}° from five correct matches: small errors of their places become large "
     "errors of the rotation. Only the other matches show that this set is bad.",
     mistakes={
-        "this sequence has no ground truth: choose one that has.": lambda now: np.isnan(now[FIRST]),
+        "there is no ground truth: choose another sequence.": lambda now: np.isnan(now[FIRST]),
         "{noise added:.2f} px of noise are added: set the noise to 0.": lambda now: now["noise added"] != 0,
-        "solution 1 of these five matches is only {rotation error of solution 1:.2f}° wrong; more than 2° is wanted. "
+        "solution 1 of these five matches is only {rotation error of solution 1:.2f}° wrong; the task is more than 2°. "
         "The slider `solution` does not help: choose five other matches. Which matches determine the rotation "
         "badly?": lambda now: not now[FIRST] > 2.0,
-        "outliers among the five: {outliers among the five:.0f}. One is enough to spoil a set; find five correct "
-        "matches that are as bad.": lambda now: now["outliers among the five"] > 0,
+        "outliers among the five: {outliers among the five:.0f}. One outlier makes a set bad; find five correct "
+        "matches with a similar error.": lambda now: now["outliers among the five"] > 0,
         "two of the five are {closest two of the five:.0f} px apart. Neighbours give nearly the same equation; find "
         "five matches at least 40 px apart.": lambda now: now["closest two of the five"] < 40,
     },

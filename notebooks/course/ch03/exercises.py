@@ -157,11 +157,11 @@ nearest = Exercise(
             first_by(lambda E, e: -angles(E, e)),
             lambda E, e, k: np.argsort(angles(E, e))[-k:],
         ),
-        "all candidates in the right order; only the first k are wanted.": lambda E, e, k: np.argsort(
+        "these are all candidates in the right order; return only the first k.": lambda E, e, k: np.argsort(
             angles(E, e)
         ),
     },
-    slips={"order": "the right candidates, but not the nearest first."},
+    slips={"order": "these are the right candidates, but not with the nearest first."},
 )
 
 truncated_error = Exercise(
@@ -206,25 +206,25 @@ select = Exercise(
             lambda E, s, *case: (i := selected(E, s, *case)) - np.searchsorted(s, s[i]),
         ),
         "`nearest` gives indices within its set; the errors need indices into all candidates.": within_sets,
-        "this is the nearest to e_prev; the image error has the last word.": lambda E, s, errors, e, k: (
+        "this is the candidate nearest to e_prev; the image error decides in the end.": lambda E, s, errors, e, k: (
             np.argmin(angles(E, e))
         ),
-        "this is consensus: the prior has no effect on who may compete.": lambda E, s, errors, e, k: (
-            np.argmin(errors)
+        "this is consensus: the prior does not limit the candidates.": lambda E, s, errors, e, k: np.argmin(
+            errors
         ),
         "`k` is not used: it is not always 2.": (
             lambda E, s, errors, e, k: selected(E, s, errors, e, 2),
             lambda E, s, errors, e, k: selected(E, s, errors, e, 1),
         ),
-        "prior and image error have changed places: the angle decides who may compete, the error who wins.": (
+        "prior and image error are exchanged: the angle selects the candidates, the error the winner.": (
             lambda E, s, errors, e, k: least(angles(E, e), first_of_each_set(errors, s, k))
         ),
-        "among the winners of the sets the nearest was taken; the image error decides between sets, too.": of_winners,
+        "this is the nearest of the winners of the sets; the image error also decides between sets.": of_winners,
         "the last set is left out: range(n) ends with n - 1.": lambda E, s, errors, e, k: least(
             errors, nearest_to_prior(E, s, e, k) & (s < s.max())
         ),
-        "only k candidates of all sets competed; k of each set may.": lambda E, s, errors, e, k: least(
-            errors, first_of_each_set(angles(E, e), 0 * s, k)
+        "only k candidates of all sets compete; k candidates of each set may.": lambda E, s, errors, e, k: (
+            least(errors, first_of_each_set(angles(E, e), 0 * s, k))
         ),
     },
 )
@@ -238,7 +238,7 @@ sets_needed = Exercise(
     line="np.log(0.01) / np.log(1 - 0.7**5)",
     mistakes={
         "25 sets give 98.995 %, slightly less than required.": 25,
-        "this is for 30 % right matches.": np.ceil(sets_for(0.3**5)),
+        "this is the number for 30 % correct matches.": np.ceil(sets_for(0.3**5)),
         "all five matches of a set must be right, not one.": (sets_for(0.7), np.ceil(sets_for(0.7))),
         "0.7⁵ is the probability that a set is good; the n sets that fail have 1 - 0.7⁵.": (
             sets_for(1 - 0.7**5),
@@ -259,8 +259,8 @@ consensus_fooled = Exercise(
         "this sequence has no ground truth, so the error of consensus is unknown. Choose the drawn street.": (
             lambda now: np.isnan(now["error by consensus"])
         ),
-        "consensus is only {error by consensus:.3f}° wrong. Which matches agree among themselves: wrong ones, or "
-        "those on one moving object?": lambda now: not now["error by consensus"] > 0.5,
+        "consensus is only {error by consensus:.3f}° wrong. Which matches agree among themselves: wrong matches, or "
+        "matches on one moving object?": lambda now: not now["error by consensus"] > 0.5,
         "no match is disturbed: noise chose between the two solutions of a plane. Untick *one plane* and disturb "
         "matches instead.": lambda now: not now["disturbed"] > 0,
     },

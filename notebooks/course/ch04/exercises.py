@@ -130,7 +130,7 @@ feature_rows = Exercise(
         "the columns are in another order: Q first, then t.": (
             lambda *case: (np.roll(rows(*case)[0], 3, axis=1), rows(*case)[1])
         ),
-        "the columns of Q are right, those of t are not: t appears in the current pair only, without R.": When(
+        "the columns of Q are right, the columns of t are not: t appears in the current pair only, without R.": When(
             lambda M, *case: np.allclose(M[:, :3], rows(*case)[0][:, :3])
         ),
         "M is right, c is not: the baseline appears only in the x rows of the two right images.": (
@@ -145,7 +145,7 @@ one_feature = Exercise(
     lambda M, c: solve(M, c)[3:],
     lambda: [(np.hstack([A[0], B[0]]), c[0]) for A, B, c in [noisy_rows(1, 3, 0.3)]],
     atol=1e-6,
-    praise="t = ({got[0]:.3f}, {got[1]:.3f}, {got[2]:.3f}) m from one noisy feature; true is (0.05, -0.02, -0.9).",
+    praise="t = ({got[0]:.3f}, {got[1]:.3f}, {got[2]:.3f}) m from one noisy feature; the true t is (0.05, -0.02, -0.9) m.",
     hint="solve M q = c by least squares; t is the last three of the six numbers in q.",
     line="np.linalg.lstsq(M, c, rcond=None)[0][3:]",
     mistakes={
@@ -157,7 +157,7 @@ one_feature = Exercise(
 rank_at_infinity = Exercise(
     4,
     praise="4: each pair has two different rows. Such a feature gives a direction and no length.",
-    hint="left and right points are equal, so the rows of a pair repeat: count the different ones.",
+    hint="left and right points are equal, so the rows of a pair repeat: count the different rows.",
     line="np.linalg.matrix_rank(rows_of_one(x, x, x, x, np.eye(3), 0.5)[0])",
     mistakes={
         "with rank 6 the feature would determine t. Without a disparity, two rows of each pair repeat.": 6,
@@ -172,7 +172,7 @@ row_error = Exercise(
     hint="by how much does (x e3 - e1)ᵀ P change when x changes by dx?",
     line="40 / 8",
     mistakes={
-        "this is how the depth error grows; a row changes by dx · P₃.": (FAR / NEAR) ** 2,
+        "this is the growth of the depth error; a row changes by dx · P₃.": (FAR / NEAR) ** 2,
         "the error of a row grows with the depth: dx is multiplied by P₃.": (NEAR / FAR, 1.0),
         "this is a difference; the task asks for the quotient of both errors.": (
             FAR - NEAR,
@@ -206,7 +206,7 @@ bias = Exercise(
     drawn_answers,
     parts=("bias", "scatter"),
     atol=1e-6,
-    praise="bias {got[0]:+.2f} %, scatter {got[1]:.2f} %: averaging over more features reduces the second only.",
+    praise="bias {got[0]:+.2f} %, scatter {got[1]:.2f} %: more features reduce only the scatter.",
     hint="compute the length of each answer first, then compare it with the true length.",
     line="off = 100 * (np.linalg.norm(answers, axis=1) / np.linalg.norm(t_true) - 1); off.mean(), off.std()",
     mistakes={
@@ -225,7 +225,7 @@ bias = Exercise(
             off(v, t).mean(),
             off(v, t).std(ddof=1),
         ),
-        "this is the scatter of the translations; the scatter of their lengths is wanted.": (
+        "this is the scatter of the translations; the task is the scatter of their lengths.": (
             lambda v, t: (off(v, t).mean(), 100 * norm(v - t).std() / norm(t)),
             lambda v, t: (off(v, t).mean(), 100 * norm(v.std(axis=0)) / norm(t)),
         ),
@@ -285,7 +285,7 @@ turned_sideways = Exercise(
         "the error in x is only {error in x:.1f} mm: a slip is the depth times the angle, and these features are near."
         "": lambda now: not abs(now["error in x"]) > 30.0,
         "{error in x:.0f} mm in x, but {error in z:.0f} mm in z as well. Choose the first weighting of the list: with "
-        "the others, moving cars spoil z.": lambda now: (
+        "the other weightings, moving cars cause the error in z.": lambda now: (
             not abs(now["error in x"]) >= 2.0 * abs(now["error in z"])
         ),
     },
