@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .motion import inverse, rotation_angle, rotation_from_vector, skew
-from .types import Array, IntArray
+from .motion import rotation_angle, rotation_from_vector, skew
+from .types import Array
 
 SMALL_ANGLE_RAD = 1e-4  # series instead of quotients are used below this angle
 
@@ -55,18 +55,3 @@ def bracket(xi: Array) -> Array:
     out[..., :3, :3] = out[..., 3:, 3:] = skew(xi[..., :3])
     out[..., 3:, :3] = skew(xi[..., 3:])
     return out
-
-
-def carried_along(poses: Array, frames: IntArray, new_poses: Array) -> Array:
-    """Poses (N, 4, 4) if the poses at frames (K,) become `new_poses` (K, 4, 4); the first frame is 0.
-
-    Between two such frames, the change is distributed evenly, as a twist.
-    """
-    part = np.searchsorted(frames, np.arange(len(poses)), side="right") - 1
-    old, change = poses[frames], np.zeros((len(frames), 6))
-    between = inverse(old[:-1]) @ old[1:]
-    change[:-1] = twist_from_motion(inverse(new_poses[:-1]) @ new_poses[1:] @ inverse(between))
-    share = (np.arange(len(poses)) - frames[part]) / np.diff(frames, append=len(poses))[part]
-    return np.asarray(
-        new_poses[part] @ motion_from_twist(share[:, None] * change[part]) @ inverse(old[part]) @ poses
-    )

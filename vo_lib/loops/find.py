@@ -4,23 +4,21 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from ..data.kitti import read_image
-from ..data.sequence import Sequence, at_pixels
+from ..data.sequence import Sequence
 from ..geometry.matches import StereoMatches
 from ..geometry.motion import inverse, rigid
+from ..geometry.reprojection import linearise, measured_pixels
 from ..geometry.rows import Rows
 from ..geometry.types import Array, BoolArray, IntArray, Progress
-from ..paper.boxes import in_boxes
 from ..paper.buckets import select_by_bucket
-from ..paper.features import describe
 from ..paper.matching import LoopMatcher, describe_pair
 from ..paper.settings import FeatureConfig, MatchingConfig, MethodConfig
 from ..paper.viso2 import ransac_motion
-from .places import candidates, place_frames, similarities
+from .places import candidates, place_frames, similarities, uncovered
 from .settings import LoopConfig
 
 PAIRS_KEPT = 32  # described stereo pairs: neighbouring places have the same candidates
@@ -49,29 +47,26 @@ class Loops(Rows):
         return np.asarray((self.inliers >= config.inliers) & (self.inliers >= config.share * self.matches))
 
 
-def find_loops(
-    sequence: Sequence, method: MethodConfig, config: LoopConfig, progress: Progress = lambda done, of: None
-) -> Loops:
+def find_loops(sequence: Sequence, method: MethodConfig, config: LoopConfig, progress: Progress) -> Loops:
     """Pairs of similar places, accepted or not, with the motion between them.
 
     method : source of the seed, box rule, buckets and reprojection settings; the features are the paper's.
     progress : called with (steps done, total steps); places are the first half, pairs the second half.
     """
     frames = place_frames(len(sequence), config)
-    similarity = place_similarities(sequence, method, config, lambda done, of: progress(done, 2 * of))
+    similarity = similarities(sequence, method, config, lambda done, of: progress(done, 2 * of))
     pairs = candidates(similarity, frames, config)
-    counts, residuals, motions = np.zeros((2, len(pairs)), np.int64), np.zeros(len(pairs)), []
+    (first, second), (matched, agreeing) = frames[pairs].T, np.zeros((2, len(pairs)), np.int64)
+    residual, motion = np.zeros(len(pairs)), np.zeros((len(pairs), 4, 4))
     for row, (matches, T_cp, agrees) in enumerate(compare_places(sequence, method, config, frames[pairs])):
         inliers = matches[agrees]
-        counts[:, row] = len(matches), len(inliers)
-        motions.append(inverse(T_cp))
+        matched[row], agreeing[row], motion[row] = len(matches), len(inliers), inverse(T_cp)
         X_p = sequence.camera.triangulate(inliers.prev_left, inliers.prev_right)
-        predicted = sequence.camera.project(X_p @ T_cp[:3, :3].T + T_cp[:3, 3])
-        errors = np.hstack(predicted) - np.hstack([inliers.cur_left, inliers.cur_right])
-        residuals[row] = np.sqrt(np.sum(errors**2) / (len(inliers) or np.nan))
+        measured = measured_pixels(sequence.camera, inliers.cur_left, inliers.cur_right)
+        r, *_ = linearise(sequence.camera, X_p @ T_cp[:3, :3].T, T_cp[:3, 3], measured)
+        residual[row] = np.sqrt(np.sum(r**2) / (len(inliers) or np.nan))
         progress(len(frames) + len(frames) * (row + 1) // len(pairs), 2 * len(frames))
-    (first, second), (matched, agreeing), stacked = frames[pairs].T, counts, np.reshape(motions, (-1, 4, 4))
-    return Loops(first, second, similarity[tuple(pairs.T)], matched, agreeing, residuals, stacked)
+    return Loops(first, second, similarity[tuple(pairs.T)], matched, agreeing, residual, motion)
 
 
 def compare_places(
@@ -95,28 +90,3 @@ def compare_places(
         solution = ransac_motion(sequence.camera, m, rng, method.reprojection)
         R_cp, t_cp, inliers = solution or (np.eye(3), np.zeros(3), np.zeros(len(m), np.bool_))
         yield m, rigid(R_cp, t_cp), inliers
-
-
-def place_similarities(
-    sequence: Sequence, method: MethodConfig, config: LoopConfig, progress: Progress = lambda done, of: None
-) -> Array:
-    """Similarity (N, N) in [-1, 1] of the left images of the N places of a sequence."""
-    frames, images = place_frames(len(sequence), config), []
-    for frame in frames.tolist():
-        image = describe(sequence.stereo(frame)[0], FeatureConfig())
-        image = image[uncovered(sequence, frame, image.uv, method)]
-        # With descriptors of length 1 a change of exposure changes nothing.
-        length = np.maximum(np.linalg.norm(image.descriptor, axis=1, keepdims=True), 1.0)
-        images.append(replace(image, descriptor=image.descriptor / length))
-        progress(len(images), len(frames))
-    return similarities(images, sequence.camera.width, config, method.seed)
-
-
-def uncovered(sequence: Sequence, frame: int, uv: Array, method: MethodConfig) -> BoolArray:
-    """Mask (N,) of a left image's pixels (N, 2) outside masks and, with a box rule, outside boxes."""
-    keep = np.ones(len(uv), np.bool_)
-    if files := sequence.mask_files():
-        keep &= at_pixels(read_image(files[frame if len(files) > 1 else 0]), uv) == 0
-    if method.filter.rule != "none":
-        keep &= ~in_boxes(uv, sequence.boxes(frame), method.filter)
-    return keep

@@ -1,16 +1,22 @@
 """Places: the similarity of images, and the earlier images that are most similar to an image.
 
-A histogram of visual words describes an image: the nearest word of a vocabulary replaces each descriptor. The
+An image is a histogram of visual words: the nearest word of a small vocabulary replaces each descriptor. The
 vocabulary is learnt from the same sequence (Sivic and Zisserman, "Video Google", ICCV 2003). Features in
 vehicle boxes are not counted: parked cars drive away, and the car ahead is in every image.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from ..geometry.types import Array, IntArray
-from ..paper.features import Described
+from ..data.kitti import read_image
+from ..data.sequence import Sequence, at_pixels
+from ..geometry.types import Array, BoolArray, IntArray, Progress
+from ..paper.boxes import in_boxes
+from ..paper.features import Described, describe
+from ..paper.settings import FeatureConfig, MethodConfig
 from .settings import LoopConfig
 
 KINDS = 4  # kinds of features: blobs and corners, bright and dark; words are of one kind
@@ -19,51 +25,66 @@ LEARNING_ROUNDS = 5
 
 
 def place_frames(count: int, config: LoopConfig) -> IntArray:
-    """The frames that are places: every n-th of `count`, with n large enough for at most `config.places`."""
+    """The frames that are places: each n-th of `count`, fewer where that is more than the largest number."""
     return np.arange(0, count, max(config.every, -(-count // config.places)), dtype=np.int64)
 
 
-def learn_words(images: list[Described], config: LoopConfig, seed: int) -> list[Array]:
-    """The vocabulary of images, for each kind of features (words, 32): k-means of a sample."""
+def learn_words(images: list[Described], config: LoopConfig, seed: int) -> Array:
+    """The vocabulary of images (kinds, words, 32): k-means of a sample of each kind of features."""
     rng, words = np.random.default_rng(seed), []
     for kind in range(KINDS):
-        descriptors = np.concatenate([image.descriptor[image.kind == kind] for image in images])
-        sample = descriptors[rng.permutation(len(descriptors))[:SAMPLE_FEATURES]]
-        centres = np.resize(sample, (config.words, descriptors.shape[1]))
+        of_kind = np.concatenate([image.descriptor[image.kind == kind] for image in images])
+        sample = rng.permutation(of_kind)[:SAMPLE_FEATURES]
+        centres = np.resize(sample, (config.words, sample.shape[1]))
         for _ in range(LEARNING_ROUNDS):
             sums = np.zeros_like(centres)
             np.add.at(sums, (sample @ centres.T).argmax(axis=1), sample)
             length = np.linalg.norm(sums, axis=1, keepdims=True)
             centres = np.where(length > 0, sums / np.maximum(length, 1e-9), centres)
         words.append(centres)
-    return words
+    return np.array(words)
 
 
-def histogram(image: Described, words: list[Array], width: int, columns: int) -> Array:
-    """Number of features (columns * words,) of each word in each column of an image, `width` pixels wide."""
-    number = np.zeros(len(image), np.int64)
-    for kind, centres in enumerate(words):
-        of_kind = image.kind == kind
-        number[of_kind] = kind * len(centres) + (image.descriptor[of_kind] @ centres.T).argmax(axis=1)
-    column, size = (image.uv[:, 0] * columns // width).astype(np.int64), sum(map(len, words))
-    return np.bincount(number + size * column, minlength=size * columns).astype(np.float64)
+def histogram(image: Described, words: Array, width: int, columns: int) -> Array:
+    """Number of features (columns, kinds, words) in each column of an image, `width` pixels wide."""
+    nearest = (words[image.kind] @ image.descriptor[:, :, None])[..., 0].argmax(axis=1)
+    column = (image.uv[:, 0] * columns // width).astype(np.int64)
+    counts = np.zeros((columns, *words.shape[:2]))
+    np.add.at(counts, (column, image.kind, nearest), 1.0)
+    return counts
 
 
-def similarities(images: list[Described], width: int, config: LoopConfig, seed: int) -> Array:
-    """Similarity (N, N) in [-1, 1] of N images, `width` pixels wide, with descriptors of length 1."""
-    words = learn_words(images, config, seed)
+def similarities(sequence: Sequence, method: MethodConfig, config: LoopConfig, progress: Progress) -> Array:
+    """Similarity (N, N) in [-1, 1] of the left images of the N places of a sequence."""
+    frames, images = place_frames(len(sequence), config), []
+    for frame in frames.tolist():
+        image = describe(sequence.stereo(frame)[0], FeatureConfig())
+        image = image[uncovered(sequence, frame, image.uv, method)]
+        # With descriptors of length 1 a change of exposure changes nothing.
+        length = np.maximum(np.linalg.norm(image.descriptor, axis=1, keepdims=True), 1.0)
+        images.append(replace(image, descriptor=image.descriptor / length))
+        progress(len(images), len(frames))
+    words, width = learn_words(images, config, method.seed), sequence.camera.width
     # The root reduces the weight of repetitions; a word that is as frequent in all images has no weight.
-    flat = np.sqrt([histogram(image, words, width, config.columns) for image in images])
+    flat = np.sqrt([histogram(image, words, width, config.columns).ravel() for image in images])
     flat -= flat.mean(axis=0)
     flat /= np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-9)
     return np.asarray(flat @ flat.T)
 
 
+def uncovered(sequence: Sequence, frame: int, uv: Array, method: MethodConfig) -> BoolArray:
+    """Mask (N,) of a left image's pixels (N, 2) outside masks and, with a box rule, outside boxes."""
+    keep = np.ones(len(uv), np.bool_)
+    if files := sequence.mask_files():
+        keep &= at_pixels(read_image(files[frame if len(files) > 1 else 0]), uv) == 0
+    if method.filter.rule != "none":
+        keep &= ~in_boxes(uv, sequence.boxes(frame), method.filter)
+    return keep
+
+
 def candidates(similarity: Array, frames: IntArray, config: LoopConfig) -> IntArray:
     """Pairs (M, 2) of places, the earlier first: each place with its most similar places, a gap earlier."""
-    pairs = []
-    for later in range(len(frames)):
-        earlier = np.flatnonzero(frames <= frames[later] - config.gap)
-        best = earlier[np.argsort(-similarity[later, earlier], kind="stable")[: config.candidates]]
-        pairs += [(each, later) for each in best if similarity[later, each] >= config.similarity]
-    return np.array(pairs, np.int64).reshape(-1, 2)
+    allowed = np.where(frames[:, None] - frames >= config.gap, similarity, -np.inf)
+    best = np.argsort(-allowed, axis=1, kind="stable")[:, : config.candidates]
+    later, rank = np.nonzero(np.take_along_axis(allowed, best, axis=1) >= config.similarity)
+    return np.stack([best[later, rank], later], axis=1)

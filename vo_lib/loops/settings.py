@@ -22,7 +22,7 @@ class LoopConfig(Checked):
     inliers: int = setting(60, "smallest number of inliers of a loop", low=6, high=10_000)
     share: float = setting(0.65, "smallest share of inliers among the matches of a loop", low=0, high=1)
     frame_turn: float = setting(0.02, "standard deviation of a frame's turn", unit="deg", low=1e-4, high=9)
-    frame_step: float = setting(0.01, "standard deviation of a frame's step", unit="m", low=1e-4, high=9)
+    frame_step: float = setting(0.006, "standard deviation of a frame's step", unit="m", low=1e-4, high=9)
     loop_turn: float = setting(0.05, "standard deviation of a loop's turn", unit="deg", low=1e-4, high=9)
     loop_step: float = setting(0.05, "standard deviation of a loop's step", unit="m", low=1e-4, high=9)
     scale: float = setting(3.0, "residual of a loop of weight ½, in standard deviations", low=0.01, high=1e6)
