@@ -1,6 +1,6 @@
 """Places: the similarity of images, and the earlier images that are most similar to an image.
 
-An image is a histogram of visual words: the nearest word of a small vocabulary replaces each descriptor. The
+A histogram of visual words describes an image: the nearest word of a vocabulary replaces each descriptor. The
 vocabulary is learnt from the same sequence (Sivic and Zisserman, "Video Google", ICCV 2003). Features in
 vehicle boxes are not counted: parked cars drive away, and the car ahead is in every image.
 """

@@ -12,6 +12,7 @@ from vo_lib.geometry.motion import inverse
 from vo_lib.geometry.twist import motion_from_twist
 from vo_lib.geometry.types import Array, BoolArray, IntArray, Progress
 from vo_lib.loops.find import Loops
+from vo_lib.loops.places import place_frames
 from vo_lib.loops.settings import LoopConfig
 
 SMALL = {"width": 620, "height": 188}  # half of KITTI's image in each direction
@@ -44,10 +45,11 @@ def second_visits(truth: Array, frames: IntArray, gap: int, near: float = 3.0) -
     return np.stack([frames[apart[later].argmin(axis=1)], frames[later]], axis=1)
 
 
-def made_up_loops(truth: Array, pairs: IntArray, sigma: Array, false: int, seed: int) -> Loops:
-    """Loops with the true motion between pairs (M, 2), then false loops; noise of sigma (6,) on every twist."""
-    rng, last = np.random.default_rng([9, seed]), len(truth) - 1
-    wrong = np.sort(rng.integers(0, last // 5 + 1, (false, 2)) * 5, axis=1)
+def made_up_loops(truth: Array, pairs: IntArray, config: LoopConfig, false: int, seed: int) -> Loops:
+    """Loops with the true motion between pairs (M, 2) of frames, then false loops; noise on every motion."""
+    rng, frames = np.random.default_rng([9, seed]), place_frames(len(truth), config)
+    wrong = frames[np.sort(rng.integers(0, len(frames), (false, 2)), axis=1)]
+    sigma = np.repeat([np.radians(config.loop_turn), config.loop_step], 3)
     first, second = np.concatenate([pairs, wrong]).T
     motion = inverse(truth[first]) @ truth[second]
     motion[len(pairs) :] = np.eye(4)  # "this is the same place"

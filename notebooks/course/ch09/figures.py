@@ -19,14 +19,12 @@ BEFORE, AFTER = BAD, GOOD
 GREEN_BGR, RED_BGR = (90, 160, 0), (60, 60, 220)
 
 
-def similarity_figure(matrices: Mapping[str, Array], frames: IntArray) -> Figure:
-    """Matrices (N, N) of the similarity of places, side by side, with frame numbers on the axes."""
-    page, axes = figure(380, len(matrices))
+def similarity_figure(similarity: Array, frames: IntArray) -> Figure:
+    """The similarity (N, N) of places, by their frames."""
+    page, (axis,) = figure(380)
     extent = (frames[0], frames[-1], frames[-1], frames[0])
-    for axis, (title, matrix) in zip(axes, matrices.items(), strict=True):
-        axis.imshow(matrix, cmap="magma", vmin=0.0, vmax=0.5, extent=extent)
-        finish(axis, title, "frame", "frame")
-        axis.grid(False)
+    page.colorbar(axis.imshow(similarity, cmap="magma", vmin=0.0, vmax=0.5, extent=extent), ax=axis)
+    finish(axis, "similarity of places", "frame", "frame")
     return page
 
 
@@ -60,6 +58,8 @@ def closing_figure(truth: Array, before: Array, closed: Mapping[str, Array]) -> 
     for axis, (name, poses) in zip(axes, closed.items(), strict=True):
         paths = {"truth": (truth, DARK), "before": (before, BEFORE), "closed": (poses, AFTER)}
         draw_path(axis, paths, name)
+    for axis in axes[1:]:  # the legend of the first picture is that of all
+        axis.legend().remove()
     return page
 
 
