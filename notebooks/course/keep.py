@@ -19,12 +19,8 @@ from vo_lib.errors import DataError
 from vo_lib.files import write_atomic
 
 NAME = "my_vo.py"
-CALLED = (
-    "LOAD_GLOBAL",
-    "LOAD_ATTR",
-    "LOAD_METHOD",
-    "IMPORT_FROM",
-)  # instructions with the name of a function
+# Instructions with the name of a function.
+CALLED = "LOAD_GLOBAL", "LOAD_ATTR", "LOAD_METHOD", "IMPORT_FROM"
 MARK = "00_start_here.ipynb"  # a file of the folders of notebooks and of solutions
 LARGEST = 5000  # maximal size of an array that is saved
 HEAD = '"""My visual odometry: the functions that passed their checks in the notebooks."""\n'

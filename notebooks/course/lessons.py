@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import accumulate
 from typing import NamedTuple
@@ -30,6 +30,7 @@ from vo_lib.paper.settings import SelectionConfig
 
 from .frames import Points
 
+SETS = 200  # of five matches for each simulated frame
 CAMERA = StereoCamera(f=718.856, cx=607.19, cy=185.22, baseline=0.537, width=1241, height=376)
 
 
@@ -134,29 +135,20 @@ def pair_of(frame: SimulatedFrame) -> Pair:
     return Pair(x_p, x_c, X_p[np.isfinite(X_p[:, 2])], frame.T_cp[:3, :3])
 
 
-def errors_along(
-    pairs: Iterable[Pair], ways: Mapping[str, SelectionConfig], sets: int, draw: int, focal: float
+def selection_errors(
+    scene: Scene, ways: Mapping[str, SelectionConfig], frames: int, seed: int
 ) -> dict[str, Array]:
     """Rotation error of each frame, degrees, by selection; all selections have the same candidates."""
     e_prev: dict[str, Array | None] = dict.fromkeys(ways)
     errors: dict[str, list[float]] = {name: [] for name in ways}
-    for number, pair in enumerate(pairs):
-        candidates, truncated = candidates_of(pair, sets, 1000 * draw + number), dict[float, Array]()
+    for number, pair in enumerate(frames_of(scene, frames, seed)):
+        candidates = candidates_of(pair, SETS, 1000 * seed + number)
         for name, way in ways.items():
-            limit = way.threshold / focal
-            if limit not in truncated:
-                truncated[limit] = truncated_errors(candidates.E, pair.x_p, pair.x_c, limit)
-            winner, _ = winner_of(candidates, truncated[limit], e_prev[name], way)
-            R, e_prev[name], _ = motion_of(candidates.E[winner], pair, way, focal)
+            truncated = truncated_errors(candidates.E, pair.x_p, pair.x_c, way.threshold / CAMERA.f)
+            winner, _ = winner_of(candidates, truncated, e_prev[name], way)
+            R, e_prev[name], _ = motion_of(candidates.E[winner], pair, way, CAMERA.f)
             errors[name].append(turned(R, pair.R_cp))
     return {name: np.array(values) for name, values in errors.items()}
-
-
-def selection_errors(
-    scene: Scene, ways: Mapping[str, SelectionConfig], frames: int, seed: int
-) -> dict[str, Array]:
-    """`errors_along` of the first frames of a scene, with 200 sets."""
-    return errors_along(frames_of(scene, frames, seed), ways, 200, seed, CAMERA.f)
 
 
 def errors_by_seed(scenes: list[Scene], frames: int, seeds: int, progress: Progress) -> dict[str, Array]:

@@ -15,24 +15,22 @@ from vo_lib.data.poses import from_first
 from vo_lib.data.sequence import Sequence
 from vo_lib.geometry.boxes import Boxes, no_boxes
 from vo_lib.geometry.camera import StereoCamera
-from vo_lib.geometry.matches import StereoMatches
-from vo_lib.geometry.types import Array, BoolArray, Image
+from vo_lib.geometry.types import Array, Image
 from vo_lib.kit.surface import CoarseDisparity
 from vo_lib.paper.boxes import in_boxes
-from vo_lib.paper.five_point import five_point
 from vo_lib.paper.selection import draw_sets
-from vo_lib.paper.translation import eliminate_points, feature_rows, solve_translation
 from vo_lib.report.plots import match_image
 from vo_lib.settings import Checked, setting
 
 from ..ch02.figures import polynomial_chart, polynomial_of
 from ..ch03.figures import features_picture, field_figure
 from ..ch03.panel import field_of, previous_vector
+from ..ch04.weightings import METHOD, solve_by
 from ..colours import BAD, GOOD, PALE, THIRD, bgr
 from ..controls import Control
 from ..drawing import COARSE, HALF_HEIGHT, WIDTH, beside, caption, figure, finish, log_axis, photo, stack
 from ..frames import disparity_map, frame_matches, frame_points, stereo, true_poses, truth
-from ..lessons import motion_of
+from ..lessons import candidates_of, motion_of
 from ..panel import Drawing, Panel, State
 from ..results import Fact
 from ..simulation.truth import depth as true_depths
@@ -203,8 +201,7 @@ def method_stages(sequence: Sequence, frame: int) -> dict[str, Image | Figure]:
     words = f"{len(points.matches)} matches after the buckets: each line leads to where the point is now"
     matches = match_image(image, points.matches, everything, no_boxes())
 
-    sets = draw_sets(np.random.default_rng(0), len(points.x_p), config.selection.sets)
-    candidates = five_point(points.x_p[sets], points.x_c[sets])
+    candidates = candidates_of(points, config.selection.sets, 0)
     polynomial, (axis,) = figure(220)
     five = draw_sets(np.random.default_rng(1044), len(points.x_p), 1)[0]  # the set of chapter 2
     polynomial_chart(axis, *polynomial_of(points.x_p[five], points.x_c[five]))
@@ -212,24 +209,19 @@ def method_stages(sequence: Sequence, frame: int) -> dict[str, Image | Figure]:
     e_prev = previous_vector(sequence, frame, config)
     R_true = None if points.T_cp is None else points.T_cp[:3, :3]
     candidate_field = field_of(candidates, points, e_prev, R_true, config.selection, focal)
-    R_cp, _, inliers = motion_of(candidates.E[candidate_field.selected], points, config.selection, focal)
+    R_cp, _, _ = motion_of(candidates.E[candidate_field.selected], points, config.selection, focal)
+    solved = solve_by(METHOD, sequence.camera, points.matches, R_cp, config.translation)
+    assert solved is not None
+    t, residual, _ = solved
+    step = ", ".join(f"{value:.2f}" for value in t.round(2) + 0.0)  # no minus before a zero
+    share = (
+        f"orange: {np.mean(np.isfinite(residual) & (residual > 1)):.0%} of the matches, residual above 1 px"
+    )
+    near = np.where(np.isfinite(residual), residual <= 1, np.nan)  # grey beyond the depth limit
+    places = points.matches.prev_left, points.matches.cur_left
     return {
         "matches": caption(photo(matches), words),
         "polynomial": polynomial,
         "selection": field_figure(candidate_field),
-        "residuals": residual_picture(image, points.matches, R_cp, inliers, sequence.camera),
+        "residuals": features_picture(image, *places, near, f"t_cp = ({step}) m; {share}"),
     }
-
-
-def residual_picture(
-    image: Image, matches: StereoMatches, R_cp: Array, inliers: BoolArray, rig: StereoCamera
-) -> Image:
-    """The matches, coloured by their residuals, pixels, from the translation of the inliers (N,)."""
-    solved = solve_translation(rig, matches[inliers], R_cp, preset("solution_selection").translation)
-    assert solved is not None
-    M, d = eliminate_points(*feature_rows(rig, matches, R_cp))
-    depth = rig.triangulate(matches.prev_left, matches.prev_right)[:, 2]
-    residual = rig.f * np.linalg.norm(d - M @ solved[0], axis=1) / depth
-    step = ", ".join(f"{value:.2f}" for value in solved[0].round(2) + 0.0)  # no minus before a zero
-    words = f"t_cp = ({step}) m; orange: {np.mean(residual > 1):.0%} of the matches, residual above 1 px"
-    return features_picture(image, matches.prev_left, matches.cur_left, residual <= 1, words)
