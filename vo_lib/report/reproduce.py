@@ -163,15 +163,15 @@ def write_table_files(
 
 
 def _pictures(folder: Path, result: Reproduction, groups: list[Group]) -> list[Picture]:
-    """For each variant: errors, the paths of each sequence, and Figure 4 if one of its sequences was run."""
-    pictures = []
+    """First paths, then errors, then the other paths, and Figure 4 if one of its sequences was run."""
+    bars, paths = list[Picture](), list[Picture]()
     for variant in dict.fromkeys(variant for variant, _ in result.paths):
         words = VARIANT_WORDS[variant]
         for group in (group for group in groups if group.variant == variant):
             errors = {key: e.errors for key, e in group.entries.items() if np.isfinite(e.errors).all()}
             if errors:
                 figure = errors_figure(f"sub-sequences of {group.measure.words}", errors)
-                pictures.append(Picture(png(figure), f"Errors, one bar per method; {words}."))
+                bars.append(Picture(png(figure), f"Errors, one bar per method; {words}."))
         panels = {name: panel for (key, name), panel in result.paths.items() if key == variant}
         figure_4 = {name: panels[name] for name in FIGURE_4_SEQUENCES if name in panels}
         figures = {f"trajectory_{variant}_{slug(name)}": {name: panel} for name, panel in panels.items()}
@@ -179,9 +179,9 @@ def _pictures(folder: Path, result: Reproduction, groups: list[Group]) -> list[P
         for file, rows in figures.items():
             caption = f"{'Figure 4: ' * (rows is figure_4)}{' and '.join(rows)}, paths from above and, "
             caption += f"with truth, the distance from it; {words}, first seed."
-            pictures.append(Picture(png(trajectories_figure(rows)), caption))
-            write_atomic(folder / f"{file}.png", pictures[-1].data)
-    return pictures
+            paths.append(Picture(png(trajectories_figure(rows)), caption))
+            write_atomic(folder / f"{file}.png", paths[-1].data)
+    return [*paths[:1], *bars, *paths[1:]]
 
 
 def _films(folder: Path, result: Reproduction) -> list[tuple[str, str]]:

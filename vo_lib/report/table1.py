@@ -87,7 +87,8 @@ def layout_tables(group: Group, paper: PaperTable) -> list[ReportTable]:
         heading = f"{title}, {units[0].split()[0]}" if printed else title
         tables.append(ReportTable(f"{heading}: sub-sequences of {group.measure.words}", columns, rows, []))
     tables[0].head.extend(caveats(group))
-    notes = [f"{seeds_text(max(record['seeds'] for record in records)).capitalize()}."]
+    seeds = seeds_text(max(record["seeds"] for record in records)).capitalize()
+    notes = [f"{seeds}; removed %: share of the features that the box rule removes."]
     mean = "Avg and mean, without 01" if group.kitti else "mean"
     weights = f"{mean}: sequences weigh the same; pooled: sub-sequences do, as on KITTI's server."
     tables[-1].notes.extend([*notes, *[weights] * several])
