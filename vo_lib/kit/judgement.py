@@ -49,7 +49,8 @@ class Judgement:
 def states(steps: BoxSteps, config: MovingConfig) -> IntArray:
     """State of each box (K,): PARKED, UNKNOWN or MOVING.
 
-    A box with a significant displacement moves. Another box is parked if `min_step` would be significant.
+    A box with a significant displacement moves. A box without one is parked if a step of `min_step`
+    would be significant.
     """
     state, measured = np.full(len(steps), UNKNOWN), steps.information.any(axis=(1, 2))
     step, information = steps.step[measured], steps.information[measured]

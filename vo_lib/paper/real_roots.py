@@ -61,8 +61,8 @@ def isolate_roots(polynomials: Array) -> tuple[Intervals, Intervals]:
 
     The number of roots in an interval is at most the number of sign changes among the Bernstein coefficients
     there (Descartes): no change means no root, one change means one root. Other intervals are cut into parts.
-    The second result has the intervals in which rounding noise hides the number of roots: with several
-    changes, all coefficients are below the noise; without a change, the smallest coefficient is.
+    Rounding noise hides the number of roots in the intervals of the second result: either the signs change
+    several times and all coefficients are below the noise, or they never change and the smallest is below.
     """
     size = np.max(np.abs(polynomials), axis=0)
     noise = np.maximum(ROUNDING_ERROR[0] * size, ROUNDING_ERROR[1])

@@ -101,7 +101,7 @@ def variants_figure(tables: dict[str, dict[str, Array]]) -> Figure:
 
 
 def bias_figure(noises: Array, tables: dict[str, list[dict[str, Array]]], t_true: Array) -> Figure:
-    """Mean length of the answers by noise, and a band of one standard deviation; an axis for each table.
+    """Chart of each table: mean length of the answers by noise, with a band of one standard deviation.
 
     Parameters
     ----------

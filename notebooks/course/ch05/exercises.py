@@ -130,7 +130,7 @@ def middle(steps: Array) -> Any:
 def judged(
     length: Callable[[Array], Any], steps: Callable[..., Array] = left_over, few: Any = None, fewest: int = 3
 ) -> Callable[..., Any]:
-    """An answer that compares a length of the steps with `least`; `few` is its result for few features."""
+    """An answer: is `length` of the steps above `least`? With fewer than `fewest` features, the answer is `few`."""
     return lambda X_p, X_c, T_cp, least: length(steps(X_p, X_c, T_cp)) > least if len(X_p) >= fewest else few
 
 
