@@ -97,7 +97,7 @@ class YoloDetector:
         return NetworkOutput(letterbox, corners, scores, width, height)
 
     def select_boxes(self, output: NetworkOutput, score: float, nms: float) -> Boxes:
-        """The boxes of an output at these thresholds, in the image, as returned by `detect`."""
+        """The boxes of a network's output at these thresholds, pixels of the image; returned by `detect`."""
         boxes = layout.best_boxes(output.corners, output.scores, score, nms, self._class_mask)
         xyxy = output.letterbox.to_image(boxes.xyxy, output.width, output.height)
         return dataclasses.replace(boxes, xyxy=xyxy, class_id=self._numbers[boxes.class_id])

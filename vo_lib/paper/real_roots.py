@@ -107,7 +107,7 @@ def real_roots(polynomials: Array) -> tuple[Array, Array, Index, BoolArray]:
     Returns
     -------
     z, w : (M,) roots; index : (M,) the polynomial of each; doubtful : (S,) polynomials with roots so near
-    each other that their number is uncertain. Samples of the interval replace such roots.
+    each other that their number is uncertain; evenly spaced values in their interval replace these roots.
     """
     sets = polynomials.shape[1]
     both = np.concatenate([polynomials, polynomials[::-1]], axis=1)  # in z/w, and in w/z
