@@ -192,13 +192,13 @@ def lens_figure(camera: StereoCamera) -> Figure:
 class CalibrationView(Checked):
     """Sizes of the faults in the panel, in the order of `KITTI_01`, and settings of the estimation."""
 
-    shift: float = setting(-0.6, "a yaw: all disparities", unit="px", low=-2, high=2)
-    roll: float = setting(-0.3, "disparities by y, rows by -x", unit="px", low=-2, high=2)
-    tilt: float = setting(0.5, "disparities by x², rows by xy", unit="px", low=-8, high=8)
-    decentering: float = setting(6.3, "disparities by y², rows by -xy", unit="px", low=-8, high=8)
-    y2: float = setting(0.0, "disparities by y²", unit="px", low=-4, high=4)
-    x4: float = setting(-3.5, "disparities by x⁴", unit="px", low=-6, high=6)
-    terms: str = setting("all", "terms of the disparities that are learnt", choices=tuple(TERMS))
+    shift: float = setting(-0.6, "yaw: changes all disparities equally", unit="px", low=-2, high=2)
+    roll: float = setting(-0.3, "changes disparities by y and rows by -x", unit="px", low=-2, high=2)
+    tilt: float = setting(0.5, "changes disparities by x² and rows by xy", unit="px", low=-8, high=8)
+    decentering: float = setting(6.3, "disparities by y² and rows by -xy", unit="px", low=-8, high=8)
+    y2: float = setting(0.0, "changes disparities by y²", unit="px", low=-4, high=4)
+    x4: float = setting(-3.5, "changes disparities by x⁴", unit="px", low=-6, high=6)
+    terms: str = setting("all", "estimated terms of the disparity errors", choices=tuple(TERMS))
 
 
 class CalibrationPanel(Panel):

@@ -66,7 +66,7 @@ def disparity_picture(disparity: CoarseDisparity, largest: int) -> Image:
 class StartPanel(Panel):
     """One frame of a sequence, and the depth of one point in it."""
 
-    title = "Look at a sequence: one point, its disparity, its depth"
+    title = "A sequence: one point, its disparity, its depth"
     view = PointView
     height = LEFT_HEIGHT + HALF_HEIGHT
     controls = (

@@ -24,7 +24,7 @@ class MatchingPanel(Panel):
     """One step of a front end: every feature of the previous pair and its fate."""
 
     kit = preset("solution_selection", variant="kit")
-    title = "Found again or not: the loop, its checks and the buckets"
+    title = "Matching: the loop, its checks and the buckets"
     height = PHOTO_HEIGHT + CHART_HEIGHT
     controls = (
         Control("features.blob_cell", "spacing", low=9, high=61),

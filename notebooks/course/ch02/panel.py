@@ -35,13 +35,13 @@ FIVE = (CYCLE[0], CYCLE[5], CYCLE[4], CYCLE[3], CYCLE[6])
 class FivePointView(Checked):
     """Settings of the panel of chapter 2."""
 
-    draw: int = setting(0, "draws five of the matches by chance", low=0, high=999)
-    points: tuple[int, ...] = setting((), "numbers of five matches; empty: drawn by chance", low=0)
-    match: float = setting(0.3, "the match whose epipolar line is drawn, from left to right", low=0, high=1)
-    candidate: int = setting(1, "which solution of the set is shown, the best first", low=1, high=10)
+    draw: int = setting(0, "seed of the random choice of five matches", low=0, high=999)
+    points: tuple[int, ...] = setting((), "numbers of five matches; empty: a random choice", low=0)
+    match: float = setting(0.3, "match with a drawn epipolar line, ordered from left to right", low=0, high=1)
+    candidate: int = setting(1, "displayed solution of the set; 1 is the best", low=1, high=10)
     noise: float = setting(0.0, "noise added to every coordinate", unit="px", low=0, high=3)
     spread: str = setting(
-        "anywhere", "where the matches of a drawn set are", choices=("anywhere", "side by side")
+        "anywhere", "positions of the matches of a random set", choices=("anywhere", "side by side")
     )
 
 

@@ -43,10 +43,10 @@ class SelectionView(Checked):
 
     moving: float = setting(0.0, "share of the matches on one moving object, a turning bus", low=0, high=0.9)
     wrong: float = setting(
-        0.0, "share of the matches with a wrong place in the current image", low=0, high=0.9
+        0.0, "share of the matches with a wrong position in the current image", low=0, high=0.9
     )
-    draw: int = setting(0, "draws other sets, and other matches to disturb", low=0, high=999)
-    plane: bool = setting(False, "all points on one slanting wall that fills the view")
+    draw: int = setting(0, "seed of the sets and of the disturbed matches", low=0, high=999)
+    plane: bool = setting(False, "all points are on one slanted wall that fills the view")
 
 
 _candidates: Memory[Candidates] = Memory(12)

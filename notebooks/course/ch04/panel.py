@@ -38,13 +38,13 @@ TRUE, RECORDED, UNDISTURBED = "the truth", "the recorded truth", "the undisturbe
 class TranslationView(Checked):
     """Disturbance of the frame's matches and rotation in the panel of chapter 4."""
 
-    weighting: str = setting(METHOD, "how the rows of all features are combined", choices=WEIGHTINGS)
+    weighting: str = setting(METHOD, "combination of the rows of all features", choices=WEIGHTINGS)
     noise: float = setting(0.1, "noise added to each coordinate in all four images", unit="px", low=0, high=2)
-    wrong: float = setting(0.0, "share of matches with a wrong place in the current pair", low=0, high=0.9)
+    wrong: float = setting(0.0, "share of matches with wrong positions in the current pair", low=0, high=0.9)
     turn: float = setting(
-        0.0, "the rotation is turned about the vertical axis by this", unit="deg", low=-0.5, high=0.5
+        0.0, "error of the rotation about the vertical axis", unit="deg", low=-0.5, high=0.5
     )
-    draw: int = setting(0, "draws other noise and other wrong matches", low=0, high=999)
+    draw: int = setting(0, "seed of the noise and of the wrong matches", low=0, high=999)
 
 
 def disturbed(matches: StereoMatches, view: TranslationView) -> StereoMatches:

@@ -24,7 +24,7 @@ CENTI, PERCENT = 100.0, 100.0
 class LorryPanel(Panel):
     """A frame with a lorry in it: the features that the winner fits, and the error with the lorry's box removed."""
 
-    title = "A lorry before the camera"
+    title = "A lorry in front of the camera"
     view = LorryConfig
     kit = preset("solution_selection", variant="kit")
     height = PHOTO_HEIGHT

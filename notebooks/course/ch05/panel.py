@@ -43,8 +43,8 @@ LEAST_SCORE = 0.01  # of a box on the curve of precision and recall
 class FilteringView(Checked):
     """Settings of the detector in the panel of chapter 5."""
 
-    model: str = setting("street", "a detector by name, an ONNX file; or labels: the boxes of the folder")
-    nms: float = setting(0.5, "of two boxes that overlap more (IoU) the better stays", low=0.05, high=1)
+    model: str = setting("street", "name of a detector, an ONNX file, or labels: the boxes of the folder")
+    nms: float = setting(0.5, "IoU above which the lower-scored of two boxes is dropped", low=0.05, high=1)
 
 
 _detectors: Memory[YoloDetector] = Memory(3)
@@ -143,7 +143,7 @@ def precision_recall(sequence: Sequence, frames: range, detector: YoloDetector) 
 class FilteringPanel(Panel):
     """A frame's candidates, boxes and features, and its motion with and without the removed features."""
 
-    title = "From boxes to the features that stay"
+    title = "From boxes to the remaining features"
     view = FilteringView
     start = preset("feature_selection")
     kit = preset("feature_selection", variant="kit")

@@ -34,26 +34,26 @@ class EvaluationView(Checked):
     """Settings of the panel of chapter 6."""
 
     estimate: str = setting(
-        MADE_UP, "the truth with errors put in, or a method that was run", choices=(MADE_UP, *PUBLISHED)
+        MADE_UP, "the truth with added errors, or the path of a method", choices=(MADE_UP, *PUBLISHED)
     )
-    lengths: tuple[float, ...] = setting((), "none: KITTI's, or 20, 50, 100", unit="m", low=1, high=10000)
+    lengths: tuple[float, ...] = setting((), "empty: KITTI's, or 20, 50, 100", unit="m", low=1, high=10000)
     step: int = setting(10, "frames from one start to the next", low=1, high=50)
     alignment: str = setting(
         Alignment.SE3.value,
-        "what may be moved before ATE is taken; TE and RE need nothing",
+        "alignment before ATE; TE and RE need no alignment",
         choices=tuple(alignment.value for alignment in Alignment),
     )
-    scale: float = setting(1.0, "made-up: every step is so much too long", unit="%", low=-5, high=5)
-    yaw: float = setting(1.0, "made-up: turns too far to the right", unit="deg/100 m", low=-5, high=5)
-    noise: float = setting(5.0, "made-up: noise of each step", unit="mm", low=0, high=100)
-    jitter: float = setting(0.0, "made-up: noise of each turn", unit="deg", low=0, high=0.5)
-    file: str = setting("", "path of a file to judge instead, in the format of KITTI, TUM or EuRoC")
+    scale: float = setting(1.0, "added: excess length of each step", unit="%", low=-5, high=5)
+    yaw: float = setting(1.0, "added: excess turn to the right", unit="deg/100 m", low=-5, high=5)
+    noise: float = setting(5.0, "added: noise of each step", unit="mm", low=0, high=100)
+    jitter: float = setting(0.0, "added: noise of each rotation", unit="deg", low=0, high=0.5)
+    file: str = setting("", "path of a pose file to evaluate instead: KITTI, TUM or EuRoC")
 
 
 class EvaluationPanel(Panel):
     """Paths, the sub-sequence that starts at the frame, and the errors of all sub-sequences."""
 
-    title = "One trajectory, judged"
+    title = "A trajectory and its errors"
     view = EvaluationView
     height = PATH_HEIGHT + CHART_HEIGHT
     long_job = "Run the method"

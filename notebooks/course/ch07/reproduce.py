@@ -27,10 +27,10 @@ from .runs import Plan, part_of, run_plan
 class ReproduceView(Checked):
     """Settings of the runs in the panel of chapter 7."""
 
-    methods: tuple[str, ...] = setting((), "names with commas between; empty: all that the variant has")
-    model: str = setting(LABELS, "boxes: labels beside the images, or a detector by name or ONNX file")
-    frames: int = setting(60, "the first ones; of KITTI's 00 from 16 on, unless all", low=20, high=5000)
-    seeds: int = setting(3, "runs of each method, each with other random sets", low=1, high=10)
+    methods: tuple[str, ...] = setting((), "names separated by commas; empty: all systems of the variant")
+    model: str = setting(LABELS, "source of boxes: label files, the name of a detector, or an ONNX file")
+    frames: int = setting(60, "number of first frames; a part of KITTI's 00 starts at 16", low=20, high=5000)
+    seeds: int = setting(3, "number of runs of each method, with different random sets", low=1, high=10)
 
 
 class ReproducePanel(Panel):

@@ -31,11 +31,11 @@ class LoopView(Checked):
     """Settings of the panel of chapter 9: changes of the path and of its loops."""
 
     closed: bool = setting(True, "close the loops by the pose graph")
-    false: int = setting(1, "loops that are false: two places that are said to be the same", low=0, high=15)
-    robust: bool = setting(True, "weights by residual; off: each loop has the weight 1")
+    false: int = setting(1, "number of false loops, each between two different places", low=0, high=15)
+    robust: bool = setting(True, "weights depend on the residual; off: all weights are 1")
     scale: float = setting(3.0, "residual in standard deviations at which a weight is ½", low=0.5, high=30)
-    yaw: float = setting(2.0, "the path turns too far to the right", unit="deg/100 m", low=-5, high=5)
-    draw: int = setting(0, "draws other noise and other false loops", low=0, high=999)
+    yaw: float = setting(2.0, "excess turn of the path to the right", unit="deg/100 m", low=-5, high=5)
+    draw: int = setting(0, "seed of the noise and of the false loops", low=0, high=999)
 
 
 class LoopPanel(Panel):

@@ -33,7 +33,7 @@ class LorryConfig(Checked):
     """Fractions of the matches and of the view that belong to the lorry."""
 
     share: float = setting(0.5, "share of the matches on the lorry", low=0, high=0.95)
-    distance: float = setting(5.0, "from the camera to the lorry's side", unit="m", low=3, high=50)
+    distance: float = setting(5.0, "distance from camera to lorry", unit="m", low=3, high=50)
 
 
 def with_lorry(
