@@ -105,7 +105,7 @@ class StartPanel(Panel):
             cv2.line(picture, (0, v), (camera.width, v), bgr(PALE), 1)
             if np.isfinite(column):
                 cv2.drawMarker(picture, (round(column), v), bgr(BAD), cv2.MARKER_CROSS, 30, 3)
-        words = "right image: the same row", "disparity: bright is near, grey was not found"
+        words = "right image: the same row", "disparity: bright is near, grey is missing"
         below = beside(right, disparity_picture(coarse, largest), *words)
         whole = caption(photo(left, WIDTH, LEFT_HEIGHT), f"left image, frame {frame}")
         ground_truth = truth(sequence)

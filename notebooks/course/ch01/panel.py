@@ -52,7 +52,7 @@ class MatchingPanel(Panel):
         chart, (left, right) = figure(CHART_HEIGHT, 2)
         fates_chart(left, traced, None if ground_truth is None else wrong)
         errors_chart(right, by_name)
-        words = f"frame {frame}: kept blue, others by what dropped them; rings: kept, but wrong"
+        words = f"frame {frame}: kept blue, others in the colour of the failed check; rings: wrong, but kept"
         picture = fates_picture(stereo(sequence, frame)[0], traced, wrong, words)
         exact = by_name["kept"][np.isfinite(by_name["kept"])]
         facts = [Fact("features", len(traced.id)), Fact("kept", len(traced.chosen))]

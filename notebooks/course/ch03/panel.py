@@ -166,15 +166,15 @@ class SelectionPanel(Panel):
             for winner in (field.selected, field.consensus)
         )
         error = turned(R, R_true)
-        words = f"frame {state.frame}: inliers of the winner blue, outliers orange, disturbed ones in rings"
+        words = f"frame {state.frame}: the winner's inliers blue, outliers orange, disturbed matches in rings"
         image, camera = stereo(state.sequence, state.frame)[0], state.sequence.camera
         start, end = pixels(points.x_p, camera), pixels(points.x_c, camera)
         photo_above = features_picture(image, start, end, inliers, words, touched)
         picture = stack([photo_above, field_figure(field, error, CHART_HEIGHT)], self.height)
-        same = "the same as" if field.selected == field.consensus else "another than"
+        same = "also" if field.selected == field.consensus else "not"
         sentence = (
             f"Of {len(candidates.E)} solutions of {selection.sets} sets {np.count_nonzero(field.kept)} may "
-            f"compete. The winner is {same} that of consensus."
+            f"compete. The winner is {same} the winner of consensus."
             + (" The sequence has no ground truth." if R_true is None else "")
             + (" The prior was dropped: its best solution scored clearly worse." if field.dropped else "")
         )

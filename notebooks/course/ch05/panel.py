@@ -225,7 +225,7 @@ class FilteringPanel(Panel):
         letterbox = output.letterbox
         corners = (boxes.xyxy + 0.5) * letterbox.scale + (letterbox.left, letterbox.top) * 2
         count = int(np.count_nonzero(output.scores.max(axis=1) >= score))
-        words = f"network's image: {count} candidates orange, {len(boxes)} boxes left blue"
+        words = f"network's image: {count} candidates orange, {len(boxes)} final boxes blue"
         return candidates_picture(image, output, score, corners, words)
 
 
