@@ -14,7 +14,7 @@ class FileServer:
     Attributes
     ----------
     files : content by name. ranges : whether the server supports ranges.
-    drop_every : n; every n-th answer ends half-way with a closed connection (0: no answer).
+    drop_every : n; the connection is closed in the middle of every n-th answer (0: never).
     status : HTTP status of every answer; 0 is the normal status.
     gets, sent : numbers of GET requests and of sent body bytes, by name.
     """

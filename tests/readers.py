@@ -1,4 +1,4 @@
-"""All readers of files, each with a folder of valid files, which the tests of invalid input damage."""
+"""All readers of files, each with a folder of valid files. Tests replace these files by damaged copies."""
 
 from __future__ import annotations
 

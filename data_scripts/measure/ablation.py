@@ -156,14 +156,14 @@ IDEAS = (
         stays="without it, the end of a drive with flicker is 14 m farther from the truth",
     ),
     Idea("windows bent in stereo", 10, {f"{ALIGN}.stereo_warp": square_in_stereo}),
-    Idea("windows bent over time", 40, {f"{ALIGN}.motion_warp": square_over_time}),
+    Idea("windows warped between frames", 40, {f"{ALIGN}.motion_warp": square_over_time}),
     Idea(
         "features on a smooth surface",
         14,
         {"matching.surface_share": 0.0, "matching.surface_tolerance": 10.0},
     ),
     Idea(
-        "sub-pixel over time",
+        "sub-pixel fit between frames",
         45,
         {f"{KLT}.refine_over_time": coarse_over_time, "matching.loop_tolerance": 10.0},
     ),

@@ -102,7 +102,7 @@ class TextureSet:
 
 
 def _starts(size: int, top: int) -> list[int]:
-    """First texel of each level, including padding, and the total length of the levels."""
+    """First texel of each padded level, and the total length of the levels."""
     return [0, *np.cumsum([(size >> i) + 2 * PAD for i in range(top + 1)]).tolist()]
 
 

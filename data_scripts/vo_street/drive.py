@@ -56,7 +56,7 @@ class Route:
         return np.asarray(np.interp(s, self.s, self.heading))
 
     def pose(self, s: Array | float, offset: Array | float = 0.0, turn: float = 0.0) -> Array:
-        """Poses (..., 4, 4), street frame, of bodies with headings `turn` rad to the right of the road's."""
+        """Poses (..., 4, 4), street frame, of bodies with headings `turn` rad to the right of the road."""
         position = self.point(s, offset)
         T = np.zeros((*position.shape[:-1], 4, 4))
         T[..., :3, :3] = yaw_rotation(self.angle(s) + turn)

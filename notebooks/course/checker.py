@@ -34,7 +34,7 @@ Case = tuple[Any, ...]  # the inputs of a call
 LONGEST = 80  # maximal length of an input in a message, characters
 TRIES = 3  # different wrong answers in a row, after which the line of code is shown
 FLOAT32 = 1e-5  # relative tolerance of results in single precision
-NO_ANSWER = Verdict(False, "there is no answer, replace the dots.", tried=False)
+NO_ANSWER = Verdict(False, "there is no answer: replace the dots.", tried=False)
 
 
 @dataclass(frozen=True)

@@ -145,7 +145,7 @@ def beside(left: Image, right: Image, *words: str) -> Image:
 
 
 def stack(parts: Sequence[Image | Figure], height: int) -> bytes:
-    """Pictures and figures of the common width below each other, as JPEG bytes for a panel.
+    """Pictures and figures of the common width, one below the other, as JPEG bytes for a panel.
 
     The result has exactly `height` rows: white is added below, or the surplus is cut off.
     """
@@ -155,7 +155,7 @@ def stack(parts: Sequence[Image | Figure], height: int) -> bytes:
 
 
 def show(*parts: Image | Figure) -> Shown:
-    """Pictures and figures below each other, for a notebook cell."""
+    """Pictures and figures, one below the other, for a notebook cell."""
     png = bytes(cv2.imencode(".png", _joined(parts), PNG)[1])
     titles = [axis.get_title("left") for part in parts if isinstance(part, Figure) for axis in part.axes]
     alt = "; ".join(filter(None, titles)) or None  # pages.py describes the others by the text above

@@ -75,7 +75,7 @@ def load(path: Path) -> dict[str, Any]:
 
 
 def _source(thing: Any) -> str:
-    """The source of a function or class; ValueError if the same lines have other definitions."""
+    """The source of a function or class; ValueError if its lines also contain other definitions."""
     source = textwrap.dedent(inspect.getsource(thing)).rstrip()
     if [getattr(node, "name", "") for node in ast.parse(source).body] != [thing.__name__]:
         raise ValueError(f"`{thing.__name__}` has no lines of its own")
@@ -134,7 +134,7 @@ def _written(name: str, value: Any) -> str:
     try:
         ast.literal_eval(text)
     except (SyntaxError, ValueError):
-        raise ValueError(f"it uses `{name}`, which is no constant; make it an argument") from None
+        raise ValueError(f"it uses `{name}`, which is not a constant; make it an argument") from None
     return text
 
 
@@ -160,7 +160,7 @@ def _defined(node: ast.stmt) -> list[str]:
 
 
 def _with(text: str, name: str, source: str, imports: list[str]) -> str:
-    """The text of a module with a definition in place of the last definition of its name, or at the end."""
+    """Text of a module in which `source` replaces the last definition of `name`, or is appended if there is none."""
     lines, body = text.split("\n"), ast.parse(text).body
     heads = [node for node in body if isinstance(node, (ast.Import, ast.ImportFrom))]
     new_imports = [line for line in imports if line not in map(ast.unparse, heads)]

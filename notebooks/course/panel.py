@@ -242,7 +242,7 @@ class Panel:
             self.error = self._message.value = ""
 
     def _elsewhere(self) -> str:
-        """A sentence if the sequence differs from that of the cells; else ""."""
+        """A sentence if the sequence differs from the sequence of the cells; else ""."""
         here, home = self._sequence, self._home
         if here is None or home is None or here.folder == home.folder:
             return ""

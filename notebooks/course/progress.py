@@ -36,7 +36,7 @@ class Stopped(Exception):
 class Job:
     """At most one running function; the start of a function stops the previous function.
 
-    `box` has a bar, words and a Stop button; it is hidden while nothing runs.
+    `box` has a bar, words and a Stop button; the box is hidden while nothing runs.
     """
 
     def __init__(self) -> None:

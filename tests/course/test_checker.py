@@ -61,7 +61,7 @@ VERDICTS: list[tuple[Exercise, tuple[Any, ...], str]] = [
     (SQUARE, (lambda x: 2.0 * x,), "not yet: twice: 6."),
     (SQUARE, (lambda x: x + 2.0,), "not yet: the result is 2, expected 0 for x = 0. Hint: try."),
     (SQUARE, (lambda x: 0.0,), "the same for all inputs"),
-    (SQUARE, (begun,), "there is no answer, replace the dots."),
+    (SQUARE, (begun,), "there is no answer: replace the dots."),
     (SQUARE, (lambda x: sum(np.square(y) for y in [x]),), "hands the work to `square`"),
     (SQUARE, (lambda x: square(x),), "right: "),  # a function of one's own may have the name
     (VALUE, (11.5, 10), "right: "),

@@ -127,7 +127,7 @@ def test_far_features_are_not_missed_and_near_ones_are(look: Look) -> None:
     now, before, _ = look("04", text, view__weighting="mean of features")
     assert 0.5 < before["σ in z"] < 1.5
     assert 100 < now["σ in z"] < 200
-    text = r"to (\d+) m\. A third of the features goes, and the error stays below a millimetre"
+    text = r"to (\d+) m\. A third of the features is removed, and the error stays below a millimetre"
     now, before, numbers = look("04", text, translation__max_depth=20)
     assert numbers == [20]
     assert now["features used"] / before["features used"] == pytest.approx(2 / 3, abs=0.05)

@@ -92,7 +92,7 @@ def test_wrong_frames_and_other_folders_are_refused(
     folder = tmp_path / "sequences" / "drive_0005"
     for frames in ("2:9", "8:12", "-2:3", "3:4"):
         assert get(raw, tmp_path, "--raw", NAME, f"--frames={frames}") == 2
-        expected = f"frames {frames}: expected two or more frames of 0:8, those of {NAME}\n"
+        expected = f"frames {frames}: expected two or more frames of {NAME}, which has 0:8\n"
         assert capsys.readouterr().err.endswith(expected)
     assert not folder.exists()
     assert get(raw, tmp_path, "--raw", NAME, "--frames", "0:3") == 0

@@ -35,7 +35,7 @@ def write_image(path: Path) -> None:
 
 @pytest.fixture
 def objects(tmp_path: Path) -> Path:
-    """Six object images, in another order in the mapping; two are from an evaluated drive."""
+    """Six images of KITTI's object set, shuffled by the mapping file; two are from an evaluated drive."""
     root = tmp_path / "object"
     (root / "label_2").mkdir(parents=True)
     for k in range(6):

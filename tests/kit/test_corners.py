@@ -45,7 +45,7 @@ def test_corners_respect_the_border() -> None:
 
 
 def cells_of(uv: Array) -> set[tuple[int, ...]]:
-    """The cells of pixels (N, 2), 18 px wide."""
+    """The cells, 18 px wide, that contain the pixels (N, 2)."""
     return {tuple(cell) for cell in (uv // 18).astype(int).tolist()}
 
 

@@ -16,7 +16,7 @@ from ..report.page import ReportTable
 if TYPE_CHECKING:
     from ..geometry.types import Progress
 
-LOG_PERIOD_S = 60.0  # between two lines of progress where there is no terminal
+LOG_PERIOD_S = 60.0  # period of the progress lines without a terminal
 SPEED_PERIOD_S = 180.0  # time over which a progress bar averages the speed
 
 

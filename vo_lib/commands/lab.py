@@ -66,7 +66,7 @@ def _without_news(handler: object, page: dict[str, Any]) -> dict[str, Any]:
 def copy_course(source: Path, target: Path, teacher: bool) -> None:
     """Update the course in `target` from `source`, and keep the files that the reader changed.
 
-    A file counts as changed if its digest is neither in DIGESTS_FILE nor equal to its source's. The new
+    A file counts as changed if its digest is neither in DIGESTS_FILE nor the source's digest. The new
     version of a changed file is written once, under another name, with a message. In a student's copy, a link
     to a file for teachers becomes the command that copies the file. Raises `DataError` if DIGESTS_FILE is
     damaged or a file cannot be read or written.

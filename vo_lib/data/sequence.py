@@ -96,7 +96,7 @@ class Sequence:
 def require_frames(start: int, stop: int, count: int, name: str) -> None:
     """`DataError` unless start … stop - 1 are two or more of the `count` frames of a sequence."""
     if not 0 <= start < stop - 1 < count:
-        raise DataError(f"frames {start}:{stop}: expected two or more frames of 0:{count}, those of {name}")
+        raise DataError(f"frames {start}:{stop}: expected two or more frames of {name}, which has 0:{count}")
 
 
 def at_pixels(picture: NDArray[Any], uv: Array) -> NDArray[Any]:

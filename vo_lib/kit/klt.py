@@ -166,7 +166,7 @@ def _in_right_image(coarse: CoarseDisparity, uv: Array) -> tuple[Array, BoolArra
 
 
 def lit_like(image: Image, target: Image) -> Image:
-    """The image with the mean and standard deviation of `target`, if the contrast changed much."""
+    """The image, with the mean and standard deviation of `target` if the contrast changed much."""
     mean, spread = cv2.meanStdDev(image)
     target_mean, target_spread = cv2.meanStdDev(target)
     gain = float(target_spread[0, 0] / max(spread[0, 0], 1.0))
@@ -181,7 +181,7 @@ def next_motion(
 ) -> tuple[tuple[Array, Array] | None, int]:
     """The motion of matches, for the prediction in the next search, and the number of inliers.
 
-    There is no motion with too few matches. The fit starts from the previous motion.
+    With too few matches, the motion is None. The fit starts from the previous motion.
     """
     if len(matches) < 10:
         return None, 0

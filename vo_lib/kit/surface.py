@@ -20,7 +20,7 @@ from ..geometry.types import Array
 # (H / 2, W / 2), pixels of the full image; not positive where unknown.
 CoarseDisparity = NDArray[np.float32]
 
-# Steeper surfaces are viewed too obliquely for an estimate of their slope, pixels per pixel.
+# Slope in pixels per pixel; steeper surfaces are viewed too obliquely for an estimate.
 MAX_SLOPE = 0.6
 # Offsets of the pixels, at half size, to which a plane is fitted; neighbouring pixels are nearly redundant.
 # The middle is excluded, so that a feature on an outline has half of its square on either side.

@@ -128,7 +128,7 @@ class EliminatedPoints:
     ----------
     before : points of the previous pair, in the axes of the current pair; now : points of the current pair.
     apart : (3, N) differences, points now minus points before.
-    C_p : (6, N) covariance of the points before; W : (6, N) inverse covariance of `apart`.
+    C_p : (6, N) covariances of the points in `before`; W : (6, N) inverse covariances of `apart`.
     residual_floor : (N,) squared residual that does not depend on t.
     """
 
@@ -156,7 +156,7 @@ class EliminatedPoints:
 def robust_start(system: EliminatedPoints, limit: float) -> Array:
     """The best of many translations from three features each, a start that is robust to wrong matches.
 
-    The features of a triple are a third of all features apart, so every feature is used once and the result
+    The indices of a triple differ by a third of the features, so every feature is used once and the result
     is deterministic. The best translation has the smallest sum of squared residuals, truncated at `limit`.
     """
     H, g = system.W, system.right_sides()

@@ -34,7 +34,7 @@ class Vehicle:
         """The next frame's motion with its flags, or its replacement.
 
         seconds : time since the previous frame; if 0 (unknown), no motion is flagged.
-        still : whether the image is still, because of a stop or a repeated pair: the speed is unknown.
+        still : whether the image did not change: a stop or a repeated pair, so the speed is unknown.
         """
         self._elapsed += seconds
         if not motion.measured:

@@ -58,7 +58,7 @@ def linearised(poses: Array, edges: Edges) -> tuple[Array, Array, Array]:
 def optimise(poses: Array, edges: Edges, scale: float, tolerance: float = LAST_MOVE) -> tuple[Array, ...]:
     """Gauss-Newton from poses (N, 4, 4), T_w_c; the first pose is fixed, and with it the world frame.
 
-    scale : residual of a loop of weight ½, in standard deviations; if infinite, all weights are 1.
+    scale : residual at which a loop has weight ½, in standard deviations; if infinite, all weights are 1.
         The first steps have a larger scale: before the drift is corrected, true loops have large residuals.
     tolerance : largest move of a pose in the last step, radians and metres.
 

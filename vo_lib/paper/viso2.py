@@ -106,7 +106,7 @@ def _gauss_newton(
     iterations: int,
     tolerance: float,
 ) -> tuple[Array, Array]:
-    """Least squares of M problems at once: X_p (M, N, 3), measured (M, N, 4), weight (M, N); R, t: start.
+    """Least squares of M problems at once: X_p (M, N, 3), measured (M, N, 4), weight (M, N); R, t: initial.
 
     A converged problem is not changed any more; a divergent problem keeps its last state.
     """

@@ -120,7 +120,7 @@ def te_and_re(parts: Iterable[KittiErrors]) -> Array:
 
 
 def measure_runs(method: str, runs: list[Run], measure: Measure | None = None) -> Entry:
-    """Errors of a method's runs, one per seed; the default measure is that of `suitable_measure`."""
+    """Errors of a method's runs, one per seed; `suitable_measure` chooses the default measure."""
     sequence = runs[0].sequence
     if sequence.truth is None:
         raise DataError(f"{sequence.name} has no ground truth, so there are no errors")

@@ -99,7 +99,7 @@ def hash_folder() -> Path:
 
 
 def _read_hashes(path: Path) -> dict[str, str]:
-    """Hashes of files by name, size and time; empty if the file is missing or damaged."""
+    """The stored hashes of images by name, size and time; empty without a valid file of hashes."""
     with suppress(DataError):
         return read_mapping(path, "hashes")
     return {}

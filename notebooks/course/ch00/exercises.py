@@ -29,7 +29,7 @@ def motions() -> list[Case]:
 
 
 def appended(step: Callable[[Array], Array], before: bool = False) -> Callable[..., list[Array]]:
-    """Answer that appends poses: the last pose times `step` of a motion, or (`before`) `step` times the pose."""
+    """Answer that appends poses: last pose times `step` of a motion; with `before`, `step` times last pose."""
 
     def chained(motions: list[Array]) -> list[Array]:
         path = [np.eye(4)]
@@ -98,7 +98,7 @@ back_project = Exercise(
         "Y runs upwards: the camera's y axis points down.": lambda *x: point(*x) * (1, -1, 1),
         "X runs to the left: the camera's x axis points right.": lambda *x: point(*x) * (-1, 1, 1),
         "u and v are swapped: u is the column and gives X.": lambda u, v, *more: point(v, u, *more),
-        "X and Y are those of the ray at depth 1: how far along the ray is the point?": (
+        "X and Y are of the point at depth 1 on the ray: how far along the ray is the point?": (
             lambda *x: point(*x) / [point(*x)[2], point(*x)[2], 1.0],
         ),
         "Z is {got[2]:.3f} m, expected {right[2]:.3f} m: which depth follows from the disparity?": When(
@@ -131,7 +131,7 @@ chain = Exercise(
         ),
         "pose 1 is right, pose 2 is not: the order is reversed.": appended(inverse, before=True),
         "R with -t is not the inverse: the rotation turns back, too.": appended(lambda T: apart(T, False)),
-        "the rotation is turned back, but the translation is not turned with it.": appended(apart),
+        "R is inverted, but -t is not rotated: the inverse has -Rᵀ t.": appended(apart),
         "a motion's inverse is not its transpose: that holds for rotations.": appended(np.transpose),
         "`*` multiplies entry by entry: use `@`.": lambda m: np.cumprod([np.eye(4), *map(inverse, m)], 0),
         "all poses are the same array: append a new one each time.": lambda m: (

@@ -13,7 +13,7 @@ from vo_lib.paper.settings import BucketConfig
 
 from ..checker import Case, Exercise, When, any_order
 
-E = 1e-9  # by which a limit is missed
+E = 1e-9  # distance from a limit, in cases just outside of it
 
 
 def windows() -> list[Case]:
@@ -42,7 +42,7 @@ def unsorted(gx: Array, gy: Array) -> Any:
 
 
 def stereo_pairs() -> list[Case]:
-    """Pairs of good matches, each with one of four bad matches; all six matches; other limits."""
+    """A good match twice, with one of five others; then all six matches, with three pairs of limits."""
     left = np.tile([100.0, 50.0], (6, 1))
     right = np.array([[90.0, 50.4], [99.5, 51.0], [90.0, 52.0], [99.8, 50.0], [110.0, 50.0], [90.0, 48.0]])
     some = [(left[[0, 0, i]], right[[0, 0, i]], 1.0, 0.5) for i in (0, 2, 3, 4, 5)]
@@ -50,7 +50,7 @@ def stereo_pairs() -> list[Case]:
 
 
 def chains() -> list[Case]:
-    """Best matches between four images of 12 features; most chains close, others are incomplete or wrong."""
+    """Best matches between four images of 12 features; some chains close, others are incomplete or wrong."""
     cases = []
     for seed in range(20):
         rng = np.random.default_rng(seed)

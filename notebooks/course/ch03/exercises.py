@@ -30,7 +30,7 @@ def of_any_length(E: Array, rng: np.random.Generator) -> Array:
 
 
 def candidates() -> list[Case]:
-    """Candidates of any length and sign, a prior and k = 2, 3, 1, for sets with at least four candidates."""
+    """Candidates of any norm and sign, a prior and k = 2, 3, 1, for sets with at least four candidates."""
     rng = np.random.default_rng(2)
     given = random_problems(rng, 60, motion="forward")
     solutions = five_point(given.x_p, given.x_c)
@@ -115,7 +115,7 @@ def by_order(measure: Callable[[Array, Array], Array]) -> Callable[..., int]:
 
 
 def sets_for(good: float) -> float:
-    """Sets for one correct set with a probability of 99 %, if a set is correct with a probability `good`."""
+    """Number of sets that include a correct set with probability 99 %, if `good` is the share of correct sets."""
     return float(np.log(0.01) / np.log(1.0 - good))
 
 

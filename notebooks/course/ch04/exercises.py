@@ -93,7 +93,7 @@ def bias_and_scatter(answers: Array, t_true: Array) -> tuple[float, float]:
 
 
 def one_residual(place: float) -> Callable[..., bool]:
-    """Test for the case of one residual of `place` times the scale."""
+    """Whether a case has only one residual, `place` times the scale."""
     return lambda w, r, s: len(r) == 1 and r[0] == place * s
 
 
@@ -138,7 +138,7 @@ feature_rows = Exercise(
             When(lambda c, *case: c.shape == (8,)),
         ),
     },
-    slips={"order": "the right rows in another order: x and y of one image, then those of the next image."},
+    slips={"order": "correct rows in another order: x and y of an image, then x and y of the next image."},
 )
 
 one_feature = Exercise(

@@ -1,4 +1,4 @@
-"""Chapter 4: simple combinations of the rows of all features, and those of the paper and of variant kit."""
+"""Chapter 4: combinations of the rows of all features: simple ones, the paper's, and variant kit's."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def solve_by(
     """The translation t_cp (3,) of a weighting, metres, with residuals and weights; None without a solution.
 
     The residual (N,) is the norm of a feature's eight rows, pixels (infinite beyond the largest depth). The
-    weight (N,) is the feature's weight besides the division by depth (NaN: not used).
+    weight (N,) is the feature's weight without the division by depth (NaN: not used).
     """
     if weighting == METHOD and isinstance(config, KitTranslationConfig):
         solved = robust_translation(camera, matches, R_cp, config)

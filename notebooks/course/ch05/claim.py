@@ -108,7 +108,7 @@ def claim_figure(
 
 
 def by_threshold(path: Path = CHOICES) -> dict[tuple[str, str], Array]:
-    """RE over the inlier threshold by sequence and features, "all features" or "boxes removed".
+    """RE by inlier threshold, for each sequence and "all features" or "boxes removed".
 
     Returns
     -------
@@ -125,7 +125,7 @@ def by_threshold(path: Path = CHOICES) -> dict[tuple[str, str], Array]:
 
 
 def threshold_figure(measured: Mapping[tuple[str, str], Array]) -> Figure:
-    """RE over the inlier threshold, one chart per sequence; bars are one standard deviation."""
+    """RE by inlier threshold, one chart per sequence; bars are one standard deviation."""
     names = list(dict.fromkeys(name for name, _ in measured))
     made, axes = figure(260, len(names))
     for (name, boxes), rows in measured.items():

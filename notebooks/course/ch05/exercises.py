@@ -95,7 +95,7 @@ def outside(uv_p: Array, uv_c: Array, boxes_p: Array, boxes_c: Array) -> BoolArr
 
 
 def driven() -> list[Case]:
-    """Vehicles that are parked, ahead or crossing; wrong matches, street behind, depth noise, few features.
+    """Vehicles: parked, ahead, crossing; with wrong matches, the street behind, depth noise, few features.
 
     The camera drives a metre ahead and turns by 2°.
     """

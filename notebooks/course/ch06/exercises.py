@@ -99,7 +99,7 @@ def loop(
 ) -> Array:
     """TE and RE (2,) over all sub-sequences; `end` gives their last frames.
 
-    Path lengths are those of the truth, or of the path `along`.
+    Path lengths are measured along the truth, or along the path `along`.
     """
     path = trajectory_distances(truth if along is None else along)
     parts = [(i, end(path, i, length), length) for i in range(0, len(truth), step) for length in lengths]
@@ -170,7 +170,7 @@ part_errors = Exercise(
         "TE is right; RE has the yaw alone, and this rotation is about all three axes.": partial(
             errors, cosine=lambda error: np.cos(np.arctan2(error[0, 2], error[2, 2]))
         ),
-        "TE is right; the trace is that of all four rows, and a rotation has three.": (
+        "TE is right; the trace includes the fourth row; use only the rotation (3, 3).": (
             partial(errors, cosine=lambda error: (np.trace(error) - 1) / 2),
             partial(errors, cosine=lambda error: min((np.trace(error) - 1) / 2, 1)),
         ),

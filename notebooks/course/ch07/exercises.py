@@ -112,7 +112,7 @@ gain = Exercise(
     hint="one change for each seed; then the mean and the deviation of these changes.",
     line="np.mean(after - before), np.std(after - before)",
     mistakes={
-        "the spread is that of one method alone: take it of after - before.": (
+        "this is the spread of one method; compute the spread of after - before.": (
             lambda before, after: change(before, after, before.std()),
             lambda before, after: change(before, after, after.std()),
         ),

@@ -26,7 +26,7 @@ FRAMES, METHOD = 30, "feature_selection"
 
 
 class ExplorePanel(Panel):
-    """`feature_selection` with changed settings beside its preset, on the first frames of a sequence."""
+    """`feature_selection` with changed settings, compared with its preset, on the first frames of a sequence."""
 
     title = f"One threshold at a time, on the first {FRAMES} frames"
     start = preset(METHOD)

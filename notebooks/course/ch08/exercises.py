@@ -93,8 +93,8 @@ te_and_re = Exercise(
 
 less_luck = Exercise(
     {"RE": 0.1, "RE published": 0.5},
-    praise="RE {RE:.3f} against {RE published:.3f} deg/100 m, means over three seeds. A setting that was chosen on "
-    "the frames on which it is reported is no result: now try other frames.",
+    praise="RE {RE:.3f} against {RE published:.3f} deg/100 m, means over three seeds. A gain on the "
+    "frames that were used to choose the setting proves nothing: try other frames.",
     mistakes={
         "RE is not a number: `drive` returns poses (N, 4, 4), one for each frame, the first the identity.": (
             lambda now: not np.isfinite(now["RE"] + now["RE published"])

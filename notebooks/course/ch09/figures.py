@@ -29,7 +29,7 @@ def similarity_figure(similarity: Array, frames: IntArray) -> Figure:
 
 
 def compared_picture(above: Image, below: Image, matches: StereoMatches, agrees: BoolArray) -> Image:
-    """The left images of two places below each other; matches that agree with one motion are green."""
+    """The left images of two places, one below the other; matches that agree with one motion are green."""
     picture = cv2.cvtColor(np.concatenate([above, below]), cv2.COLOR_GRAY2BGR)
     moved = matches.cur_left + np.array([0.0, len(above)])
     for start, end, good in zip(matches.prev_left, moved, agrees, strict=True):
