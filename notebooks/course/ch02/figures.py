@@ -190,7 +190,7 @@ def epipolar_plane() -> list[Shape]:
 
 
 def four_views() -> list[Shape]:
-    """The four motions of one essential matrix beside each other, each with the rays of the same match.
+    """The four motions of one essential matrix side by side, each with the rays of the same match.
 
     Rays are orange where they meet behind a camera.
     """
