@@ -230,9 +230,7 @@ all_errors = Exercise(
             partial(loop, mean=np.sum),
             partial(loop, mean=np.median),
         ),
-        "the starts are at every frame, not at every `step`-th.": lambda truth, estimate, lengths, step: loop(
-            truth, estimate, lengths, 1
-        ),
+        "the starts are at every frame, not at every `step`-th.": lambda T, E, far, _: loop(T, E, far, 1),
         "the sub-sequences end at wrong frames: `first` is the number of a frame, `path[first]` are metres.": (
             partial(loop, end=by_frame_number)
         ),

@@ -52,7 +52,7 @@ def drift_chart(axis: Axes, truth: Array, estimate: Array, first: int, last: int
     ):
         axis.plot(way, values, color=colour, linewidth=1.5, label=words)
     title = f"frames {first} to {last}, starts made equal: error"
-    finish(axis, title, "way along the path [m]", "error [m]")
+    finish(axis, title, "distance along the path [m]", "error [m]")
 
 
 def length_chart(
@@ -117,7 +117,7 @@ def starts_figure(truth: Array, lengths: tuple[float, ...], step: int, height: i
         axis.plot(path[[these.first, these.last]], rows, color=colour, linewidth=2)
         axis.get_lines()[-1].set_label(f"{length:g} m")
     axis.invert_yaxis()
-    finish(axis, f"a start every {step} frames", "way along the path [m]", "start", "above")
+    finish(axis, f"a start every {step} frames", "distance along the path [m]", "start", "above")
     return made
 
 

@@ -50,11 +50,11 @@ def simulated() -> tuple[Sequence, list[TimedMatches]]:
 
 
 @functools.cache
-def errors_of_sets() -> tuple[Array, Array]:
+def errors_of_sets(variant: str = "published") -> tuple[Array, Array]:
     """TE and RE of `solution_selection` on the simulated frames by number of sets, (len(VALUES),) each."""
     sequence, matches = simulated()
-    kit = preset("solution_selection", variant="kit")
-    configs = {str(value): replace(kit, "selection.sets", value) for value in VALUES}
+    method = preset("solution_selection", variant=variant)
+    configs = {str(value): replace(method, "selection.sets", value) for value in VALUES}
     runs = run_methods(sequence, configs, matches=matches).values()
     te, re = te_and_re(kitti_errors(true_poses(sequence), run.poses, LENGTHS, 1) for run in runs)
     return te, re
@@ -134,10 +134,11 @@ gain = Exercise(
 sweep = Exercise(
     lambda sequence, matches, values: errors_of_sets()[0],
     lambda: [(*simulated(), VALUES)],
+    also=(lambda *case: errors_of_sets("kit")[0],),
     praise="TE by sets: 8: {right[0]:.2f} %, 16: {right[1]:.2f} %, 100: {right[2]:.2f} %. The matches were "
     "found once, only the back end ran again.",
-    hint="for each value make a new configuration of `solution_selection`, run it, and take the TE of its poses.",
-    line='config = replace(preset("solution_selection", variant="kit"), "selection.sets", value)',
+    hint="for each value make a new configuration of `solution_selection`, run it, and take TE of its poses over 20 m.",
+    line='config = replace(preset("solution_selection"), "selection.sets", value)',
     mistakes={
         "this is RE: take `.te` of the result of `kitti_errors`.": lambda *case: errors_of_sets()[1],
         "a TE is None: the path has 29 m, so take lengths=(20,) and step=1.": lambda *case: [None] * 3,

@@ -151,6 +151,6 @@ def choices_figure(ratios: Mapping[str, Mapping[str, Mapping[str, float]]]) -> F
     axis.grid(axis="y", color=PALE, linewidth=0.5)
     values = [value for _, cells in lines for value in cells.values()]
     log_axis(axis.xaxis, 0.9 * min(values), 1.1 * max(values), (1.0, 2.0, 3.0, 5.0, 7.0))
-    finish(axis, "translation error with another choice", "TE with it / TE as published")
+    finish(axis, "translation error with another choice", "TE with this choice / TE as published")
     axis.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=FONT_SIZE - 1, frameon=False)
     return made

@@ -46,7 +46,7 @@ all_yours = Exercise(
     {"borrowed": 0.0},
     praise="every stage of this odometry is yours.",
     mistakes={
-        "{borrowed:.0f} of the stages are still the library's. The table above names the exercise of each: solve "
+        "stages that are still the library's: {borrowed:.0f}. The table above names the exercise of each: solve "
         "the exercises in their chapters, then run this notebook again.": lambda now: now["borrowed"] != 0
     },
 )

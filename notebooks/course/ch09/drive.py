@@ -48,7 +48,9 @@ def second_visits(truth: Array, frames: IntArray, gap: int, near: float = 3.0) -
 def made_up_loops(truth: Array, pairs: IntArray, config: LoopConfig, false: int, seed: int) -> Loops:
     """Loops with the true motion between pairs (M, 2) of frames, then false loops; noise on every motion."""
     rng, frames = np.random.default_rng([9, seed]), place_frames(len(truth), config)
-    wrong = frames[np.sort(rng.integers(0, len(frames), (false, 2)), axis=1)]
+    place = truth[frames, :3, 3]
+    apart = np.argwhere(np.triu(np.linalg.norm(place[:, None] - place, axis=2) > 10.0))  # metres
+    wrong = frames[rng.choice(apart, false if len(apart) else 0)]
     sigma = np.repeat([np.radians(config.loop_turn), config.loop_step], 3)
     first, second = np.concatenate([pairs, wrong]).T
     motion = inverse(truth[first]) @ truth[second]

@@ -16,8 +16,7 @@ def nearest_earlier(S: Array, gap: int) -> IntArray:
 
 def similar_places() -> list[Case]:
     """Similarity matrices (N, N) with a gap."""
-    rng = np.random.default_rng(4)
-    cases = []
+    rng, cases = np.random.default_rng(4), []
     for count in (5, 12):
         S = rng.uniform(0.0, 0.6, (count, count))
         near = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
@@ -59,12 +58,13 @@ def gauss_newton(J: Array, r: Array) -> Array:
 def linear_problems() -> list[Case]:
     """Derivatives (3M, 3N) and residuals (3M,) of small graphs in the plane with a free gauge."""
     rng, cases = np.random.default_rng(2), []
+    axes = np.eye(3) + rng.normal(0.0, 0.2, (5, 3, 3))  # the gauge changes each pose in a different way
     for edges in ([(0, 1), (1, 2), (0, 2)], [(0, 1), (1, 2), (2, 3), (3, 4), (0, 4)]):
         J = np.zeros((3 * len(edges), 3 * (1 + max(max(edge) for edge in edges))))
         for row, (i, j) in enumerate(edges):
             block = np.eye(3) + rng.normal(0.0, 0.2, (3, 3))
-            J[3 * row : 3 * row + 3, 3 * i : 3 * i + 3] = -block
-            J[3 * row : 3 * row + 3, 3 * j : 3 * j + 3] = block
+            J[3 * row : 3 * row + 3, 3 * i : 3 * i + 3] = -block @ axes[i]
+            J[3 * row : 3 * row + 3, 3 * j : 3 * j + 3] = block @ axes[j]
         cases.append((J, rng.normal(size=len(J))))
     return cases
 
@@ -106,7 +106,6 @@ candidates = Exercise(
 residual = Exercise(
     edge_residual,
     plane_edges,
-    atol=1e-9,
     praise="zero where the poses agree with the edge; metres in the axes of pose i, then radians.",
     hint="what pose i sees of pose j: the difference of the places, turned into the axes of pose i.",
     line="place = turn(p_i[2]).T @ (p_j[:2] - p_i[:2]) - z[:2]; angle = (d + np.pi) % (2 * np.pi) - np.pi",
@@ -119,8 +118,9 @@ residual = Exercise(
         ),
         "poses i and j are exchanged.": lambda p_i, p_j, z: edge_residual(p_j, p_i, z),
         "the measured motion z is not subtracted.": lambda p_i, p_j, z: edge_residual(p_i, p_j, 0.0 * z),
-        "the difference is in the world's axes, with z turned; it should be in the axes of pose i.": lambda p_i, p_j, z: (
-            np.array([*(turn(p_i[2]) @ edge_residual(p_i, p_j, z)[:2]), edge_residual(p_i, p_j, z)[2]])
+        "the difference is in the axes of the world or of the measured pose; it should be in the axes of pose i.": (
+            lambda *x: np.array([*(turn(x[0][2]) @ edge_residual(*x)[:2]), edge_residual(*x)[2]]),
+            lambda *x: np.array([*(turn(x[2][2]).T @ edge_residual(*x)[:2]), edge_residual(*x)[2]]),
         ),
         "the angle is wrapped too early: wrap it after z is subtracted.": lambda p_i, p_j, z: np.array(
             [*edge_residual(p_i, p_j, z)[:2], _wrapped(p_j[2] - p_i[2]) - z[2]]
@@ -154,9 +154,7 @@ step = Exercise(
         "the first pose moves: this is the shortest of many steps. Leave its three columns out.": lambda J, r: (
             np.linalg.lstsq(J, -r, rcond=None)[0]
         ),
-        "three numbers are missing: the first pose has a step too, zero.": lambda J, r: gauss_newton(J, r)[
-            3:
-        ],
+        "three numbers are missing: the first pose has a step too, zero.": lambda *x: gauss_newton(*x)[3:],
         "the step leads uphill: r + J delta should become small.": lambda J, r: -gauss_newton(J, r),
         "three numbers of the shortest step are set to zero: solve without the first three columns.": lambda J, r: (
             np.r_[np.zeros(3), np.linalg.lstsq(J, -r, rcond=None)[0][3:]]
@@ -192,17 +190,18 @@ weights = Exercise(
 )
 
 bends = Exercise(
-    {"ATE before": 1.0, "ATE after": 0.2, "false loops": 3.0, "robust": 1.0},
-    praise="{ATE before:.2f} m before, {ATE after:.2f} m after, with {false loops:.0f} false loops: their weights are "
-    "next to nothing.",
+    {"ATE before": 1.0, "ATE after": 0.2, "false loops": 3.0, "robust": 1.0, "smallest weight, true": 0.96},
+    praise="{ATE before:.2f} m before, {ATE after:.2f} m after, with {false loops:.0f} false loops. Large residuals "
+    "remove the false loops; true loops keep nearly their full weight.",
     mistakes={
         "the number of false loops is {false loops:.0f}: raise it to three or more.": lambda now: (
             now["false loops"] < 3
         ),
-        "every loop is believed, the false ones too: switch `robust weights` on.": lambda now: (
-            now["robust"] == 0
-        ),
+        "every loop is believed: switch `robust weights` on.": lambda now: now["robust"] == 0,
         "{ATE before:.2f} m before, {ATE after:.2f} m after: are the loops closed, and is there a drift to take "
         "out?": lambda now: now["ATE after"] > 0.5 * now["ATE before"],
+        "a true loop has the weight {smallest weight, true:.2f} only: which control gives it 0.95?": lambda now: (
+            now["smallest weight, true"] < 0.95
+        ),
     },
 )

@@ -65,8 +65,8 @@ class LoopPanel(Panel):
         before = made_up(truth, 0.0, view.yaw, 5.0, 0.0)
         frames = place_frames(len(truth), config)
         pairs = second_visits(truth, frames, config.gap)
-        false = view.false if len(frames) > 2 else 0
-        loops = made_up_loops(truth, pairs, config, false, view.draw)
+        loops = made_up_loops(truth, pairs, config, view.false, view.draw)
+        false = len(loops) - len(pairs)
         closing = close_path(before, loops, config)
         after, weight = (closing.poses, closing.weight) if view.closed else (before, np.ones(len(loops)))
         edges = graph_edges(before[frames], frames, loops, config)
