@@ -67,7 +67,7 @@ def distance_lines(sequence: Sequence, frame: int, matches: StereoMatches, dista
     parts = {"outside boxes": ~within.any(axis=0)}
     parts |= {f"box at u = {box[::2].mean():4.0f}": part for box, part in zip(xyxy, within, strict=True)}
     return "\n".join(
-        f"{name:14}: {part.sum():3} features, median {np.median(distances[part]):.2f} px"
+        f"{name:14}: features: {part.sum():3}, median {np.median(distances[part]):.2f} px"
         for name, part in parts.items()
         if part.any()
     )
