@@ -6,7 +6,7 @@ import os
 import re
 from pathlib import Path
 
-from ..errors import DataError
+from ..errors import DataError, did_you_mean
 from ..geometry.types import Progress
 from .drawn import ensure_scene, scene_folder
 from .scenes import SCENES
@@ -67,12 +67,13 @@ def _find_folder(name: str, cache: Path | None, progress: Progress | None) -> Pa
     """Folder of a sequence by name; a scene that is not in the cache is drawn."""
     if name.startswith(SYNTHETIC):
         return ensure_scene(name.removeprefix(SYNTHETIC), cache, progress, jobs=DRAWING_PROCESSES)
-    folder = available().get(name)
+    names = available()
+    folder, near = names.get(name), did_you_mean(name, names)
     if folder is None and name.startswith(KITTI):
         roots = ", ".join(map(str, kitti_roots())) or "no folder: set KITTI_ROOT or make data/kitti"
-        raise DataError(f"the sequence {name} was not found; looked in {roots}")
+        raise DataError(f"the sequence {name} was not found; {near}looked in {roots}")
     if folder is None:
-        raise DataError("the folder is missing: expected a KITTI folder or a name from `vo list`", name)
+        raise DataError(f"the folder is missing: {near}expected a folder or a name from `vo list`", name)
     return folder
 
 
