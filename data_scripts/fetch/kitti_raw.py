@@ -56,9 +56,10 @@ def describe_drive(drive: Path, paths: list[tuple[Path, Path]]) -> Drive:
             "use the drive's 'synced+rectified data' (_sync), not the unrectified _extract",
             first,
         )
-    moments = _timestamps(drive / "image_00" / "timestamps.txt")
+    path_of_times = drive / "image_00" / "timestamps.txt"
+    moments = _timestamps(path_of_times)
     if len(moments) <= int(stems[-1]):
-        raise DataError(f"{len(moments)} rows, but image {stems[-1]} exists", drive / "image_00")
+        raise DataError(f"{len(moments)} rows, but image {stems[-1]} exists", path_of_times)
     times = moments[[int(stem) for stem in stems]]
     poses, note = _poses(drive, where, cameras, stems)
     return Drive(paths, rig_from_matrices(P, (0, 0), path, rectified=True), times - times[0], poses, note)

@@ -188,7 +188,7 @@ def is_stub(answer: Any) -> bool:
 
 
 def handed_back(answer: Any, names: Sequence[str]) -> str:
-    """The first of the library functions `names` that an answer calls or is; "" if there is none.
+    """The first library function in `names` that an answer calls, or hands in as the answer; else "".
 
     An answer of the library or of the course may call any function.
     """

@@ -68,7 +68,7 @@ def main(words: Items[str] | None = None) -> int:
 
 
 def refuse_unknown(words: Items[str]) -> None:
-    """`DataError` with the nearest command, or the replacement of an earlier command."""
+    """`DataError` for an unknown command, with the nearest, or a removed command, with its replacement."""
     for name, replacement in REPLACED.items():
         command, *option = name.split()
         if words[0] == command and {word.partition("=")[0] for word in words}.issuperset(option):

@@ -24,7 +24,7 @@ def add_option(
 
 
 def option_values(options: argparse.Namespace, items: Iterable[Setting]) -> dict[str, Any]:
-    """Values of the settings in the options, by name; `DataError` names the allowed values."""
+    """Values, by name, of the settings given as options; `DataError` names the allowed values."""
     values: dict[str, Any] = {}
     for item in items:
         if (text := getattr(options, item.name)) is not None:

@@ -143,7 +143,7 @@ class EliminatedPoints:
         return times(self.W, self.apart)
 
     def squared_residuals(self, t: Array) -> Array:
-        """Squared residuals (N,) over the eight rows for t (3,), with the best point of each feature."""
+        """Sum (N,) of each feature's eight squared residuals at t (3,), for the feature's best point."""
         v = self.apart - t[:, None]
         return np.asarray(np.maximum(np.einsum("in,in->n", v, times(self.W, v)) + self.residual_floor, 0.0))
 

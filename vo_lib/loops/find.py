@@ -31,7 +31,7 @@ class Loops(Rows):
     first, second : (N,) frames of the two places, from 0; similarity : (N,) of their images.
     matches, inliers : (N,) number of matches of the stereo pairs, and of matches that agree on one motion.
     residual : (N,) root mean square of the inliers' reprojection errors, pixels; NaN without a motion.
-    motion : (N, 4, 4) pose of the second left camera relative to the first; the identity without a motion.
+    motion : (N, 4, 4) pose of the second left camera relative to the first; the identity if none is found.
     """
 
     first: IntArray
@@ -50,7 +50,7 @@ class Loops(Rows):
 def find_loops(sequence: Sequence, method: MethodConfig, config: LoopConfig, progress: Progress) -> Loops:
     """Pairs of similar places, accepted or not, with the motion between them.
 
-    method : source of the seed, box rule, buckets and reprojection settings; the features are the paper's.
+    method : its seed, box rule, bucket and reprojection settings are used; the features are the paper's.
     progress : called with (steps done, total steps); places are the first half, pairs the second half.
     """
     frames = place_frames(len(sequence), config)

@@ -30,7 +30,7 @@ ROOT_STEPS, ROOT_DONE = 20, 1e-7
 def _bernstein_matrices() -> tuple[Array, Array]:
     """Matrices from power to Bernstein coefficients on PIECES of [-1, 1], and from these to PARTS of [0, 1].
 
-    Shapes (11 · PIECES, 11) and (11 · PARTS, 11), coefficient by coefficient.
+    Shapes (11 · PIECES, 11) and (11 · PARTS, 11); first coefficient 0 of all parts, then coefficient 1, ….
     """
     choose = np.array([comb(DEGREE, i) for i in _ORDER], dtype=np.float64)
 
@@ -48,7 +48,7 @@ TO_PIECES, TO_PARTS = _bernstein_matrices()
 
 
 class Intervals(NamedTuple):
-    """K intervals low … low + width, (K,), of polynomials p (K,), with Bernstein coefficients b (11, K)."""
+    """K intervals low … low + width: numbers p (K,) of their polynomials, Bernstein coefficients b."""
 
     low: Array
     width: Array

@@ -30,7 +30,7 @@ def fitted_roll(x: Array, y: Array, rows: Array, terms: tuple[int, ...] = (0, 1,
 
 
 def rolled() -> list[Case]:
-    """Row differences of 60 matches, most on the right: by a roll; also by offset, focal length and noise."""
+    """Cases of 60 matches, most in the right half: row errors of a roll, then also of other faults and noise."""
     rng = np.random.default_rng(3)
     x = rng.uniform(-0.5, 0.9, 60)
     y = rng.uniform(-0.2, 0.3, 60) + 0.4 * x

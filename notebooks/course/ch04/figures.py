@@ -68,7 +68,7 @@ def ellipse_chart(
 
 
 def spread_figure(depth: Array, error: Array) -> Figure:
-    """Error of the t of each feature alone, metres, over its depth (N,)."""
+    """Chart of the errors (N,) of t from single features, metres, by the depth (N,) of the feature."""
     made, (axis,) = figure(260)
     axis.plot(depth, np.clip(MILLI * error, 0.1, None), ".", color=GOOD, markersize=4, label="one feature")
     near = (depth > 5) & (depth < 80)
