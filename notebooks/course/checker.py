@@ -293,8 +293,8 @@ class Exercise:
         if is_list(expected) and (expected.size > SHORT or not shown(got)):
             others = np.setdiff1d(got, expected)
             example = f" (for example {others[0]:g})" if len(others) else ""
-            number = f"{len(others)} of them are wrong{example}"
-            return f"{what} has {got.size} indices, expected {expected.size}; {number}."
+            size = "" if got.size == expected.size else f"; expected {expected.size} indices"
+            return f"{what} has {len(others)} of {got.size} indices wrong{example}{size}."
         if not (shown(got) and shown(expected)):
             wrong = ~np.isclose(got, expected, self.rtol, self.atol)
             place = tuple(np.argwhere(wrong)[0].tolist())

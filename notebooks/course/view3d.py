@@ -104,7 +104,7 @@ class View:
             else:
                 axis.plot(u, v, color=shape.colour, linewidth=shape.width)
             k = 0 if shape.first is None else -1
-            axis.annotate(shape.name, (u[k], v[k]), (4, 4), textcoords="offset points", fontsize=FONT_SIZE)
+            axis.annotate(shape.name, (u[k], v[k]), (4, -12), textcoords="offset points", fontsize=FONT_SIZE)
         axis.set_aspect("equal", adjustable="datalim")
         axis.invert_yaxis()
         axis.set_axis_off()

@@ -86,7 +86,7 @@ VERDICTS: list[tuple[Exercise, tuple[Any, ...], str]] = [
     (
         table(lambda a: np.arange(9), ones(1)),
         (lambda a: [*range(8), 77],),
-        "1 of them are wrong (for example 77",
+        "has 1 of 9 indices wrong (for example 77).",
     ),
     (STOPS, (lambda x: {0.0: 1.0}.get(x) or [].pop(),), "odd."),
     (STOPS, (lambda x: 1.0,), "expected None for x = 2"),

@@ -123,7 +123,7 @@ def test_the_vote_takes_one_solution_of_a_plane_and_the_prior_stays_with_the_oth
 
 
 def test_far_features_are_not_missed_and_near_ones_are(look: Look) -> None:
-    text = r"from about a millimetre to more than a tenth of a metre"
+    text = r"about a millimetre, the largest more than a tenth of a metre"
     now, before, _ = look("04", text, view__weighting="mean of features")
     assert 0.5 < before["σ in z"] < 1.5
     assert 100 < now["σ in z"] < 200

@@ -46,11 +46,10 @@ def apart(T: Array, turned: bool = True) -> Array:
 
 
 def paths() -> list[Case]:
-    """Poses (N, 4, 4) on the way up a spiral: one step, then several."""
-    path = np.tile(np.eye(4), (6, 1, 1))
-    for k, pose in enumerate(path):
-        pose[:3, 3] = 3.0 * np.cos(0.5 * k), -0.4 * k, 3.0 * np.sin(0.5 * k)
-    return [(path[:2],), (path,)]
+    """Poses (N, 4, 4) of a turning camera on a rising spiral of growing radius: one step, then several."""
+    turn, places = np.array([0.0, 0.5, 0.0]), [(np.cos(k / 2), -0.4, np.sin(k / 2)) for k in range(6)]
+    path = [rigid(rotation_from_vector(k * turn), k * np.array(places[k])) for k in range(6)]
+    return [(np.array(path[:2]),), (np.array(path),)]
 
 
 def steps(poses: Array) -> Array:

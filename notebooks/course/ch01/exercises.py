@@ -93,8 +93,8 @@ def judged(
 ) -> Callable[..., Any]:
     """Answer for the stereo check from functions of the row difference, the disparity and the limits."""
 
-    def check(left: Array, right: Array, *given: float) -> Any:
-        most, least = limits(*given)
+    def check(left: Array, right: Array, row_tolerance: float, min_disparity: float) -> Any:
+        most, least = limits(row_tolerance, min_disparity)
         return (row((left - right)[:, 1]) <= most) & (disparity((left - right)[:, 0]) >= least)
 
     return check

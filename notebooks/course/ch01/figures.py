@@ -155,7 +155,7 @@ def fates_chart(axis: Axes, trace: Trace, wrong: NDArray[np.bool_] | None) -> No
     axis.set_position((box.x0 + NAMES, box.y0, box.width - NAMES, box.height))
     axis.tick_params(axis="y", length=0)
     axis.set(xlim=(0, room(1.3 * max(int(np.max(counts)), 1))), ylim=(len(names) - 0.4, -0.6))
-    finish(axis, "what became of the features", x)
+    finish(axis, "number of features by step", x)
 
 
 def by_fate(trace: Trace, error: Array) -> dict[str, Array]:
@@ -164,7 +164,7 @@ def by_fate(trace: Trace, error: Array) -> dict[str, Array]:
     return {"kept": error[fate == CHOSEN], "dropped": error[~np.isin(fate, (CHOSEN, SURPLUS))]}
 
 
-def errors_chart(axis: Axes, errors: dict[str, Array], title: str = "how far from the truth") -> None:
+def errors_chart(axis: Axes, errors: dict[str, Array], title: str = "errors of the matches") -> None:
     """Cumulative distributions of errors, pixels, by name; an error is NaN if the truth is unknown."""
     if not any(np.isfinite(values).any() for values in errors.values()):
         say(axis, "this sequence has no truth for single matches")
@@ -177,4 +177,4 @@ def errors_chart(axis: Axes, errors: dict[str, Array], title: str = "how far fro
     axis.axvline(1.0, color=DARK, linewidth=1, linestyle=":")
     log_axis(axis.xaxis, LEAST, MOST)
     axis.set_ylim(0, 102)
-    finish(axis, title, "error [px]", "matches up to there [%]", "upper left")
+    finish(axis, title, "error [px]", "share of matches [%]", "upper left")

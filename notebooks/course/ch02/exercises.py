@@ -73,7 +73,7 @@ def up_to_scale(values: Array) -> Array:
     nine = [np.sort(np.abs(each)) for each in (values[:9], values[1:])]  # the determinant is last, or first
     right = [np.sort(np.abs(ten(E)[:9])) for (E,) in essentials()[5:]]
     alike = [np.allclose(a / a[-1], b / b[-1]) for a in nine for b in right if a[-1] > 1e-9]
-    return np.ones(10) if any(alike) else np.asarray(values)
+    return np.ones(10) if any(alike) and values.min() < 0.0 else np.asarray(values)
 
 
 def is_essential(E: Array) -> bool:
@@ -197,6 +197,7 @@ essential_constraints = Exercise(
         "the factor of the trace is not ½: the singular values (1, 1, 0) should give 0.": (
             *(lambda E, half=half: ten(E, half=half) for half in (0.25, 1.0, 2.0, -0.5)),
         ),
+        "return the values of the equations themselves, with their signs.": lambda E: np.abs(ten(E)),
         "for an essential matrix the first nine numbers are not all 0: check the transposes and the trace.": When(
             lambda got, E: is_essential(E) and np.abs(got[:9]).max() > 1e-9
         ),
@@ -274,7 +275,7 @@ far_off = Exercise(
         "badly?": lambda now: not now[FIRST] > 2.0,
         "outliers among the five: {outliers among the five:.0f}. One outlier makes a set bad; find five correct "
         "matches with a similar error.": lambda now: now["outliers among the five"] > 0,
-        "two of the five are {closest two of the five:.0f} px apart. Neighbours give nearly the same equation; find "
+        "two of the five are only {closest two of the five:.1f} px apart. Neighbours give nearly the same equation; find "
         "five matches at least 40 px apart.": lambda now: now["closest two of the five"] < 40,
     },
 )

@@ -24,7 +24,7 @@ def residuals_chart(axis: Axes, depth: Array, residual: Array, limit: float | No
     heavy = used & (residual <= (np.inf if limit is None else limit))
     shown = np.where(used, np.clip(residual, LEAST, MOST), LEAST)
     for chosen, look, colour, words in (
-        (heavy, ".", GOOD, "counts"),
+        (heavy, ".", GOOD, "weight of ½ or more"),
         (used & ~heavy, ".", BAD, "weight below ½"),
         (~used, "|", PALE, "not used"),
     ):
@@ -64,7 +64,7 @@ def ellipse_chart(
     axis.set(xlim=(-half, half), ylim=(-half, half))
     for side in (axis.xaxis, axis.yaxis):
         side.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
-    finish(axis, "error of the translation, from above", "x, right [mm]", "z, forward [mm]", boxed=True)
+    finish(axis, "t_cp relative to the cross, from above", "x, right [mm]", "z, forward [mm]", boxed=True)
 
 
 def spread_figure(depth: Array, error: Array) -> Figure:
@@ -78,7 +78,7 @@ def spread_figure(depth: Array, error: Array) -> Figure:
     log_axis(axis.xaxis, *DEPTHS, COARSE)
     axis.set_yscale("log")
     axis.minorticks_off()
-    finish(axis, "error of the t of one feature [mm]", "depth Z [m]")
+    finish(axis, "t of one feature: distance from the reference [mm]", "depth Z [m]")
     return made
 
 

@@ -135,7 +135,7 @@ class TranslationPanel(Panel):
         limit = config.scale if isinstance(config, KitTranslationConfig) else config.agreement
         residuals_chart(left, points.X_p[:, 2], residual, limit if view.weighting == METHOD else None)
         ellipse_chart(right, alone(*feature_rows(camera, matches, R)), weight, t, C, t_ref, name)
-        words = f"frame {frame}: blue counts, orange hardly or not, grey is beyond the depth limit"
+        words = f"frame {frame}: blue: weight of ½ or more; orange: less; grey: beyond the depth limit"
         image = stereo(sequence, frame)[0]
         picture = features_picture(image, matches.prev_left, matches.cur_left, weight, words)
         error, step = MILLI * (t - t_ref), float(np.linalg.norm(t_ref))

@@ -51,7 +51,7 @@ def claim_lines(sequence: Sequence, *seeds: Mapping[str, Array]) -> str:
             turn, step = (errors.mean() for errors in step_errors(sequence, runs[name]))
             rows.append((turn, step, 100 * np.linalg.norm(runs[name][-1, :3, 3] - end)))
         turn, step, off = np.mean(rows, axis=0)
-        lines.append(f"{name:13}: a step {turn:.4f}° and {step:5.2f} mm wrong; {off:5.2f} cm off at the end")
+        lines.append(f"{name:13}: error per step {turn:.4f}° and {step:5.2f} mm, at the end {off:5.2f} cm")
         if len(seeds) > 1:
             lines[-1] += "; seeds ± {:.4f}°, {:.2f} mm, {:.2f} cm".format(*np.std(rows, axis=0))
     return "\n".join(lines)
