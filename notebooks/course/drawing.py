@@ -38,7 +38,7 @@ JPEG = (
     *(cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444),
 )
 
-Place = Literal["best", "upper left", "upper right", "lower left", "lower right", "center", "above"]
+Place = Literal["best", "upper left", "upper right", "lower left", "lower right", "center", "above", "none"]
 
 # Text layout of matplotlib shares state between threads: only one thread draws at a time.
 _drawing = threading.RLock()
@@ -65,7 +65,7 @@ def finish(
 ) -> None:
     """Set the title, axis names with units, the common style, and a legend if lines have labels.
 
-    A `boxed` legend covers the data below it; a legend `above` is beside the title.
+    A `boxed` legend covers the data below it; a legend `above` is beside the title; `none`: no legend.
     """
     # With a given height, matplotlib does not measure all tick labels.
     axis.set_title(title, fontsize=TITLE_SIZE, loc="left", y=1.0)
@@ -73,7 +73,7 @@ def finish(
     axis.set_ylabel(y, fontsize=FONT_SIZE)
     axis.tick_params(labelsize=FONT_SIZE - 1)
     axis.spines[["top", "right"]].set_visible(False)
-    if axis.get_legend_handles_labels()[1]:
+    if legend != "none" and axis.get_legend_handles_labels()[1]:
         look: dict[str, Any] = {"fontsize": FONT_SIZE - 1, "frameon": boxed, "framealpha": 0.9}
         if legend == "above":
             axis.legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), borderaxespad=0, ncols=8, **look)

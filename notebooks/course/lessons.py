@@ -143,9 +143,12 @@ def selection_errors(
     errors: dict[str, list[float]] = {name: [] for name in ways}
     for number, pair in enumerate(frames_of(scene, frames, seed)):
         candidates = candidates_of(pair, SETS, 1000 * seed + number)
+        truncated = {
+            threshold: truncated_errors(candidates.E, pair.x_p, pair.x_c, threshold / CAMERA.f)
+            for threshold in {way.threshold for way in ways.values()}
+        }
         for name, way in ways.items():
-            truncated = truncated_errors(candidates.E, pair.x_p, pair.x_c, way.threshold / CAMERA.f)
-            winner, _ = winner_of(candidates, truncated, e_prev[name], way)
+            winner, _ = winner_of(candidates, truncated[way.threshold], e_prev[name], way)
             R, e_prev[name], _ = motion_of(candidates.E[winner], pair, way, CAMERA.f)
             errors[name].append(turned(R, pair.R_cp))
     return {name: np.array(values) for name, values in errors.items()}

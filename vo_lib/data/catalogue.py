@@ -68,13 +68,13 @@ def _find_folder(name: str, cache: Path | None, progress: Progress | None) -> Pa
     if name.startswith(SYNTHETIC):
         return ensure_scene(name.removeprefix(SYNTHETIC), cache, progress, jobs=DRAWING_PROCESSES)
     names = available()
-    folder, near = names.get(name), did_you_mean(name, names)
-    if folder is None and name.startswith(KITTI):
+    if (folder := names.get(name)) is not None:
+        return folder
+    near = did_you_mean(name, names)
+    if name.startswith(KITTI):
         roots = ", ".join(map(str, kitti_roots())) or "no folder: set KITTI_ROOT or make data/kitti"
         raise DataError(f"the sequence {name} was not found; {near}looked in {roots}")
-    if folder is None:
-        raise DataError(f"the folder is missing: {near}expected a folder or a name from `vo list`", name)
-    return folder
+    raise DataError(f"the folder is missing: {near}expected a folder or a name from `vo list`", name)
 
 
 def open_sequence(

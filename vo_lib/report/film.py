@@ -37,7 +37,7 @@ ENCODER_FPS = 5000
 MIN_PATH_SIDE_PX = 300  # side of the square with the path
 WORDS_HEIGHT_PX = 60  # height of the lines of text at the top
 # Wide enough for a film at half size: the truth is a thin line on the path.
-PATH_WIDTH_PX, TRUTH_WIDTH_PX = 9, 3
+PATH_WIDTH_PX, LINE_WIDTH_PX = 9, 3  # of the path; of the truth and of loops
 Pairs = Sequence[tuple[int, int]]
 WHITE, PALE = (255, 255, 255), (200, 200, 200)  # BGR
 TRUE_PATH_COLOUR, LOOP_LINE_COLOUR = plots.bgr(plots.TRUTH_COLOUR), plots.bgr(plots.LOOP_COLOUR)
@@ -150,10 +150,10 @@ class Film:
         path, *truth = (scale * (xz - (low + high) / 2) * [1.0, -1.0] + size / 2 for xz in points)
         _draw_line(part, path[: index + 1], self._colour, PATH_WIDTH_PX)
         for line in truth:
-            _draw_line(part, line, PALE, TRUTH_WIDTH_PX)
-            _draw_line(part, line[: index + 1], TRUE_PATH_COLOUR, TRUTH_WIDTH_PX)
+            _draw_line(part, line, PALE, LINE_WIDTH_PX)
+            _draw_line(part, line[: index + 1], TRUE_PATH_COLOUR, LINE_WIDTH_PX)
         for visits in (list(pair) for pair in self.loops if pair[1] <= index):
-            _draw_line(part, path[visits], LOOP_LINE_COLOUR, TRUTH_WIDTH_PX)
+            _draw_line(part, path[visits], LOOP_LINE_COLOUR, LINE_WIDTH_PX)
         here = np.rint(path[index]).astype(int).tolist()
         cv2.circle(part, here, PATH_WIDTH_PX, self._colour, -1, cv2.LINE_AA)
 

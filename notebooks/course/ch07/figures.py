@@ -48,9 +48,8 @@ def paths_figure(title: str, truth: Array, runs: dict[str, Array], frame: int = 
         return made
     draw_drift(drift, truth, runs)
     drift.axvline(float(trajectory_distances(truth)[frame]), color=PALE, linewidth=1)
-    finish(drift, "distance from the truth", "along the path [m]", "distance [m]")
-    if legend := drift.get_legend():
-        legend.remove()  # it is the same as beside the paths
+    # The colours are explained beside the paths.
+    finish(drift, "distance from the truth", "along the path [m]", "distance [m]", "none")
     return made
 
 

@@ -13,7 +13,7 @@ from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.types import Array, BoolArray, Image, IntArray
 
 from ..colours import BAD, DARK, GOOD, PALE
-from ..drawing import figure, finish, photo
+from ..drawing import Place, figure, finish, photo
 
 BEFORE, AFTER = BAD, GOOD
 GREEN_BGR, RED_BGR = (90, 160, 0), (60, 60, 220)
@@ -38,12 +38,14 @@ def compared_picture(above: Image, below: Image, matches: StereoMatches, agrees:
     return photo(np.asarray(picture, np.uint8))
 
 
-def draw_path(axis: Axes, paths: Mapping[str, tuple[Array, str]], title: str = "from above") -> None:
+def draw_path(
+    axis: Axes, paths: Mapping[str, tuple[Array, str]], title: str = "from above", legend: Place = "best"
+) -> None:
     """Paths (N, 4, 4) from above, each in its colour."""
     for name, (poses, colour) in paths.items():
         axis.plot(*poses[:, [0, 2], 3].T, color=colour, label=name, linewidth=1.6)
     axis.set_aspect("equal", adjustable="datalim")
-    finish(axis, title, "x [m]", "z [m]")
+    finish(axis, title, "x [m]", "z [m]", legend)
 
 
 def draw_edges(axis: Axes, poses: Array, first: IntArray, second: IntArray, weight: Array) -> None:
@@ -57,9 +59,7 @@ def closing_figure(truth: Array, before: Array, closed: Mapping[str, Array]) -> 
     page, axes = figure(360, len(closed))
     for axis, (name, poses) in zip(axes, closed.items(), strict=True):
         paths = {"truth": (truth, DARK), "before": (before, BEFORE), "closed": (poses, AFTER)}
-        draw_path(axis, paths, name)
-    for axis in axes[1:]:  # the legend of the first picture is that of all
-        axis.legend().remove()
+        draw_path(axis, paths, name, "best" if axis is axes[0] else "none")
     return page
 
 
