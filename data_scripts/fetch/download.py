@@ -76,7 +76,7 @@ def require_space(folder: Path, size: int) -> None:
 def confirm(question: str, yes: bool) -> bool:
     """Whether the user agrees, or `yes` is set.
 
-    Raises `DataError` if there is no terminal.
+    Raises `DataError` without a terminal.
     """
     if yes:
         return True

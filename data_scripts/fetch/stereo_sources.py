@@ -185,7 +185,7 @@ def pair_images(
 
 
 def _images(place: Path) -> dict[str, Path]:
-    """Images of a folder by file stem, or images of a pattern by their text at the star."""
+    """Image paths of a folder, by file stem, or of a pattern, by the text that `*` matches."""
     head, star, tail = place.name.partition("*") if "*" in place.name else ("", "", "")
     folder = place.parent if star else place
     if not folder.is_dir():

@@ -77,7 +77,7 @@ def add_house(site: Site, s: float, side: float, width: float, offset: float) ->
 
 
 def house_faces(side: float, width: float, height: float, depth: float, ridge: float) -> dict[str, Array]:
-    """Faces of a house, metres. The front is in the plane x = 0; x has the sign `side` in the body."""
+    """Faces of a house, metres. The front is in the plane x = 0; inside, x has the sign of `side`."""
     w, d = width / 2, side * depth
     plan = np.array([[0, 0, -w], [0, 0, w], [d, 0, w], [d, 0, -w]])
     tall = plan - (0.0, height, 0.0)

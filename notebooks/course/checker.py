@@ -102,7 +102,7 @@ class Exercise:
     line : the code of a right answer, shown after the third different failure; by default the hint.
     library : functions of the library that an answer must not call.
     mistakes : dictionary from messages (fields as in `praise`) to wrong answers: functions of the inputs,
-        values or a `When`. For a panel, a wrong answer is a test of the facts.
+        values or a `When`. For a panel: a function of the facts, true for the mistake.
     slips : messages that replace those of `SLIPS`, by name; for values, only these slips are tested.
     parts : names of several results, in the order in which they are judged.
     form : function that prepares results for the comparison, such as `any_order`.

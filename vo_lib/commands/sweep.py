@@ -18,9 +18,9 @@ from .console import reporting, say, show_report_table
 def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo sweep`."""
     parser.epilog = (
-        "example: vo sweep --sequence synthetic/traffic --variant published --jobs 2 "
-        "--set selection.sets=50,200 --set filter.margin=0,0.1. A second call with the same folder does only "
-        "the missing runs, such as those of new values or seeds. Exit code 1: a run failed."
+        "A second call with the same folder does only the missing runs, such as new values or seeds. "
+        "Exit code 1: a run failed. Example: vo sweep --sequence synthetic/traffic --variant published "
+        "--jobs 2 --set selection.sets=50,200 --set filter.margin=0,0.1"
     )
     option = parser.add_argument
     option("--sequence", required=True, metavar="S", help="a name from `vo list`, or a folder")

@@ -70,7 +70,7 @@ def evaluate(
 ) -> Evaluation:
     """KITTI errors, ATE and RPE of (name, truth, estimate) triples, poses (N, 4, 4) each.
 
-    `times` : (N,) seconds of the frames by name, if known. `delta` : interval of the RPE.
+    `times` : times (N,) of the frames, seconds, by name of a triple. `delta` : interval of the RPE.
 
     Raises
     ------

@@ -194,7 +194,7 @@ def field_at(errors: Array, x: Array, y: Array) -> Array:
 
 
 def powers(x: Array, y: Array) -> Array:
-    """`DISPARITY_TERMS` at normalised positions x, y (N,), (9, N); the first six are `ROW_TERMS`."""
+    """Values (9, N) of `DISPARITY_TERMS` at normalised x, y (N,); first the `ROW_TERMS`."""
     x2 = x * x
     return np.array([np.ones_like(x), x, y, x2, x * y, y * y, x2 * x, x2 * y, x2 * x2])
 

@@ -231,7 +231,7 @@ class CalibrationPanel(Panel):
 
 
 def tracks_of(sequence: Sequence, frame: int) -> list[SimulatedFrame]:
-    """Simulated matches along `FRAMES` frames of the true path, or straight ahead if there is no truth."""
+    """Simulated matches along `FRAMES` frames of the true path; without truth, along a straight path."""
     poses = block_tour(1) if sequence.truth is None else sequence.truth
     first = max(min(frame, len(poses) - FRAMES) - 1, 0)
     given = poses[first : first + FRAMES + 1], sequence.camera, TrackConfig(points=150)

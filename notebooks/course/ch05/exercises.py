@@ -50,7 +50,7 @@ def area(box: Array) -> float:
 
 
 def pairs() -> list[Case]:
-    """Pairs of boxes: on one car, equal, and disjoint in columns, in rows or in both, in either order."""
+    """Pairs of boxes: of one car, equal, and, in both orders, disjoint in columns, in rows or in both."""
     a, b = CORNERS[:2]
     apart = [a + shift for shift in ([300.0, 10, 300, 10], [10.0, 95, 10, 95], [150.0, 95, 150, 95])]
     return [(a, b), (a, a.copy()), *((a, far) for far in apart), *((far, a) for far in apart)]

@@ -63,9 +63,9 @@ def tables_of(entries: list[Entry]) -> list[ReportTable]:
 def verdicts(folder: Path, paper: table1.PaperTable) -> list[ReportTable]:
     """A verdict on each printed TE and RE that a report of `vo reproduce` has; none without a report.
 
-    The paper's number counts as one more run. The number is within the spread if it differs from the mean of
-    our n seeds by at most `SPREADS` s √(1 + 1/n), with their standard deviation s, plus half of the last
-    printed digit.
+    The paper's number counts as one more run. Let s be the standard deviation of our n seeds. The number is
+    within the spread if it differs from their mean by at most `SPREADS` s √(1 + 1/n) plus half a unit of the
+    last printed digit.
     """
     path, tables = folder / "table1.csv", []
     names, *lines = (cells for _, cells in read_csv(path)) if path.exists() else ([],)

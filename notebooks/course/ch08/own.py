@@ -81,7 +81,7 @@ class Joined:
 
 
 def join(**given: Any) -> Joined:
-    """All stages: a function of `given` or `my_vo.py` that passes its check, else the library's function."""
+    """Each stage from `given` or `my_vo.py` if the function passes its check, otherwise from the library."""
     written, exercises = {**load(Path(NAME)), **given}, tasks()
     functions, whose, slow = {}, {}, dict[str, float]()
     for name in STAGES:
