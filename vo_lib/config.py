@@ -45,7 +45,7 @@ KIT: dict[str, KitConfig] = {
 VARIANTS: dict[str, Mapping[str, MethodConfig]] = {"published": PUBLISHED, "kit": KIT}
 CONFIG_CLASSES: dict[str, type[MethodConfig]] = {"published": PublishedConfig, "kit": KitConfig}
 SETTINGS = {item.name: item for cls in CONFIG_CLASSES.values() for item in settings.declared(cls)}
-METHODS = tuple(KIT)  # the paper's four and moving_selection, which only `kit` has
+METHODS = tuple(KIT)  # the paper's four methods and moving_selection, a method of `kit` only
 
 
 @overload
@@ -61,9 +61,9 @@ def preset(method: str, *, variant: str, seed: int = 0) -> MethodConfig: ...
 
 
 def preset(method: str, *, variant: str = "published", seed: int = 0) -> MethodConfig:
-    """The configuration of a method of Table 1 in a variant, `published` (the paper) or `kit`, with a seed.
+    """Configuration of a method of Table 1 with a seed. The variant is `published` (the paper) or `kit`.
 
-    Raises `DataError` for an unknown name, with the nearest valid one.
+    An unknown name raises `DataError`, which has the nearest valid name.
     """
     config_class(variant)
     methods = VARIANTS[variant]
@@ -85,13 +85,13 @@ def config_class(variant: str) -> type[MethodConfig]:
 def change(config: AnyConfig, name: str, value: Any) -> AnyConfig:
     """A copy of a configuration with a new, checked value of one setting, given by its dotted name.
 
-    Raises `DataError` for an unknown name or a value out of range. An error about a setting or value of the
-    other variant names the other variant.
+    Raises `DataError` for an unknown name or a value out of range. If only the other variant has the setting
+    or the value, the message says so.
     """
     try:
         changed: AnyConfig = settings.replace(config, name, value)
     except DataError:
         other = "published" if isinstance(config, KitConfig) else "kit"
-        settings.replace(VARIANTS[other]["viso2"], name, value)  # raises if that variant lacks it too
+        settings.replace(VARIANTS[other]["viso2"], name, value)  # raises for an unknown setting
         raise DataError(f"{name} {value} is a setting of the other variant: add --variant {other}") from None
     return changed

@@ -6,14 +6,14 @@ import difflib
 from collections.abc import Iterable
 from pathlib import Path
 
-RENAMED = {"finish_window": "subpixel_window"}  # settings of earlier versions
+RENAMED = {"finish_window": "subpixel_window"}  # earlier name: new name of a setting
 
 
 class DataError(Exception):
     """Bad input: a file, a folder or an option that cannot be used.
 
-    The text is one line: the file and line (or image), if any, then the fault and the expected content.
-    The `vo` command prints this line and exits with code 2.
+    The message is a single line: the file and its line (or image), if any, then the fault and the expected
+    content. The `vo` command prints the message and exits with code 2.
     """
 
     def __init__(self, message: str, path: str | Path | None = None, line: int | None = None):
@@ -22,7 +22,7 @@ class DataError(Exception):
 
 
 def did_you_mean(name: str, names: Iterable[str]) -> str:
-    """The question "did you mean NAME? ", with the new or the nearest valid name; "" if no name is near."""
+    """The question "did you mean NAME? " with the valid name nearest to `name`; "" if no name is near."""
     for earlier, new in RENAMED.items():
         name = name.replace(earlier, new)
     near = difflib.get_close_matches(name, list(names), n=1)

@@ -44,7 +44,7 @@ def read_bytes(path: str | Path) -> bytes:
 
 
 def read_text(path: str | Path) -> str:
-    """Text of a UTF-8 file, line ends as \\n; `DataError` if it is missing, unreadable or not text."""
+    """Text of a UTF-8 file, with \\n as line end; `DataError` if it is missing, unreadable or not text."""
     data = read_bytes(path)
     try:
         return data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
@@ -53,7 +53,7 @@ def read_text(path: str | Path) -> str:
 
 
 def read_mapping(path: str | Path, expected: str) -> dict[str, Any]:
-    """The object in a JSON file; `DataError` with the text `expected` for any other content."""
+    """The object in a JSON file. Any other content raises `DataError` with the text `expected`."""
     try:
         data = json.loads(read_text(path))
     except (ValueError, RecursionError) as error:
@@ -80,17 +80,17 @@ def read_csv(path: str | Path) -> list[tuple[int, list[str]]]:
 
 
 def read_arrays(data: bytes) -> dict[str, NDArray[Any]]:
-    """The arrays in the bytes of an npz file; `ValueError` for other bytes."""
+    """The arrays in an npz file, of which `data` is the content. Other content raises `ValueError`."""
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
-    except Exception as error:  # errors of zipfile, its compressions and NumPy share no other base class
+    except Exception as error:  # the errors of zipfile, zlib and NumPy have no other common base class
         raise ValueError(f"not a valid npz file: {error}") from None
 
 
 @contextmanager
 def only_process(folder: Path) -> Iterator[None]:
-    """A lock on a folder for this process, released at the process's end at the latest.
+    """A lock on a folder for this process. If the process ends, the operating system releases the lock.
 
     Partly written files of killed processes are removed.
     """
@@ -112,7 +112,7 @@ def only_process(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def writing(path: str | Path) -> Iterator[BinaryIO]:
-    """A binary file open for writing under a temporary name in the folder of `path`, renamed at the end.
+    """A binary file for writing under a temporary name in the folder of `path`; at the end it is renamed.
 
     `path` always has the complete old or the complete new content. Raises `DataError` if the folder is
     missing, not writable or full.
@@ -142,7 +142,7 @@ def write_atomic(path: str | Path, data: bytes | str) -> None:
 
 
 def csv_text(rows: Iterable[Sequence[object]]) -> str:
-    """Rows, the heading first, as CSV text with \\n as line end."""
+    """CSV text of rows, the first of which is the heading; the line end is \\n."""
     buffer = io.StringIO()
     csv.writer(buffer, lineterminator="\n").writerows(rows)
     return buffer.getvalue()

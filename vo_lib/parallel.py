@@ -28,7 +28,7 @@ class ThisProcess(Executor):
 
 @contextmanager
 def local_pool(workers: int) -> Iterator[Executor]:
-    """Worker processes on this machine, ended with the context; with 1 worker, calls run in this process.
+    """Worker processes on this machine, which end with the context. With 1 worker, calls run in this process.
 
     Unlike processes of the standard library, loky's processes start without a `__main__` guard.
     """

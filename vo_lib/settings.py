@@ -26,13 +26,13 @@ def setting(
     high: float | None = None,
     choices: tuple[str, ...] = (),
 ) -> Any:
-    """A dataclass field with unit, closed range (low, high) or choices, and one sentence of meaning."""
+    """A dataclass field with a unit, a closed range [low, high] or choices, and a sentence on its meaning."""
     meta = {"text": text, "unit": unit, "low": low, "high": high, "choices": choices}
     return dataclasses.field(default=default, metadata=meta)
 
 
 def section(cls: type) -> Any:
-    """A nested settings class as a field, with its own defaults."""
+    """A field for a nested settings class, with the defaults of that class."""
     return dataclasses.field(default_factory=cls)
 
 
@@ -58,7 +58,7 @@ class Setting:
         return (typing.get_args(self.kind) or (self.kind,))[0]
 
     def parse(self, raw: str) -> Any:
-        """The value of a command-line argument; `DataError` names the allowed values."""
+        """The value of a command-line argument; the message of a `DataError` lists the allowed values."""
         kind = self._item_kind
         try:
             if kind is bool:
@@ -117,7 +117,7 @@ class Checked:
                 item.check(getattr(self, item.name))
 
 
-_hints = functools.cache(typing.get_type_hints)  # a millisecond per call, one call per widget and option
+_hints = functools.cache(typing.get_type_hints)  # a call takes a millisecond, and every option makes one
 
 
 def declared(cls: type, prefix: str = "") -> tuple[Setting, ...]:
@@ -133,7 +133,7 @@ def declared(cls: type, prefix: str = "") -> tuple[Setting, ...]:
 
 
 def replace(config: Any, name: str, value: Any) -> Any:
-    """A copy of nested settings with a new, checked value for the setting given by its dotted name."""
+    """A copy of nested settings in which the setting with this dotted name has a new, checked value."""
     items = {item.name: item for item in declared(type(config))}
     if name not in items:
         raise DataError(f"{name}: there is no such setting; {did_you_mean(name, items)}".rstrip("; "))

@@ -1,4 +1,4 @@
-"""The rectified stereo camera: four numbers from calib.txt, projection and back-projection."""
+"""The rectified stereo camera: its parameters from calib.txt, projection and back-projection."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class StereoCamera:
         return (uv - (self.cx, self.cy)) / self.f
 
     def project(self, X: Array) -> tuple[Array, Array]:
-        """Left and right pixels, (N, 2) each, of points (N, 3) in the left camera frame, metres.
+        """Left and right pixels, (N, 2) each, of points (N, 3) in metres in the left camera's frame.
 
         Points with z <= 0 have no image; their pixels are NaN.
         """
@@ -55,9 +55,9 @@ class StereoCamera:
         return left, right
 
     def back_project(self, left: Array, disparity: Array) -> Array:
-        """Points (N, 3), metres, left frame, from left pixels (N, 2) and disparities (N,), pixels.
+        """Points (N, 3) in metres in the left camera's frame, from left pixels (N, 2) and disparities (N,).
 
-        Z = f b / d. Disparities that are not positive give NaN: such points are not in front of the pair.
+        Z = f b / d, with d in pixels. A disparity that is not positive gives NaN: no such point is in front.
         """
         d = np.where(disparity > 0, disparity, np.nan)
         z = self.f * self.baseline / d

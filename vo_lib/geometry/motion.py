@@ -12,12 +12,12 @@ import numpy as np
 from .types import Array
 
 DEVIATION_OVER_MEDIAN = (
-    1.4826  # standard deviation of a normal distribution over its median of absolute values
+    1.4826  # ratio of a normal distribution's standard deviation to its median absolute deviation
 )
 
 
 def skew(v: Array) -> Array:
-    """Cross-product matrix: skew(v) @ w = v × w. (..., 3) -> (..., 3, 3)."""
+    """Cross-product matrices (..., 3, 3) of vectors v (..., 3): skew(v) @ w = v × w."""
     v = np.asarray(v, dtype=np.float64)
     S = np.zeros((*v.shape, 3))
     S[..., 2, 1], S[..., 0, 2], S[..., 1, 0] = v[..., 0], v[..., 1], v[..., 2]
@@ -25,7 +25,7 @@ def skew(v: Array) -> Array:
 
 
 def rotation_from_vector(w: Array) -> Array:
-    """Rodrigues' formula: rotation vector (..., 3), radians, to rotation matrix (..., 3, 3)."""
+    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) in radians, by Rodrigues' formula."""
     w = np.asarray(w, dtype=np.float64)
     theta2 = np.sum(w * w, axis=-1)[..., None, None]
     theta = np.sqrt(theta2)
@@ -51,14 +51,14 @@ def rotation_angle(R: Array) -> Array:
 
 
 def nearest_rotation(M: Array) -> Array:
-    """The rotation nearest to M (3, 3) in Frobenius norm, against rounding errors in long products."""
+    """The rotation nearest to M (3, 3) in Frobenius norm; removes the rounding errors of long products."""
     U, _, Vt = np.linalg.svd(M)
     U[:, -1] *= np.linalg.det(U) * np.linalg.det(Vt)
     return np.asarray(U @ Vt)
 
 
 def quaternion_from_rotation(R: Array) -> Array:
-    """Unit quaternion (qx, qy, qz, qw), qw >= 0, of a rotation matrix (3, 3); TUM's order."""
+    """Unit quaternion (qx, qy, qz, qw) of a rotation matrix (3, 3), in TUM's order and with qw >= 0."""
     R = np.asarray(R, dtype=np.float64)
     # Bar-Itzhack 2000: the quaternion is the top eigenvector of a symmetric matrix; no branches.
     K = np.empty((4, 4))
@@ -100,7 +100,7 @@ def transform(T: Array, X: Array) -> Array:
 
 
 def essential_from_motion(R_cp: Array, t_cp: Array) -> Array:
-    """Essential matrix E = [t_cp]× R_cp, with x_cᵀ E x_p = 0. (..., 3, 3), (..., 3) -> (..., 3, 3)."""
+    """Essential matrices E = [t_cp]× R_cp (..., 3, 3) of motions; all static points have x_cᵀ E x_p = 0."""
     return np.asarray(skew(t_cp) @ R_cp)
 
 

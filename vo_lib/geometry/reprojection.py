@@ -9,12 +9,8 @@ from .motion import rotation_from_vector
 from .types import Array
 
 CONVERGED_STEP = 1e-9  # step at which the iteration ends, radians and metres
-MAX_AGREEMENT_RESIDUAL_PX = (
-    2.0  # pixels; a match agrees with a motion that leaves less in its four current coordinates
-)
-CONVERGED_TRIAL_STEP = (
-    1e-4  # the same for a trial: it is only counted, and its next step would be far smaller
-)
+CONVERGED_TRIAL_STEP = 1e-4  # the same for a trial motion, for which only the inliers are counted
+MAX_AGREEMENT_RESIDUAL_PX = 2.0  # residual norm of a match below which the match agrees with a motion
 
 
 def fit_motion(
@@ -81,8 +77,8 @@ def linearise(
 
     Returns
     -------
-    residuals (..., N, 4), pixels; derivatives (..., N, 4, 6) of the prediction by a rotation vector (about
-    the previous camera's centre) and the translation; depth (..., N), metres.
+    residuals (..., N, 4), pixels; derivatives (..., N, 4, 6) of the prediction with respect to a rotation
+    vector (about the previous camera's centre) and the translation; depth (..., N), metres.
     """
     X = rotated + t_cp
     z = np.maximum(X[..., 2], 1e-3)

@@ -35,7 +35,7 @@ class FrameResult:
     Attributes
     ----------
     T_cp : (4, 4) motion from the previous to the current left camera, metres.
-    matches, removed, used : numbers of all matches, of matches removed in boxes, of matches after bucketing.
+    matches, removed, used : numbers of matches: all, those removed in boxes, and those after bucketing.
     inliers : number of used matches that agree with the epipolar geometry.
     prior_angle : angle to the previous essential vector, degrees; NaN without a previous vector.
     flags : remarks on unusual frames.
@@ -53,7 +53,7 @@ class FrameResult:
 
     @property
     def measured(self) -> bool:
-        """Whether the motion is from the images of this frame; if not, it is an earlier motion."""
+        """Whether the motion was measured in this frame's images; if not, an earlier motion is repeated."""
         return not WITHOUT_MOTION.intersection(self.flags)
 
     @property
@@ -63,7 +63,7 @@ class FrameResult:
 
 
 class Clock:
-    """A clock of consecutive stages, milliseconds."""
+    """A clock that measures the time of consecutive stages, milliseconds."""
 
     def __init__(self) -> None:
         self.ms: dict[str, float] = {}

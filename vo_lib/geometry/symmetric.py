@@ -7,7 +7,7 @@ import numpy as np
 from .types import Array
 
 ROW, COLUMN = np.array([0, 1, 2, 0, 0, 1]), np.array([0, 1, 2, 1, 2, 2])
-FULL = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])  # index of each of the nine entries in the six rows
+FULL = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])  # row of each entry of a matrix
 
 
 def outer(v: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Twists: the logarithm and the exponential of SE(3), as rotation vector and translation part (..., 6)."""
+"""Twists (..., 6), a rotation vector and a translation part: the logarithm and the exponential of SE(3)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from .motion import rotation_angle, rotation_from_vector, skew
 from .types import Array
 
-SMALL_ANGLE_RAD = 1e-4  # series instead of quotients are used below this angle
+SMALL_ANGLE_RAD = 1e-4  # below this angle, series replace quotients that are nearly 0 / 0
 
 
 def twist_from_motion(T: Array) -> Array:
@@ -41,7 +41,7 @@ def motion_from_twist(xi: Array) -> Array:
 
 
 def adjoint(T: Array) -> Array:
-    """Matrices (..., 6, 6) that transform a twist from the second frame of T (..., 4, 4) to the first."""
+    """Matrices (..., 6, 6) that transform twists from frame b to frame a, for motions T_ab (..., 4, 4)."""
     R = T[..., :3, :3]
     out = np.zeros((*T.shape[:-2], 6, 6))
     out[..., :3, :3] = out[..., 3:, 3:] = R

@@ -1,4 +1,4 @@
-"""Features in vehicle boxes, which are removed (chapter 5; paper, section 3)."""
+"""Removal of the features in vehicle boxes (chapter 5; paper, section 3)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .settings import FilterConfig
 
 
 def vehicles(boxes: Boxes, config: FilterConfig) -> Boxes:
-    """The boxes of vehicles with a sufficient score, with the margin."""
+    """The boxes of vehicles with a sufficient score, enlarged by the margin."""
     selection = boxes[np.isin(boxes.class_id, config.classes) & (boxes.score >= config.score)]
     low, high = selection.xyxy[:, :2], selection.xyxy[:, 2:]
     grow = config.margin * (high - low)

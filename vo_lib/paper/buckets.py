@@ -9,7 +9,7 @@ from .settings import BucketConfig
 
 
 def square_numbers(uv: Array, side: int) -> IntArray:
-    """Number (N,) of the image square, `side` pixels wide, that contains each pixel (N, 2)."""
+    """Numbers (N,) of the image squares, `side` pixels wide, that contain the pixels (N, 2)."""
     column, row = (uv // side).astype(np.int64).T
     return np.asarray(row * (column.max(initial=0) + 1) + column)
 
@@ -23,7 +23,7 @@ def select_by_bucket(uv: Array, age: IntArray, strength: Array, config: BucketCo
 
     Returns
     -------
-    Indices of the features kept, at most `config.features` for each square of `config.size` pixels, sorted.
+    Sorted indices of the selected features, at most `config.features` per square, `config.size` pixels wide.
     """
     bucket = square_numbers(uv, config.size)
     order = np.lexsort((-strength, -age, bucket))

@@ -30,7 +30,7 @@ DESCRIPTOR_OFFSETS = np.array(
     np.intp,
 )
 DESCRIPTOR_RADIUS_PX = 6  # 5 px of the descriptor and 1 px of the Sobel mask
-BATCH_FEATURES = 128  # features compared at once, of neighbouring columns: most others are too far for all
+BATCH_FEATURES = 128  # number of features, near in u, that are compared at once
 MAX_ROW_DIFFERENCE_PX = 2  # largest row difference in a stereo pair, whole pixels
 
 
@@ -45,7 +45,7 @@ class Described(Rows):
 
 
 def describe(image: Image, config: FeatureConfig) -> Described:
-    """Blob maxima and minima, corner maxima and minima (kinds 0 … 3) of an image, with descriptors.
+    """Features of an image with descriptors; kinds 0 … 3 are blob maxima, blob minima, corner maxima, minima.
 
     A feature is a pixel whose response is the largest in a square around it, `config.blob_cell` pixels wide,
     and above `config.blob_quality`.
@@ -56,7 +56,7 @@ def describe(image: Image, config: FeatureConfig) -> Described:
     positions, strength = (np.concatenate(each) for each in zip(*peaks, strict=True))
     kind = np.repeat(np.arange(4), [len(uv) for uv, _ in peaks])
     sobel = cv2.merge([cv2.Sobel(image, cv2.CV_16S, dx, 1 - dx, ksize=3) for dx in (1, 0)])
-    # Pixels are numbered row by row, and the two responses of one are read as one number.
+    # Pixels are numbered row by row, and the two Sobel responses of a pixel are read as one number.
     steps = np.array([1, image.shape[1]])
     samples = (
         sobel.view(np.int32)
@@ -68,7 +68,7 @@ def describe(image: Image, config: FeatureConfig) -> Described:
 
 
 def _peaks(response: NDArray[np.int16], config: FeatureConfig) -> tuple[Array, Array]:
-    """Pixels (N, 2) of the largest responses of their squares, and these responses (N,)."""
+    """Pixels (N, 2) whose responses are the largest in the squares around them, and these responses (N,)."""
     top = cv2.dilate(response, np.ones((config.blob_cell, config.blob_cell), np.uint8))
     border = max(config.border, DESCRIPTOR_RADIUS_PX)
     inner = slice(border, -border)
@@ -88,7 +88,7 @@ def stereo_matches(left: Described, right: Described, max_disparity: int) -> tup
     -------
     (N,) index into `right` and (M,) index into `left`; -1 where a feature has no pair.
     """
-    # `describe` sorts features by kind and row. With both in one number, near rows of a kind are one range.
+    # `describe` sorts features by kind and row. One number has both, so near rows of a kind are one range.
     positions, others = ((side.kind << 32) + side.uv[:, 1].astype(np.intp) for side in (left, right))
     first = np.searchsorted(others, positions - MAX_ROW_DIFFERENCE_PX)
     last = np.searchsorted(others, positions + MAX_ROW_DIFFERENCE_PX, side="right")
@@ -99,8 +99,8 @@ def stereo_matches(left: Described, right: Described, max_disparity: int) -> tup
     possible = (disparity >= 0) & (disparity <= max_disparity)
     i, j = i[possible], j[possible]
     difference = np.abs(left.descriptor[i] - right.descriptor[j]).sum(axis=1)
-    # The last pair written for a feature is kept: the most similar; of equals, the first in the features'
-    # order.
+    # Only the last pair written for a feature remains: the most similar pair or, of equally similar pairs,
+    # the first.
     order = np.argsort(difference, kind="stable")[::-1]
     to_right, to_left = (np.full(len(side.kind), -1, np.intp) for side in (left, right))
     to_right[i[order]], to_left[j[order]] = j[order], i[order]

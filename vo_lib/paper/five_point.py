@@ -11,9 +11,9 @@ each operation for all sets in one pass over memory.
     -> E = x E0 + y E1 + z E2 + w E3
 
 Two steps differ from Nistér's paper. Nistér sets w = 1; here (z, w) is a point of the projective line, and no
-solution is at infinity. Nistér divides by the pivots of ten monomials, which may be small; here reflections
-eliminate four, and the other six stay in the determinant. In the worst 5 % of the sets, the same polynomial
-has a hundred to a thousand times less rounding noise.
+solution is at infinity. Nistér eliminates ten monomials and divides by their pivots, which may be small; here
+reflections eliminate four monomials, and the determinant contains the other six. In the worst 5 % of the
+sets, the same polynomial has a hundred to a thousand times less rounding noise.
 """
 
 from __future__ import annotations
@@ -26,29 +26,27 @@ import numpy as np
 from ..geometry.types import Array, BoolArray, Index
 from .real_roots import DEGREE, real_roots
 
-DEGENERATE_SETS = np.errstate(
-    divide="ignore", invalid="ignore", over="ignore"
-)  # degenerate sets drop out at the end
+# Degenerate sets are removed at the end.
+DEGENERATE_SETS = np.errstate(divide="ignore", invalid="ignore", over="ignore")
 
 # Exponents of x, y, z, w in the 20 monomials of degree 3: first x³, y³, x²y, xy², which are eliminated;
 # then x², y², xy, each times (z, w); x and y times (z², zw, w²); and z³, z²w, zw², w³.
 _WORDS = "3000 0300 2100 1200 2010 2001 0210 0201 1110 1101 1020 1011 1002 0120 0111 0102 0030 0021 0012 0003"
 EXPONENTS = np.array([[int(digit) for digit in word] for word in _WORDS.split()])
-# A cubic is known from its values at 20 points; the exponents, taken as points, are well conditioned for it.
+# A cubic is computed from its values at 20 points; the exponents, taken as points, are well conditioned.
 POINTS = EXPONENTS / np.linalg.norm(EXPONENTS, axis=1, keepdims=True)
 CUBIC_FROM_VALUES = np.linalg.inv(np.prod(POINTS[:, None, :] ** EXPONENTS, axis=2))
 
-# The polynomial of degree 10 is known from its values in eleven directions (z, w).
+# The polynomial of degree 10 is computed from its values in eleven directions (z, w).
 _ANGLES = np.pi * np.arange(DEGREE + 1) / (DEGREE + 1)
 NODES = np.array([np.cos(_ANGLES), np.sin(_ANGLES)])
 _ORDER = np.arange(DEGREE + 1)
 POLYNOMIAL_FROM_VALUES = np.linalg.inv(NODES[0][:, None] ** _ORDER[::-1] * NODES[1][:, None] ** _ORDER)
 
-SOLVING_TURNS = 2  # number of solutions of a doubtful set, along other axes each time
-POLISH_STEPS, POLISH_DONE, CONVERGED = 8, 1e-8, 1e-6  # steps at most; length of the last step: good, enough
-MAX_POLISH_MOVE = (
-    1e-3  # where polishing moves a candidate farther, another solution may be missing: the set is doubtful
-)
+SOLVING_TURNS = 2  # number of times that a doubtful set is solved, each time along other axes
+# Largest number of steps; step that ends the polishing; largest last step of a solution that is kept.
+POLISH_STEPS, POLISH_DONE, CONVERGED = 8, 1e-8, 1e-6
+MAX_POLISH_MOVE = 1e-3  # if a candidate moves farther, its set is doubtful: a solution may be missing
 SAME_CANDIDATE_DISTANCE = 1e-7  # nearer candidates of a set are duplicates of one solution
 
 
@@ -111,7 +109,7 @@ def _solve(basis: Array) -> tuple[Array, Index, BoolArray]:
 
 
 def epipolar_rows(x_p: Array, x_c: Array) -> Array:
-    """Rows a with a · vec(E) = x_cᵀ E x_p, vec(E) row by row. (S, 5, 2) twice -> (5, 9, S)."""
+    """Rows a (5, 9, S) of points (S, 5, 2), with a · vec(E) = x_cᵀ E x_p; vec(E) has E row by row."""
     h_p, h_c = (np.ones((5, 3, len(x))) for x in (x_p, x_c))
     h_p[:, :2] = np.transpose(x_p, (1, 2, 0))
     h_c[:, :2] = np.transpose(x_c, (1, 2, 0))
@@ -155,7 +153,7 @@ def null_space(rows: Array) -> tuple[Array, BoolArray]:
 
 
 def cubic_constraints(basis: Array) -> Array:
-    """The ten cubics in (x, y, z, w), as coefficients (10, 20, S) of the monomials EXPONENTS.
+    """Coefficients (10, 20, S) of the ten cubics in (x, y, z, w); `EXPONENTS` lists their monomials.
 
     E Eᵀ E - trace(E Eᵀ) E / 2 = 0 (nine) and det E = 0, for E = x E0 + y E1 + z E2 + w E3.
     """
@@ -170,12 +168,12 @@ def cubic_constraints(basis: Array) -> Array:
 
 
 def eliminate(cubics: Array) -> Array:
-    """Eliminate x³, y³, x²y, xy² from the ten cubics: six rows remain, (6, 16, S)."""
+    """Eliminate x³, y³, x²y and xy² from the ten cubics and return the remaining six rows (6, 16, S)."""
     return householder(cubics.copy(), 4)[4:, 4:]
 
 
 def hidden_variable_matrix(rows: Array, z: Array, w: Array) -> Array:
-    """C(z) with C(z) (x², y², xy, x, y, 1)ᵀ = 0: the six rows (6, 16, …) at given (z, w), (6, 6, …)."""
+    """Matrices C (6, 6, …) of the six rows (6, 16, …) at given (z, w): C (x², y², xy, x, y, 1)ᵀ = 0."""
     zz, zw, ww = z * z, z * w, w * w
     C = np.empty((6, 6, *np.broadcast_shapes(rows.shape[2:], z.shape)))
     C[:, :3] = rows[:, 0:6:2] * z + rows[:, 1:6:2] * w
@@ -185,7 +183,7 @@ def hidden_variable_matrix(rows: Array, z: Array, w: Array) -> Array:
 
 
 def determinant(rows: Array) -> Array:
-    """det C(z), coefficients (11, S) of z¹⁰, z⁹w, …, w¹⁰; from its values at the NODES."""
+    """Coefficients (11, S) of z¹⁰, z⁹w, …, w¹⁰ in det C, computed from values of det C at the `NODES`."""
     C = hidden_variable_matrix(rows[:, :, None], *NODES[..., None])
     R = householder(C.reshape(6, 6, -1), 3)
     values = R[0, 0] * R[1, 1] * R[2, 2] * _det_3x3(R[3:, 3:])
@@ -194,7 +192,7 @@ def determinant(rows: Array) -> Array:
 
 @DEGENERATE_SETS
 def back_substitute(rows: Array, z: Array, w: Array, index: Index) -> Array:
-    """(x, y, z, w) of norm 1, (4, M), from the roots: (x², y², xy, x, y, 1) spans the null space of C(z)."""
+    """Solutions (4, M) of norm 1 from the roots (z, w): (x², y², xy, x, y, 1) spans the null space of C."""
     R = householder(hidden_variable_matrix(rows.take(index, axis=-1), z, w), 3)
     x, y, one = _longest_column(_cofactors(R[3:, 3:].swapaxes(0, 1)))
     return _unit(np.stack([x, y, z * one, w * one]))
@@ -202,7 +200,7 @@ def back_substitute(rows: Array, z: Array, w: Array, index: Index) -> Array:
 
 @DEGENERATE_SETS
 def polish(basis: Array, v: Array, index: Index) -> tuple[Array, BoolArray]:
-    """Solutions (4, M) after Newton steps on the constraints, from v (4, M), and a mask (M,) of convergence.
+    """Solutions v (4, M) refined by Newton steps on the constraints, and a mask (M,) of success.
 
     The constraints are more precise than the polynomial. Most candidates need one step.
     """
@@ -220,14 +218,14 @@ def polish(basis: Array, v: Array, index: Index) -> tuple[Array, BoolArray]:
     return v, converged
 
 
-# Signs of the permutations of four indices (i, l, j, k); contracted with three vectors: their cross product.
+# Signs of the permutations of four indices; a contraction with three vectors is their cross product.
 _SIGNS = np.zeros((4, 4, 4, 4))
 for _i, _l, _j, _k in permutations(range(4)):
     _SIGNS[_i, _l, _j, _k] = np.linalg.det(np.eye(4)[[_i, _l, _j, _k]])
 
 
 def newton_step(N: Array, v: Array) -> Array:
-    """One Newton step on the essential constraints. N (4, 3, 3, M), v (4, M) -> (4, M), norm 1.
+    """Solutions (4, M) of norm 1 after one Newton step from v (4, M), for the null spaces N (4, 3, 3, M).
 
     At an essential matrix only three of the ten constraints are independent: the third singular value is
     zero, the other two are equal (two equations). With t the left null vector of E, a and b orthonormal to
@@ -266,7 +264,7 @@ def _det_3x3(A: Array) -> Array:
 
 
 def _longest_column(A: Array) -> Array:
-    """The longest column of A (3, 3, M), as a unit vector (3, M)."""
+    """The longest column of each matrix in A (3, 3, M), as unit vectors (3, M)."""
     n0, n1, n2 = np.einsum("ijm,ijm->jm", A, A)
     column = np.where(n1 > n0, A[:, 1], A[:, 0])
     return _unit(np.where(n2 > np.maximum(n0, n1), A[:, 2], column))

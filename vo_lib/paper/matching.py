@@ -28,7 +28,8 @@ class DescribedPair:
     Attributes
     ----------
     left, right : (H, W) uint8; in_left, in_right : their features.
-    to_right : (N,) most similar right feature of each left one, -1 for none; to_left : (M,) likewise.
+    to_right : (N,) index of the right feature most similar to each left feature, -1 for none.
+    to_left : (M,) index of the left feature most similar to each right feature, -1 for none.
     """
 
     left: Image
@@ -48,7 +49,7 @@ def describe_pair(
 
 
 class LoopMatcher:
-    """The matcher of blobs and corners in the loop, pair by pair.
+    """Matcher of blobs and corners in the loop, called with one stereo pair after the other.
 
     A feature that is matched again is one frame older and keeps its number.
     """
@@ -149,7 +150,7 @@ def track(
     levels: int = 0,
     ends: tuple[int, float] = (20, 0.005),
 ) -> tuple[Array, BoolArray, Array]:
-    """Positions in `target`, by Lucas-Kanade, of windows around `uv` (N, 2) of an image, from `start` (N, 2).
+    """Positions in `target` of the windows around `uv` (N, 2), by Lucas-Kanade from `start` (N, 2).
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ class Rotation(NamedTuple):
 class Odometry:
     """The paper's method on a sequence, frame by frame.
 
-    Flags of a frame: `standstill`, and `few_matches` or `no_motion`, for which the previous motion is used.
+    Flags: `standstill`; `few_matches` and `no_motion`, with which a frame has the motion of the frame before.
 
     Attributes
     ----------
@@ -110,7 +110,7 @@ class Odometry:
         return int(np.argmin(np.where(compete, errors, np.inf)))
 
     def rotation(self, E: Array, matches: StereoMatches) -> Rotation:
-        """Step 5 (section 2.1): the motion of the winner, among four, that agrees with stereo depth."""
+        """Step 5 (section 2.1): of the winner's four motions, the motion that agrees with stereo depth."""
         x_p, x_c = self.points(matches)
         inliers = sampson_inliers(E, x_p, x_c, self.threshold)
         X_p = self.camera.triangulate(matches.prev_left, matches.prev_right)

@@ -1,8 +1,8 @@
 """All real roots of many polynomials of degree 10 at once, for the five-point solver.
 
-The polynomials are homogeneous in (z, w), so no root is at infinity: roots in [-1, 1] of z/w, then of w/z.
-Intervals with one root each are found by the sign changes of Bernstein coefficients (Descartes' rule), then
-each root by Newton's method. The last axis of the arrays is the axis of the polynomials.
+The polynomials are homogeneous in (z, w). Each is solved for z/w and for w/z in [-1, 1], so no root is at
+infinity. The sign changes of Bernstein coefficients give intervals with one root each (Descartes' rule), and
+Newton's method gives the roots. The last axis of the arrays is the axis of the polynomials.
 """
 
 from __future__ import annotations
@@ -16,21 +16,18 @@ from ..geometry.types import Array, BoolArray, Index
 
 DEGREE = 10
 _ORDER = np.arange(DEGREE + 1)
-PIECES, PARTS = 17, 8  # intervals of [-1, 1], odd so that 0 is not a border; parts of an interval
+PIECES, PARTS = 17, 8  # intervals of [-1, 1] (odd, so 0 is not a border); parts of a divided interval
 CUTS = 16
 SAMPLES = 6  # starting points for polishing in an interval whose roots cannot be separated
-ROUNDING_ERROR = (
-    5e-13,
-    1e-19,
-)  # rounding error of the polynomial: relative to its largest coefficient, absolute
+ROUNDING_ERROR = (5e-13, 1e-19)  # error of a polynomial: relative to its largest coefficient, and absolute
 ZERO_POLYNOMIAL = 1e-25  # a polynomial of at most this size is zero: its set has a family of solutions
 ROOT_STEPS, ROOT_DONE = 20, 1e-7
 
 
 def _bernstein_matrices() -> tuple[Array, Array]:
-    """Matrices from power to Bernstein coefficients on PIECES of [-1, 1], and from these to PARTS of [0, 1].
+    """Two matrices: from powers to Bernstein coefficients on `PIECES`, and from a piece to its `PARTS`.
 
-    Shapes (11 · PIECES, 11) and (11 · PARTS, 11); first coefficient 0 of all parts, then coefficient 1, ….
+    Shapes (11 · PIECES, 11), (11 · PARTS, 11): rows of coefficient 0 for all parts, then of coefficient 1, ….
     """
     choose = np.array([comb(DEGREE, i) for i in _ORDER], dtype=np.float64)
 
@@ -48,7 +45,7 @@ TO_PIECES, TO_PARTS = _bernstein_matrices()
 
 
 class Intervals(NamedTuple):
-    """K intervals low … low + width: numbers p (K,) of their polynomials, Bernstein coefficients b."""
+    """K intervals low … low + width, with their polynomials' indices p (K,) and Bernstein coefficients b."""
 
     low: Array
     width: Array
@@ -57,12 +54,12 @@ class Intervals(NamedTuple):
 
 
 def isolate_roots(polynomials: Array) -> tuple[Intervals, Intervals]:
-    """Intervals with one real root each, in [-1, 1], of polynomials (11, P), coefficients of t¹⁰ … 1.
+    """Intervals in [-1, 1] that contain one real root each; the polynomials (11, P) have terms t¹⁰ … 1.
 
     The number of roots in an interval is at most the number of sign changes among the Bernstein coefficients
     there (Descartes): no change means no root, one change means one root. Other intervals are cut into parts.
-    Rounding noise hides the number of roots in the intervals of the second result: either the signs change
-    several times and all coefficients are below the noise, or they never change and the smallest is below.
+    In the intervals of the second result, the number of roots is uncertain: either the signs change several
+    times and all coefficients are below the rounding noise, or the signs never change and one is below.
     """
     size = np.max(np.abs(polynomials), axis=0)
     noise = np.maximum(ROUNDING_ERROR[0] * size, ROUNDING_ERROR[1])
@@ -98,16 +95,14 @@ def isolate_roots(polynomials: Array) -> tuple[Intervals, Intervals]:
     return first, second
 
 
-@np.errstate(
-    divide="ignore", invalid="ignore", over="ignore"
-)  # degenerate polynomials are removed at the end
+@np.errstate(divide="ignore", invalid="ignore", over="ignore")
 def real_roots(polynomials: Array) -> tuple[Array, Array, Index, BoolArray]:
     """All real roots (z, w), max(|z|, |w|) = 1, of polynomials (11, S).
 
     Returns
     -------
-    z, w : (M,) roots; index : (M,) the polynomial of each; doubtful : (S,) polynomials with roots so near
-    each other that their number is uncertain; evenly spaced values in their interval replace these roots.
+    z, w : (M,) roots; index : (M,) the polynomial of each root; doubtful : (S,) mask of polynomials with
+    roots too near each other to be counted, for which evenly spaced values in their interval are returned.
     """
     sets = polynomials.shape[1]
     both = np.concatenate([polynomials, polynomials[::-1]], axis=1)  # in z/w, and in w/z
@@ -122,13 +117,13 @@ def real_roots(polynomials: Array) -> tuple[Array, Array, Index, BoolArray]:
 
 
 def _newton(c: Array, interval: Intervals) -> Array:
-    """The one root of c (11, K) in each interval, by Newton steps that fall back on halving."""
+    """The root of each polynomial in c (11, K) in its interval, by Newton steps or, outside, by bisection."""
     low, high, positive = interval.low, interval.low + interval.width, interval.b >= 0.0
     # Start where the polygon of Bernstein coefficients crosses zero.
     k = np.sum((positive == positive[0]).view(np.int8), axis=0, dtype=np.int8) - 1
     before, after = interval.b[[k, k + 1], np.arange(k.size)]
     t = low + interval.width * (k + before / (before - after)) / DEGREE
-    rising, c = positive[-1], c[::-1]  # c now of 1, t, …, t¹⁰
+    rising, c = positive[-1], c[::-1]  # from here, c[d] is the coefficient of t to the power d
     slopes, powers = c[1:] * _ORDER[1:, None], np.ones_like(c)
     root: Array = t.copy()
     todo = np.arange(t.size)
@@ -141,7 +136,7 @@ def _newton(c: Array, interval: Intervals) -> Array:
         new = t - value / np.einsum("km,km->m", slopes, powers[:-1])
         new = np.where((new >= low) & (new <= high), new, 0.5 * (low + high))
         move, t = np.abs(new - t), new
-        if step >= 2:  # only now is it worth while to sort out the few that go on
+        if step >= 2:  # from here, few roots are unfinished, and only these are continued
             root[todo] = t
             remaining = np.flatnonzero(~(move < ROOT_DONE))
             if not remaining.size:

@@ -41,7 +41,7 @@ class MatchTerms(NamedTuple):
 
 
 def match_terms(x_p: Array, x_c: Array, dtype: DTypeLike = np.float64) -> MatchTerms:
-    """Monomials of matches x_p, x_c (N, 2), normalised points."""
+    """Monomials of matches, given as normalised points x_p and x_c (N, 2)."""
     one = np.ones(len(x_p))
     (px, py), (cx, cy) = x_p.T, x_c.T
     outer = [cx * px, cx * py, cx, cy * px, cy * py, cy, px, py, one]
@@ -92,7 +92,7 @@ def sampson_distance(E: Array, x_p: Array, x_c: Array) -> Array:
 
 
 def squared_distances(candidates: MatchTerms, matches: MatchTerms) -> Floats:
-    """Squared Sampson distances (M, N) of N matches to M candidates, in the precision of their terms."""
+    """Squared Sampson distances (M, N) of N matches to M candidates, in the precision of the terms."""
     d2 = candidates.outer.T @ matches.outer
     denominator = candidates.squares.T @ matches.squares
     np.multiply(d2, d2, out=d2)

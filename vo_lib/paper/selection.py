@@ -16,13 +16,13 @@ from .settings import SelectionConfig
 
 
 def draw_sets(rng: np.random.Generator, number: int, sets: int) -> Index:
-    """Five different indices below `number` for each set, all equally likely, (sets, 5)."""
+    """Indices (sets, 5): for each set, five different indices below `number`, all equally likely."""
     # The first five of a random permutation are a random set.
     return np.argpartition(rng.random((sets, number)), 4, axis=1)[:, :5]
 
 
 def truncated_errors(E: Array, x_p: Array, x_c: Array, threshold: float) -> Array:
-    """Mean squared Sampson distance of each candidate over all matches, truncated, (M,).
+    """Mean truncated squared Sampson distance of all matches for each candidate, (M,).
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def truncated_errors(E: Array, x_p: Array, x_c: Array, threshold: float) -> Arra
 
 
 def outlier_shares(E: Array, x_p: Array, x_c: Array, threshold: float) -> Array:
-    """Share of the matches beyond the threshold of each candidate, (M,); parameters as in `truncated_errors`.
+    """Share (M,) of the matches that are outliers of each candidate; parameters as in `truncated_errors`.
 
     The candidate with the smallest share has the most inliers; RANSAC selects it.
     """
@@ -52,7 +52,7 @@ MEASURES = {"error": truncated_errors, "inliers": outlier_shares}
 
 
 def sampson_inliers(E: Array, x_p: Array, x_c: Array, threshold: float) -> BoolArray:
-    """Mask (N,) of matches within `threshold`, in the unit of the points, of one E (3, 3)."""
+    """Mask (N,) of the matches with a distance to E (3, 3) of at most `threshold`, in the points' unit."""
     return np.asarray(np.abs(sampson_distance(E, x_p, x_c)) < threshold)
 
 
@@ -78,7 +78,7 @@ def nearest_to_prior(E: Array, set_index: Index, e_prev: Array, keep: int) -> Bo
 
 
 def competing(E: Array, set_index: Index, e_prev: Array | None, config: SelectionConfig) -> BoolArray:
-    """Mask (M,) of candidates near the previous essential vector; without vector or prior, all of them."""
+    """Mask (M,) of candidates near the previous essential vector; without vector or prior, all candidates."""
     if not config.prior or e_prev is None:
         return np.ones(len(E), np.bool_)
     return nearest_to_prior(E, set_index, e_prev, config.keep)

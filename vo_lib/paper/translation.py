@@ -2,9 +2,9 @@
 
 With known R, a feature at x = (u - cx) / f, y = (v - cy) / f gives two rows in each image: (x e3 - e1)ᵀ P = 0
 and (y e3 - e2)ᵀ P = 0 in a left image; (x e3 - e1)ᵀ P = -b in a right image, where P = Q in the previous pair
-and P = R Q + t in the current pair. Eight rows, six unknowns (Q, t). The paper has Q in the current frame,
-and P is its projection matrix. Divided by the feature's depth, a row is in pixels over f, like the projection
-in (2) with its factor α. In metres, far features would have the largest weight, and steps would be too long.
+and P = R Q + t in the current pair. Eight rows, six unknowns (Q, t). In the paper, Q is in the current
+frame, and P is the projection matrix. A row divided by the feature's depth is in pixels over f, like the
+projection in (2). With rows in metres, far features would have the largest weight: steps would be too long.
 
 Section 2 requires the constraints of three consecutive frames. A feature that was also matched in the
 previous pair has four more rows with P = R' Q + t', where (R', t') is the inverse of the last motion. These
@@ -120,7 +120,7 @@ def solve_translation(
         A_before, c_before = earlier_rows(camera, matches[near], before)
         A, c = np.concatenate([A, A_before], axis=1), np.concatenate([c, c_before], axis=1)
         B = np.concatenate([B, np.zeros_like(A_before)], axis=1)
-        # A point takes three of a feature's rows: noise leaves 5 σ² of eight rows and 9 σ² of twelve.
+        # The elimination of Q removes three rows, so noise leaves 5 σ² of eight rows and 9 σ² of twelve.
         share = A_before.any(axis=(1, 2)).mean()
         limit *= float(np.sqrt(1.0 + 4.0 / 5.0 * share))
     M, d = eliminate_points(A, B, c)

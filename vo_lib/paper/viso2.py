@@ -76,7 +76,7 @@ def ransac_motion(
 def refit_motion(
     camera: StereoCamera, matches: StereoMatches, R_cp: Array, t_cp: Array, config: ReprojectionConfig
 ) -> tuple[Array, Array]:
-    """Least squares over matches with depth, from a start near the solution: R_cp (3, 3), t_cp (3,)."""
+    """Rotation (3, 3) and translation (3,) by least squares from R_cp, t_cp, a motion near the solution."""
     X_p, measured, weight = observed(camera, matches, config)
     data = X_p[None], measured[None], weight[None]
     R, t = _gauss_newton(camera, *data, R_cp[None], t_cp[None], config.iterations, CONVERGED_STEP)
@@ -106,7 +106,7 @@ def _gauss_newton(
     iterations: int,
     tolerance: float,
 ) -> tuple[Array, Array]:
-    """Least squares of M problems at once: X_p (M, N, 3), measured (M, N, 4), weight (M, N); R, t: initial.
+    """Solutions of M problems at once: X_p (M, N, 3), measured (M, N, 4), weight (M, N), initial R and t.
 
     A converged problem is not changed any more; a divergent problem keeps its last state.
     """
@@ -134,7 +134,7 @@ def _gauss_newton(
 
 
 def _triples(rng: np.random.Generator, number: int, trials: int) -> Index:
-    """Three different indices below `number` for each trial, (trials, 3), all triples equally likely."""
+    """Indices (trials, 3): for each trial, three different indices below `number`, all equally likely."""
     first, second, third = (rng.integers(0, number - k, trials) for k in range(3))
     # Each index is drawn from the remaining ones, and skips the indices already used.
     second += second >= first
@@ -144,7 +144,7 @@ def _triples(rng: np.random.Generator, number: int, trials: int) -> Index:
 
 
 def _residuals(camera: StereoCamera, X_p: Array, measured: Array, R: Array, t: Array) -> Array:
-    """Residual norms (M, N) of N matches for M motions, pixels; infinite behind the camera."""
+    """Residual norms (M, N) of N matches for M motions, pixels; infinite for points behind the camera."""
     x, y, z = np.moveaxis(R @ X_p.T + t[:, :, None], 1, 0)
     front = z > 0
     s = camera.f / np.where(front, z, 1.0)
