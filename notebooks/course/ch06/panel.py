@@ -90,7 +90,7 @@ class EvaluationPanel(Panel):
 
     def work(self, state: State, progress: Progress) -> Drawing:
         if state.view.file.strip() or state.view.estimate == MADE_UP:
-            raise DataError("clear the field of your file and choose a method as the estimate")
+            raise DataError("choose a method as the estimate, and leave the field of your file empty")
         poses_of(state.sequence, preset(state.view.estimate), progress)
         return self.draw(state)
 
