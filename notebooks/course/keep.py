@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import ast
 import dis
-import importlib.util
 import inspect
+import re
 import sys
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
@@ -19,21 +19,22 @@ from vo_lib.errors import DataError
 from vo_lib.files import write_atomic
 
 NAME = "my_vo.py"
+SECTION = re.compile(r"^# ---- (\w+) ----\r?\n", re.MULTILINE)  # before a function and its dependencies
 # Instructions with the name of a function.
 CALLED = "LOAD_GLOBAL", "LOAD_ATTR", "LOAD_METHOD", "IMPORT_FROM"
 MARK = "00_start_here.ipynb"  # a file of the folders of notebooks and of solutions
 LARGEST = 5000  # maximal size of an array that is saved
-HEAD = '"""My visual odometry: the functions that passed their checks in the notebooks."""\n'
+HEAD = '"""My visual odometry: the functions that passed their checks in the notebooks."""'
 
 
 def keep(function: Any, judge: Callable[[Any], Any] | None = None) -> str:
-    """Write a function and its dependencies into `my_vo.py` of the current folder; return a sentence.
+    """Write a function and its dependencies into its section of `my_vo.py`; return a sentence.
 
     Dependencies are imports, other functions and classes of the student (by source) and constants of the
-    notebook (by value). Definitions of the same name are replaced; the rest of the file does not change.
-    Nothing is written, and the result is "", in folders without `00_start_here.ipynb` (folders of tests or
-    scripts), and for functions without source (a lambda, a function of a console). `judge`, the check of the
-    exercise, then tests the saved function. Never raises.
+    notebook (by value). The rest of the file does not change. Nothing is written, and the result is "", in
+    folders without `00_start_here.ipynb` (folders of tests or scripts), and for functions without source (a
+    lambda, a function of a console). `judge`, the check of the exercise, then tests the saved function. Never
+    raises.
     """
     if not (Path(MARK).is_file() and isinstance(function, FunctionType)):
         return ""
@@ -41,15 +42,15 @@ def keep(function: Any, judge: Callable[[Any], Any] | None = None) -> str:
         _source(function)
     except (OSError, SyntaxError, ValueError):
         return ""
-    path = Path(NAME)
+    path, name = Path(NAME), function.__name__
     try:
+        load(path)  # or say that the file cannot be run
         text = path.read_bytes().decode("utf-8") if path.exists() else HEAD
-        needed = _needed(function)
-        _refuse_clash(text, function.__name__, needed)
-        for name, definition in needed.items():
-            text = _with(text, name, *definition)
-        write_atomic(path, text)
-        verdict = judge(load(path)[function.__name__]) if judge else None
+        head, *parts = SECTION.split(text)
+        sections = {**dict(zip(parts[::2], parts[1::2], strict=True)), name: _section(function)}
+        whole = [head.rstrip(), *(f"# ---- {key} ----\n{part.rstrip()}" for key, part in sections.items())]
+        write_atomic(path, "\n\n\n".join(whole) + "\n")
+        verdict = judge(load(path)[name]) if judge else None
     except Exception as error:  # an edited file, or a folder without write permission
         return f" It was not saved in `{NAME}`: {error}."
     if verdict is not None and not verdict.passed:
@@ -58,20 +59,36 @@ def keep(function: Any, judge: Callable[[Any], Any] | None = None) -> str:
 
 
 def load(path: Path) -> dict[str, Any]:
-    """Definitions of a module of saved functions; empty if there is no file. `DataError` if the file cannot be run."""
-    spec = importlib.util.spec_from_file_location(path.stem, path) if path.is_file() else None
-    if spec is None or spec.loader is None:
+    """Definitions of a file of saved functions; empty if there is no file. `DataError` if the file cannot be run.
+
+    Each section has its own names, and those of the lines before the first section.
+    """
+    if not path.is_file():
         return {}
-    module = importlib.util.module_from_spec(spec)
+    definitions: dict[str, Any] = {"__name__": path.stem}
+    named = {}
     try:
-        exec(compile(path.read_bytes(), path, "exec"), vars(module))  # never from the cache of compiled files
+        text = path.read_bytes().decode("utf-8")
+        heads = [*SECTION.finditer(text)]
+        ends = [*(head.start() for head in heads), len(text)]
+        exec(compile(text[: ends[0]], path, "exec"), definitions)
+        common = dict(definitions)
+        for head, end in zip(heads, ends[1:], strict=True):
+            own, above = (
+                dict(common),
+                "\n" * text.count("\n", 0, head.end()),
+            )  # so that numbers of lines are right
+            exec(compile(above + text[head.end() : end], path, "exec"), own)
+            definitions |= own
+            if head[1] in own:
+                named[head[1]] = own[head[1]]
     except ImportError as error:
         raise DataError(
             f"the file cannot be run, {error}: CONTRIBUTING.md lists the new names of imports", path
         ) from None
     except (Exception, SystemExit, KeyboardInterrupt) as error:
         raise DataError(f"the file cannot be run, {type(error).__name__}: {error}", path) from None
-    return vars(module)
+    return definitions | named
 
 
 def _source(thing: Any) -> str:
@@ -82,27 +99,27 @@ def _source(thing: Any) -> str:
     return source
 
 
-def _needed(function: Any) -> dict[str, tuple[str, list[str]]]:
-    """Source and imports by name, first of a function's dependencies in the notebook, then of the function."""
-    definitions: dict[str, tuple[str, list[str]]] = {}
+def _section(function: Any) -> str:
+    """Imports of a function, its dependencies in the notebook, and its source."""
+    definitions, imports, around = dict[str, str](), set[str](), function.__globals__
 
-    def add(name: str, value: Any, around: Any) -> None:
-        source, imports = _source(value), set()
-        definitions[name] = ("", [])  # for recursive functions
+    def add(name: str, value: Any) -> None:
+        source, definitions[name] = _source(value), ""  # for recursive functions
         for used in _names(source):
             if used not in around or used in definitions:
                 continue
             if line := _import_of(used, around[used], function.__module__):
                 imports.add(line)
             elif isinstance(around[used], (FunctionType, type)):
-                add(used, around[used], around)
+                add(used, around[used])
             else:
-                definitions[used] = (f"{used} = {_written(used, around[used])}", ["import numpy as np"])
+                imports.add("import numpy as np")
+                definitions[used] = f"{used} = {_written(used, around[used])}"
         del definitions[name]  # its place is after its dependencies
-        definitions[name] = (source, sorted(imports))
+        definitions[name] = source
 
-    add(function.__name__, function, function.__globals__)
-    return definitions
+    add(function.__name__, function)
+    return "\n\n\n".join(["\n".join(sorted(imports)), *definitions.values()]).lstrip()
 
 
 def _names(source: str) -> list[str]:
@@ -136,46 +153,6 @@ def _written(name: str, value: Any) -> str:
     except (SyntaxError, ValueError):
         raise ValueError(f"it uses `{name}`, which is not a constant; make it an argument") from None
     return text
-
-
-def _refuse_clash(text: str, name: str, needed: Mapping[str, tuple[str, list[str]]]) -> None:
-    """ValueError if a definition that other functions of the file use would be replaced."""
-    body = ast.parse(text).body
-    for helper, (source, _) in needed.items():
-        here = [node for node in body if helper in _defined(node)]
-        if helper == name or not here or ast.dump(here[-1]) == ast.dump(ast.parse(source).body[0]):
-            continue
-        for node in body:
-            others = set(_defined(node)) - set(needed)
-            if others and any(isinstance(each, ast.Name) and each.id == helper for each in ast.walk(node)):
-                raise ValueError(f"`{others.pop()}` uses another `{helper}` there; rename yours")
-
-
-def _defined(node: ast.stmt) -> list[str]:
-    """Names that a statement of a module defines by def, class or =."""
-    if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
-        return [node.name]
-    targets = node.targets if isinstance(node, ast.Assign) else []
-    return [target.id for target in targets if isinstance(target, ast.Name)]
-
-
-def _with(text: str, name: str, source: str, imports: list[str]) -> str:
-    """Text of a module in which `source` replaces the last definition of `name`, or is appended if there is none."""
-    lines, body = text.split("\n"), ast.parse(text).body
-    heads = [node for node in body if isinstance(node, (ast.Import, ast.ImportFrom))]
-    new_imports = [line for line in imports if line not in map(ast.unparse, heads)]
-    place = max((node.end_lineno or 0 for node in heads), default=0)
-    if new_imports and not heads and ast.get_docstring(ast.Module(body, [])) is not None:
-        place, new_imports = body[0].end_lineno or 0, ["", *new_imports]
-    edits = [(place, place, new_imports)]
-    same = [node for node in body if _defined(node) == [name]]
-    if same:
-        first = min([same[-1].lineno, *(each.lineno for each in getattr(same[-1], "decorator_list", []))])
-        edits.append((first - 1, same[-1].end_lineno or first, source.split("\n")))
-    for start, end, new in sorted(edits, reverse=True):
-        lines[start:end] = new
-    result = "\n".join(lines)
-    return result if same else f"{result.rstrip()}\n\n\n{source}\n"
 
 
 def is_stub(answer: Any) -> bool:

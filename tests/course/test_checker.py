@@ -11,7 +11,7 @@ import pytest
 
 from course.ch02 import exercises as ch02
 from course.checker import SLIPS, Exercise, When, any_order
-from course.keep import HEAD, handed_back, keep
+from course.keep import HEAD, handed_back, keep, load
 from course.results import NOT_YET, NOT_YET_CLASS
 from vo_lib.paper.five_point import null_space as other_name
 
@@ -183,6 +183,16 @@ def null_basis(A: Any) -> Any:
     return np.linalg.svd(A)[2][5:]
 
 
+OWN = """# ---- null_basis ----
+from typing import Any
+import numpy as np
+
+
+def null_basis(A: Any) -> Any:
+    # a student's own
+    return np.linalg.svd(A)[2][5:]"""
+
+
 def test_only_what_passed_is_kept_and_only_beside_the_notebooks(folder: Path) -> None:
     assert not ch02.null_basis(lambda A: 2 * null_basis(A)).passed
     spoken: dict[str, Any] = {}
@@ -191,10 +201,7 @@ def test_only_what_passed_is_kept_and_only_beside_the_notebooks(folder: Path) ->
         assert keep(function) == ""  # it has no source
     assert not (folder / "my_vo.py").exists()
     assert "saved in `my_vo.py`" in ch02.null_basis(null_basis).message
-    assert (folder / "my_vo.py").read_text(encoding="utf-8") == (
-        f"{HEAD}\nfrom typing import Any\nimport numpy as np\n\n\ndef null_basis(A: Any) -> Any:\n"
-        "    # a student's own\n    return np.linalg.svd(A)[2][5:]\n"
-    )
+    assert (folder / "my_vo.py").read_text(encoding="utf-8") == f"{HEAD}\n\n\n{OWN}\n"
     (folder / "00_start_here.ipynb").unlink()
     (folder / "my_vo.py").unlink()
     assert ch02.null_basis(null_basis).passed
@@ -202,15 +209,31 @@ def test_only_what_passed_is_kept_and_only_beside_the_notebooks(folder: Path) ->
 
 
 def test_a_kept_function_replaces_its_old_self_and_nothing_else_and_no_broken_file(folder: Path) -> None:
-    before = "from typing import Any\nimport numpy as np\r\n\x0c\n@print\ndef other(A): ...  # ü\n\n"
-    after = "\n\nfirst = 1\nclass C:\n    def null_basis(self): ...\n"
-    old = "@staticmethod\ndef null_basis(A):\n    return 0"
-    own = "def null_basis(A: Any) -> Any:\n    # a student's own\n    return np.linalg.svd(A)[2][5:]"
+    before = (
+        "import math\r\nfirst = 1  # ü\ndef null_basis(A): ...\n\n\n# ---- other ----\nother = math.pi\n\n\n"
+    )
+    old, after = "# ---- null_basis ----\r\nnull_basis = 0", "\n\n\n# ---- last ----\nlast = first + 1\n"
     path = folder / "my_vo.py"
     path.write_bytes(f"{before}{old}{after}".encode())
     for _ in range(2):
         assert keep(null_basis) == " It is saved in `my_vo.py`."
-        assert path.read_bytes().decode() == f"{before}{own}{after}"
+        assert path.read_bytes().decode() == f"{before}{OWN}{after}"
+    assert load(path)["null_basis"](np.eye(9)).shape == (4, 9)
     path.write_bytes(b"def half(:\n")
     assert "was not saved" in keep(null_basis)
     assert path.read_bytes() == b"def half(:\n"
+
+
+def test_each_kept_function_has_its_own_helpers(folder: Path) -> None:
+    for factor in (2, 3):
+        notebook = folder / f"{factor}.py"
+        notebook.write_text(
+            f"def helper(x): return {factor} * x\n\n\ndef times_{factor}(x):\n    return helper(x)\n"
+        )
+        keep(load(notebook)[f"times_{factor}"])
+    saved = load(folder / "my_vo.py")
+    assert (saved["times_2"](1), saved["times_3"](1)) == (2, 3)
+    with pytest.raises(TypeError) as error:
+        saved["times_3"](None)
+    lines = (folder / "my_vo.py").read_text(encoding="utf-8").splitlines()
+    assert lines[error.traceback[-1].lineno] == "def helper(x): return 3 * x"
