@@ -29,7 +29,7 @@ def kitti_roots() -> list[Path]:
 
 
 def kitti_root() -> Path:
-    """The KITTI folder of the kit: the first existing folder, or the place for a new folder."""
+    """The first existing KITTI folder, or the path for a new KITTI folder."""
     return next(iter(kitti_roots()), Path(os.environ.get("KITTI_ROOT") or PROJECT / "data" / "kitti"))
 
 
@@ -47,7 +47,7 @@ def available() -> dict[str, Path | None]:
 
 
 def parse_sequences(text: str) -> list[str]:
-    """Names or paths of "00,02-10,synthetic/jam,some/folder"; numbers mean KITTI sequences."""
+    """Names and paths in a text such as "00,02-10,synthetic/jam,some/folder"; numbers are KITTI sequences."""
     names: list[str] = []
     for item in text.split(","):
         numbers = re.fullmatch(r"(\d\d)(?:-(\d\d))?", item)
@@ -64,7 +64,7 @@ def parse_sequences(text: str) -> list[str]:
 
 
 def _find_folder(name: str, cache: Path | None, progress: Progress | None) -> Path:
-    """Folder of a sequence by name; a scene that is not in the cache is drawn."""
+    """The folder of the sequence with this name; a scene that is not in the cache is drawn."""
     if name.startswith(SYNTHETIC):
         return ensure_scene(name.removeprefix(SYNTHETIC), cache, progress, jobs=DRAWING_PROCESSES)
     names = available()

@@ -1,4 +1,4 @@
-"""Drawn scenes in the user's cache, folders in KITTI's layout; `vo_street` draws a missing scene.
+"""Drawn scenes: folders in KITTI's layout in the user's cache. `vo_street` draws a missing scene.
 
 image_0/000000.png image_1/000000.png calib.txt times.txt poses.txt labels/000000.txt truth/
 """
@@ -28,7 +28,7 @@ def cache_folder() -> Path:
 
 
 def scene_key(config: SceneConfig) -> str:
-    """A folder name for a scene, from its settings, the renderer's version and the library versions."""
+    """The name of a scene's folder, from the settings and the versions of the renderer and the libraries."""
     inputs = {
         "config": to_dict(config),
         "renderer": RENDERER_VERSION,
@@ -41,7 +41,7 @@ def scene_key(config: SceneConfig) -> str:
 
 
 def scene_folder(config: SceneConfig, cache: Path | None = None) -> Path:
-    """The folder of a scene in the cache, by default the user's; it exists only for a complete scene."""
+    """The path of a scene's folder, in the user's cache by default; the folder exists if the scene does."""
     return (cache_folder() if cache is None else Path(cache)).absolute() / scene_key(config)
 
 
@@ -52,7 +52,7 @@ def ensure_scene(
     jobs: int = 2,
     frames: range | None = None,
 ) -> Path:
-    """The folder of a scene, by name or by settings; the scene is drawn unless it is in the cache.
+    """The folder of a scene with this name or these settings; a scene that is not in the cache is drawn.
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
 def read_calibration(path: Path, width: int = 0, height: int = 0) -> StereoCamera:
-    """Camera from calib.txt: f, cx, cy from P0, baseline b = (P0[0,3] - P1[0,3]) / f; KITTI's P0[0,3] is 0.
+    """Camera from calib.txt. P0 has f, cx and cy; the baseline is (P0[0,3] - P1[0,3]) / f.
 
     width, height : image size, pixels; 0 if unknown.
 
@@ -79,7 +79,7 @@ def _read_projections(path: Path) -> list[tuple[Array, int]]:
 
 
 def read_times(path: Path) -> Array:
-    """Times (N,) of the frames, seconds, not decreasing, from a file with one number per line."""
+    """Times (N,) of the frames in seconds from a file with one number per line; no time may decrease."""
     rows, lines = read_rows(path, "one number, the time of a frame in seconds", 1)
     decreases = rows[1:, 0] < rows[:-1, 0]
     if decreases.any():
@@ -113,7 +113,7 @@ def list_frames(folder: Path) -> list[str]:
 
 
 def read_part(folder: Path) -> tuple[str, range] | None:
-    """The text and the frame numbers of part.txt, in a folder with part of a sequence; None without the file.
+    """The text of part.txt and the frame numbers in this text, for part of a sequence; None without the file.
 
     Examples: "--sequences 00 --frames 0:201", "--raw 2011_09_26_drive_0013 --frames 0:80". Raises `DataError`
     for any other text.
@@ -128,7 +128,7 @@ def read_part(folder: Path) -> tuple[str, range] | None:
 
 
 def wanted_frames(folder: Path) -> range | None:
-    """Frame numbers of a complete folder, from part.txt or the benchmark; None for other folders."""
+    """Frame numbers of the complete sequence or part, from the benchmark or part.txt; None if unknown."""
     if (part := read_part(folder)) is not None:
         return part[1]
     return range(EXPECTED_FRAMES[folder.name]) if folder.name in EXPECTED_FRAMES else None

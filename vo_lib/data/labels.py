@@ -14,7 +14,7 @@ MAX_CLASS_ID = 10**6  # no data set has more classes; a larger number belongs to
 
 
 def read_labels(path: str | Path, width: int, height: int) -> Boxes:
-    """Boxes of a YOLO label file, lines `class cx cy w h [score]`, as shares of the image size.
+    """Boxes, in pixels, of a YOLO label file. Lines are `class cx cy w h [score]`, in shares of the image.
 
     Raises `DataError` with file and line for a wrong number of fields, a value outside 0..1 or an invalid
     class number.
@@ -44,7 +44,7 @@ def read_labels(path: str | Path, width: int, height: int) -> Boxes:
 
 
 def write_labels(path: str | Path, boxes: Boxes, width: int, height: int, scores: bool = True) -> None:
-    """Write a YOLO label file, lines `class cx cy w h [score]`; boxes are clipped at the image border."""
+    """Write a YOLO label file with lines `class cx cy w h [score]`; boxes are clipped at the image border."""
     corners = np.clip((boxes.xyxy + 0.5) / (width, height, width, height), 0.0, 1.0)
     centre, size = (corners[:, :2] + corners[:, 2:]) / 2, corners[:, 2:] - corners[:, :2]
     values = np.hstack([centre, size, boxes.score[:, None]])[:, : 5 if scores else 4]

@@ -33,14 +33,14 @@ def from_first(T: Array) -> Array:
 
 
 def is_rotation(R: Array) -> NDArray[np.bool_]:
-    """Whether matrices (..., 3, 3) are rotations within `ROTATION_TOLERANCE`, (...)."""
+    """Mask (...) of the matrices (..., 3, 3) that are rotations within `ROTATION_TOLERANCE`."""
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         deviation = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(axis=(-2, -1))
         return np.asarray((deviation < ROTATION_TOLERANCE) & (np.linalg.det(R) > 0))
 
 
 def read_kitti_poses(path: str | Path) -> Array:
-    """Poses T_w_c (N, 4, 4), metres, N >= 1, of a file in KITTI's format, one row per frame.
+    """Poses T_w_c (N, 4, 4) in metres, N >= 1, from a file in KITTI's format with one row per frame.
 
     Rotations are returned as written, not made orthonormal: KITTI's files have 7 digits. Raises `DataError`
     with file and line if a row is not a pose.
@@ -63,14 +63,14 @@ def read_tum(path: str | Path) -> tuple[Array, Array]:
 
 
 def read_euroc(path: str | Path) -> tuple[Array, Array]:
-    """Times (N,), seconds, and poses (N, 4, 4) of the body in a EuRoC truth file; raises like `read_tum`."""
+    """Times (N,) in seconds and body poses (N, 4, 4) from a EuRoC truth file; raises like `read_tum`."""
     rows, lines = read_rows(path, EUROC_ROW, 8, comment="#", separator=",")
     rows[:, 0] *= 1e-9
     return _timed_poses(rows[:, [0, 1, 2, 3, 5, 6, 7, 4]], lines, path, EUROC_ROW)
 
 
 def read_path(path: Path) -> tuple[Array | None, Array]:
-    """Times (N,), None in KITTI's format, and poses (N, 4, 4) of a file in KITTI, TUM or EuRoC format."""
+    """Times (N,) and poses (N, 4, 4) from a file in KITTI, TUM or EuRoC format; times are None for KITTI."""
     rows = (line for line in read_text(path).splitlines() if line.strip() and not line.startswith("#"))
     first = next(rows, "")
     if "," in first:
@@ -82,7 +82,7 @@ def read_path(path: Path) -> tuple[Array | None, Array]:
 
 
 def _timed_poses(rows: Array, lines: list[int], path: str | Path, expected: str) -> tuple[Array, Array]:
-    """Times and poses of rows (N, 8) in TUM's order, checked."""
+    """Checked times (N,) and poses (N, 4, 4) of rows (N, 8) in TUM's order."""
     times = rows[:, 0]
     _refuse(times[1:] <= times[:-1], "the time does not increase", path, lines[1:])
     with np.errstate(over="ignore"):
@@ -98,7 +98,7 @@ def _timed_poses(rows: Array, lines: list[int], path: str | Path, expected: str)
 def match_times(
     times_a: Array, times_b: Array, tolerance: float = TIME_TOLERANCE_S
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Indices of the pairs of nearest times in two increasing lists, seconds."""
+    """Indices, in two arrays of increasing times in seconds, of the pairs of nearest times."""
     few, many = (times_a, times_b) if len(times_a) <= len(times_b) else (times_b, times_a)
     after = np.clip(np.searchsorted(many, few), 1, max(len(many) - 1, 1))
     nearest = after - (np.abs(few - many[after - 1]) <= np.abs(few - many[np.minimum(after, len(many) - 1)]))
@@ -141,7 +141,7 @@ def _check_poses(T: Array) -> None:
 
 
 def _refuse(invalid: NDArray[np.bool_], message: str, path: str | Path, lines: list[int]) -> None:
-    """`DataError` with the line of the first invalid row, if any."""
+    """Raise `DataError` with the line of the first invalid row, if there is an invalid row."""
     if invalid.any():
         raise DataError(message, path, lines[int(np.argmax(invalid))])
 

@@ -36,8 +36,8 @@ class Sequence:
     times : (N,) seconds.
     truth : (N, 4, 4) ground-truth poses T_w_c, or None.
     labels : folder of YOLO label files, or None.
-    masks : PNG image that is not 0 where the left images have no features, or folder of such images, one per
-        frame; or None.
+    masks : PNG image, or folder with one image per frame, or None. Features of the left images on pixels
+        that are not 0 are ignored.
     """
 
     name: str
@@ -71,7 +71,7 @@ class Sequence:
         return [self.masks / f"{frame}.png" for frame in self.frames]
 
     def mask_images(self) -> Iterator[Image]:
-        """The mask of each frame, endless for one common mask; empty without masks. Raises like `stereo`."""
+        """The masks of all frames in order, empty without masks; one common mask is repeated endlessly."""
         images = map(self._image, self.mask_files())
         return images if self.masks is None or self.masks.is_dir() else repeat(next(images))
 
@@ -107,7 +107,7 @@ def at_pixels(picture: NDArray[Any], uv: Array) -> NDArray[Any]:
 
 
 def open_folder(folder: Path, name: str, labels: str | Path | None = None) -> Sequence:
-    """The sequence of a folder in KITTI's layout, checked except for the content of the images.
+    """The sequence in a folder in KITTI's layout. Of the images, only the first is read.
 
     labels : folder of YOLO label files; by default `labels` in the sequence's folder, if it exists.
 
@@ -137,7 +137,7 @@ def open_folder(folder: Path, name: str, labels: str | Path | None = None) -> Se
 
 
 def _rows_of_frames(rows: Array, frames: list[str], path: Path) -> Array:
-    """Rows of the frames: all rows of their own table, or some rows of the whole sequence's table."""
+    """The rows of these frames in a table that has either these frames only or the whole sequence."""
     if len(rows) == len(frames):
         return rows
     if len(rows) > int(frames[-1]):

@@ -1,4 +1,4 @@
-"""Class names of detectors and their COCO numbers, which label files contain."""
+"""Class names of detectors and their COCO numbers; label files contain the numbers."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def class_numbers(names: Sequence[str]) -> IntArray:
 
 
 def choose_classes(words: Sequence[str], names: Sequence[str]) -> BoolArray:
-    """Mask (C,) of the classes listed in `words` by number or name (the model's or COCO's); no words: all.
+    """Mask (C,) of the classes in `words`, as numbers or names (the model's or COCO's); all if it is empty.
 
     Raises `DataError` for a name that neither the model nor COCO has.
     """

@@ -31,7 +31,7 @@ DETECTION_THREADS = 2
 
 
 def detection_record(model: str | Path, config: DetectorConfig, provider: str = "cpu") -> dict[str, Any]:
-    """All inputs of a detector's boxes, for JSON: model with its hash, settings, provider."""
+    """All inputs that determine a detector's boxes, for JSON: the model and its hash, settings, provider."""
     path = find_model(model)
     settings = to_dict(config)
     del settings["threads"]
@@ -40,7 +40,7 @@ def detection_record(model: str | Path, config: DetectorConfig, provider: str = 
 
 
 def label_folder(sequence: Sequence, record: dict[str, Any], cache: Path | None = None) -> Path:
-    """The folder of a detector's boxes for a sequence, in `cache` or the user's cache folder."""
+    """The folder for the boxes of a detector on a sequence, in `cache` or the user's cache folder."""
     root = cache_folder().parent if cache is None else cache
     text = json.dumps([record, str(sequence.folder.resolve())], sort_keys=True)
     digest = hashlib.sha256(text.encode()).hexdigest()[:12]
@@ -60,7 +60,7 @@ def write_label_folder(
     """Write the missing labels of a folder and return their number; a second call continues the first.
 
     A label older than its image counts as missing. Raises `DataError` if another process writes labels into
-    the folder, or if its labels come from another detector and `replace` is false.
+    the folder, or if the folder has labels of another detector and `replace` is false.
     """
     record, images = detection_record(model, config, provider), sequence.folder / "image_0"
     try:

@@ -22,14 +22,14 @@ BORDER_GREY = 114  # the border value in the training of both families
 STRIDES = (8, 16, 32)  # cell sizes of YOLOX, pixels, in the order of its output
 INPUT_STRIDE_PX = STRIDES[-1]  # the sides of a network's image are multiples of this
 MAX_INPUT_PX = 4096  # a larger size in a model's metadata is ignored
-MAX_SQUEEZE = 0.1  # largest excess over a multiple of the stride, in strides, that is scaled away
+MAX_SQUEEZE = 0.1  # a side that is longer than a multiple by at most this, in strides, is scaled down
 ONE_OBJECT_IOU = 0.9  # boxes of different classes with a larger overlap are one object
 MAX_SUPPRESSED_BOXES = 3000  # largest number of boxes in the suppression, the best first
 
 
 @dataclass(frozen=True)
 class Letterbox:
-    """The position of an image in the network's image: scaled by `scale`, at `left`, `top`, in a border."""
+    """Position of an image in the network's image: scaled by `scale`, with its corner at `left`, `top`."""
 
     width: int
     height: int
@@ -38,7 +38,7 @@ class Letterbox:
     top: int
 
     def to_image(self, xyxy: Array, width: int, height: int) -> Array:
-        """Boxes (K, 4) in the original image (pixel centres at integers), clipped at its border."""
+        """Boxes (K, 4) transformed from the network's image to the original image, and clipped there."""
         corners = (xyxy - (self.left, self.top) * 2) / self.scale
         return np.asarray(np.clip(corners, 0.0, (width, height) * 2) - 0.5)
 
@@ -54,7 +54,7 @@ def fit_size(width: int, height: int, size: int) -> tuple[int, int]:
 
 
 def size_from_metadata(text: str) -> int | None:
-    """Longer image side, pixels, in a model's metadata "[640, 640]" or "640"; None for other text."""
+    """Longer side, in pixels, from a model's metadata such as "[640, 640]" or "640"; None for other text."""
     sides = [int(side) for side in re.findall(r"[0-9]{1,9}", text)]
     valid = sides and min(sides) >= INPUT_STRIDE_PX and max(sides) <= MAX_INPUT_PX
     return max(sides) if valid else None
@@ -70,7 +70,7 @@ def fit_letterbox(
 
 
 def letterboxed(image: Image, letterbox: Letterbox) -> Image:
-    """The image (H, W) or (H, W, 3), scaled, with the border of the letterbox."""
+    """The network's image: the image (H, W) or (H, W, 3), scaled and bordered according to the letterbox."""
     size = max(1, round(image.shape[1] * letterbox.scale)), max(1, round(image.shape[0] * letterbox.scale))
     # Area averages keep small, distant cars; linear interpolation would skip pixels.
     interpolation = cv2.INTER_AREA if letterbox.scale < 1 else cv2.INTER_LINEAR
@@ -84,17 +84,17 @@ def letterboxed(image: Image, letterbox: Letterbox) -> Image:
 # A network may return numbers that are not finite; `best_boxes` ignores them.
 @np.errstate(invalid="ignore")
 def read_yolov8(output: Float32) -> tuple[Array, Array]:
-    """Corners (N, 4), pixels, and class scores (N, C) of a YOLOv8 output (4 + C, N), centre, size, scores."""
+    """Corners (N, 4) in pixels and class scores (N, C), from an output (4 + C, N) of YOLOv8."""
     rows = output.T.astype(np.float64)
     return _corners(rows[:, :2], rows[:, 2:4]), rows[:, 4:]
 
 
 @np.errstate(invalid="ignore")
 def read_yolox(output: Float32, width: int, height: int) -> tuple[Array, Array]:
-    """Corners (N, 4), pixels, and class scores (N, C) of a YOLOX output (N, 5 + C) before decoding.
+    """Corners (N, 4) in pixels and class scores (N, C), from an output (N, 5 + C) of YOLOX.
 
-    Centres are relative to the cell, sizes are logarithms, both in strides. The score of a class is its
-    output times the objectness.
+    In the output, centres are relative to the cell and sizes are logarithms, both in strides. The score of a
+    class is the class output times the objectness.
     """
     rows = output.astype(np.float64)
     cells = []
@@ -119,11 +119,13 @@ def _corners(centre: Array, size: Array) -> Array:
 def best_boxes(
     corners: Array, scores: Array, score: float, nms: float, class_mask: BoolArray | None = None
 ) -> Boxes:
-    """Boxes after non-maximum suppression, best first; a cell has the box of its best class, if its score is
-    at least `score`. The IoU of suppression is `nms` within a class, `ONE_OBJECT_IOU` between classes.
+    """Boxes after non-maximum suppression, best first, with the best class of each and at least `score`.
 
-    corners : (N, 4) x0, y0, x1, y1. scores : (N, C); `class_id` is the column. Boxes with numbers that are
-    not finite are ignored. class_mask : (C,) mask of the classes to report; by default all.
+    The IoU limit of the suppression is `nms` within a class and `ONE_OBJECT_IOU` between classes. Boxes with
+    numbers that are not finite are ignored.
+
+    corners : (N, 4) x0, y0, x1, y1. scores : (N, C); `class_id` is the column. class_mask : (C,) mask of the
+    classes to return; by default all.
     """
     finite = np.isfinite(corners).all(axis=1)
     corners, scores = corners[finite], scores[finite]

@@ -22,7 +22,7 @@ def list_detectors(folder: Path | None = None) -> dict[str, Path]:
 
 
 def find_model(name: str | Path, folder: Path | None = None) -> Path:
-    """The ONNX file of a model, by the name of an included, downloaded or registered model, or by path.
+    """The ONNX file of a model: a path, or the name of an included, downloaded or registered model.
 
     Raises `DataError` with the available names and the command that downloads models.
     """

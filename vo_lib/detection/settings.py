@@ -9,7 +9,7 @@ from ..settings import Checked, setting
 
 @dataclass(frozen=True)
 class DetectorConfig(Checked):
-    """Vehicle boxes from a YOLO network (chapter 5); these settings influence a run only by the boxes."""
+    """Vehicle boxes from a YOLO network (chapter 5); these settings affect a run only through the boxes."""
 
     size: int = setting(
         0,

@@ -31,7 +31,7 @@ LOG_FATAL = 4  # log level that hides ONNX Runtime's messages on errors, which t
 
 @dataclass(frozen=True)
 class NetworkOutput:
-    """Boxes and scores of all cells of a network, before the selection.
+    """Boxes and scores of all cells of a network, before the selection of boxes.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class YoloDetector:
     def __init__(
         self, model: str | Path, config: DetectorConfig | None = None, *, provider: str = "cpu"
     ) -> None:
-        """Load a model, by name or by the path of its ONNX file, and run it once; provider: "cpu" or "cuda".
+        """Load a model (name, or path of an ONNX file) on the provider "cpu" or "cuda", and run it once.
 
         Raises `DataError` for a file that is not a usable model, or a provider that is not installed.
         """
@@ -81,7 +81,7 @@ class YoloDetector:
             raise DataError(f"the model has none of the classes {classes}, only {names[:200]}", self.path)
 
     def detect(self, image: Image) -> Boxes:
-        """Boxes in an image (H, W) grey or (H, W, 3) BGR, uint8: best first, COCO class numbers.
+        """Boxes in a uint8 image, grey (H, W) or BGR (H, W, 3); best first, with COCO class numbers.
 
         For a grey image, the network's input has three equal channels.
         """
@@ -97,7 +97,7 @@ class YoloDetector:
         return NetworkOutput(letterbox, corners, scores, width, height)
 
     def select_boxes(self, output: NetworkOutput, score: float, nms: float) -> Boxes:
-        """The boxes of a network's output at these thresholds, pixels of the image; returned by `detect`."""
+        """The boxes, in pixels of the image, from a network's output with these thresholds."""
         boxes = layout.best_boxes(output.corners, output.scores, score, nms, self._class_mask)
         xyxy = output.letterbox.to_image(boxes.xyxy, output.width, output.height)
         return dataclasses.replace(boxes, xyxy=xyxy, class_id=self._numbers[boxes.class_id])
@@ -128,7 +128,7 @@ class YoloDetector:
             raise DataError(f"ONNX Runtime cannot run this model: {_first_line(error)}", self.path) from None
 
     def _check_input(self) -> tuple[Any, int, int]:
-        """The input, and its fixed width and height, 0 for a size that the model does not fix."""
+        """The model's input with its width and height in pixels, 0 if the model does not fix the size."""
         inputs = self._session.get_inputs()
         shape = inputs[0].shape
         if len(inputs) != 1 or len(shape) != 4 or shape[1] != 3 or shape[0] not in (1, None, str(shape[0])):

@@ -62,7 +62,7 @@ class Delta(NamedTuple):
 
 @dataclass(frozen=True)
 class RelativeError:
-    """RPE over `delta`: translation (M,), metres, and rotation angle (M,), radians."""
+    """RPE over intervals `delta`: translation errors (M,), metres, and rotation errors (M,), radians."""
 
     delta: Delta
     translation: Array
@@ -84,8 +84,8 @@ def rmse(errors: Array) -> float | None:
 
 def motion_error(truth: Array, estimate: Array, first: Index, last: Index) -> Array:
     """Error motions inverse(Δest) Δgt, (S, 4, 4), with Δ = inverse(T[first]) T[last]."""
-    # A general inverse: rotations in files are orthonormal only to 1e-7, and the transpose would turn
-    # that into up to 0.05° of rotation error.
+    # A general inverse: rotations in files are orthonormal only to 1e-7, so the transpose would cause
+    # rotation errors of up to 0.05°.
     true_motion = np.linalg.inv(truth[first]) @ truth[last]
     return np.asarray(np.linalg.inv(np.linalg.inv(estimate[first]) @ estimate[last]) @ true_motion)
 
@@ -127,7 +127,7 @@ def absolute_error(truth: Array, estimate: Array, alignment: Alignment = Alignme
 def relative_error(
     truth: Array, estimate: Array, delta: float = 1, path: Array | None = None
 ) -> RelativeError:
-    """RPE over the frames 0 to delta, delta to 2·delta, … (evo's default pairs); needs no alignment.
+    """RPE over the frames 0 to delta, delta to 2·delta, … (evo's default pairs), without an alignment.
 
     path : (N,) metres from the first true pose to each pose; delta is then in metres. A pair ends at the
     first pose that is delta ahead, and the next pair starts there (evo with `--pairs_from_reference`).

@@ -44,9 +44,9 @@ class Evaluation:
     step: int
 
     def to_dict(self, key: str = "sequences") -> dict[str, Any]:
-        """All results except the single sub-sequences, for JSON, with None for missing numbers.
+        """All results for JSON except the single sub-sequences; missing numbers are None.
 
-        `key` : key of the paths in the result.
+        `key` : key of the list of paths in the result.
         """
         return {
             "lengths_m": list(self.lengths),
@@ -68,13 +68,14 @@ def evaluate(
     times: Mapping[str, Array] = MappingProxyType({}),
     delta: Delta = ONE_FRAME,
 ) -> Evaluation:
-    """KITTI errors, ATE and RPE of (name, truth, estimate) triples, poses (N, 4, 4) each.
+    """KITTI errors, ATE and RPE of triples (name, truth, estimate) with poses (N, 4, 4).
 
-    `times` : times (N,) of the frames, seconds, by name of a triple. `delta` : interval of the RPE.
+    `times` : for the name of a triple, the times (N,) of its frames in seconds; may lack names.
+    `delta` : interval of the RPE.
 
     Raises
     ------
-    DataError : truth and estimate of a sequence differ in length, or an option is out of range.
+    DataError : if truth and estimate of a sequence differ in length, or an option is out of range.
     """
     results = []
     for name, truth, estimate in pairs:

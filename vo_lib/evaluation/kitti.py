@@ -21,7 +21,7 @@ from ..geometry.rows import Rows
 from ..geometry.types import Array, Index
 from .ate_rpe import check_pair, motion_error
 
-# Lengths for short paths, from every frame, labelled as such.
+# Lengths for short paths; these sub-sequences start at every frame, and tables name the lengths.
 SHORT_LENGTHS = (20.0, 50.0, 100.0)  # metres
 KITTI_LENGTHS = (100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0)  # metres
 KITTI_STEP = 10  # frames from one start to the next
@@ -61,11 +61,11 @@ class KittiErrors(Rows):
         return 100.0 * math.degrees(self.r_err.mean()) if len(self) else None
 
     def by_length(self, lengths: Sequence[float] = KITTI_LENGTHS) -> dict[float, KittiErrors]:
-        """The sub-sequences by nominal length, metres; possibly empty."""
+        """For each nominal length in metres, its sub-sequences; there may be none."""
         return {float(length): self[self.length == length] for length in lengths}
 
     def by_speed(self) -> dict[float, KittiErrors]:
-        """The sub-sequences within 2 m/s of each bin centre; bins overlap, as in the devkit."""
+        """For each bin centre, the sub-sequences with a speed within 2 m/s; bins overlap (as in KITTI)."""
         return {speed: self[np.abs(self.speed - speed) < 2.0] for speed in KITTI_SPEEDS}
 
     def curve(
@@ -109,7 +109,7 @@ def _norm(t: NDArray[Any]) -> Array:
 
 
 def _sizes(error: Array, length: Array, dtype: type[np.floating[Any]]) -> tuple[Array, Array]:
-    """Translation (no unit) and angle (rad/m) of error motions (S, 4, 4) over lengths (S,), metres.
+    """Translations and angles of error motions (S, 4, 4), divided by lengths (S,) in metres: no unit, rad/m.
 
     `dtype` : precision of the variables that have single precision in the devkit.
     """

@@ -25,7 +25,7 @@ MAX_REFINEMENT_PX = 1.5
 # Number of tiles side by side in a picture.
 TILES_IN_A_ROW = 32
 TILES_IN_A_REMAP_ROW = 8  # a divisor of TILES_IN_A_ROW; 8 tiles of the widest window have 16928 pixels
-# Smallest standard deviation of the brightness over features for the estimate of a gain.
+# Smallest standard deviation of the features' brightness from which a gain is estimated.
 MIN_CONTRAST_LEVELS = 10.0
 
 # (N, tile²) grey levels, row by row.

@@ -32,7 +32,7 @@ class Filtered:
 
 
 def unless_too_few(keep: BoolArray, config: KitFilterConfig) -> Filtered:
-    """The matches to keep; all of them, with a flag, if fewer than `min_matches` would remain.
+    """The matches to keep, or all matches and a flag if fewer than `min_matches` would remain.
 
     A motion from vehicles is better than a motion from a handful of points. A limit on the remaining share
     would be wrong: if most matches are on a vehicle, the vehicle would win the vote.

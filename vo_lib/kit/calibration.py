@@ -39,7 +39,7 @@ class Calibration:
     covariance: Array
 
     def covariance_on_another_drive(self) -> Array:
-        """Covariance at the start of another drive: disparities shift by about a pixel within a day."""
+        """Covariance at the start of another drive, with an added variance for a new shift of disparities."""
         covariance = self.covariance.copy()
         covariance[0, 0] += RIG_FAULTS["shift along the rows"][2] ** 2
         return covariance
@@ -67,7 +67,7 @@ class Calibration:
         return rig.errors
 
     def in_words(self, config: CalibrationConfig) -> str:
-        """The errors used for the correction, as text with standard deviations, without uncertain errors."""
+        """Text on the errors that the correction uses, with standard deviations; omits uncertain errors."""
         return describe_errors(self.in_use(config), self.covariance, self.camera)
 
     def to_json(self) -> str:
@@ -82,7 +82,7 @@ class Calibration:
 
 
 def read_learnt_calibration(path: Path) -> Calibration:
-    """A calibration from its file; `DataError` for any other content."""
+    """The calibration in a file; any other content raises `DataError`."""
     expected = "a calibration.json, as written by `vo run --variant kit`"
     data = read_mapping(path, expected)
     try:
@@ -108,7 +108,7 @@ def read_learnt_calibration(path: Path) -> Calibration:
 
 
 def describe_errors(errors: Array, covariance: Array, camera: StereoCamera) -> str:
-    """The effects of calibration errors (19,) in the image, pixels, as text with standard deviations.
+    """Text on the effects of calibration errors (19,) in the image, in pixels with standard deviations.
 
     Effects below two standard deviations or below `MIN_REPORTED_ERROR_PX` are omitted.
     """

@@ -51,6 +51,6 @@ def detect_corners(strength: NDArray[np.float32], config: KitFeatureConfig) -> t
 
 
 def in_empty_cells(uv: Array, occupants: Array, cell: int) -> BoolArray:
-    """Mask of corners (N, 2) in square cells, `cell` pixels wide, without any of the occupants (M, 2)."""
+    """Mask (N,) of the corners (N, 2) whose square cells, `cell` pixels wide, contain no occupant (M, 2)."""
     number = square_numbers(np.rint(np.concatenate([uv, occupants])), cell)
     return ~np.isin(number[: len(uv)], number[len(uv) :])

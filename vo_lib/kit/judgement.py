@@ -32,11 +32,10 @@ class Judgement:
     ----------
     boxes : the vehicle boxes, with the margin.
     state : (K,) PARKED, UNKNOWN or MOVING.
-    step : (K, 3) displacement in this frame, current left camera's axes, metres; NaN if not measured.
+    step : (K, 3) displacement in this frame, metres, in the current left camera's axes; NaN if unknown.
     matches : (K,) number of features that may be on the vehicle.
-    removed : (N,) mask of matches whose left point, previous or current, is in a moving box, and of matches
-        in other boxes that do not agree with the background: outlines, windows and other cars make features
-        in boxes worse than elsewhere.
+    removed : (N,) mask of matches with a previous or current left point in a moving box, and of matches in
+        other boxes that do not agree with the background, for example on outlines, windows or other cars.
     """
 
     boxes: Boxes
@@ -49,7 +48,7 @@ class Judgement:
 def states(steps: BoxSteps, config: MovingConfig) -> IntArray:
     """State of each box (K,): PARKED, UNKNOWN or MOVING.
 
-    A box with a significant displacement moves. A box without one is parked if a step of `min_step`
+    A box with a significant displacement moves. Another box is parked if a step of `min_step`
     would be significant.
     """
     state, measured = np.full(len(steps), UNKNOWN), steps.information.any(axis=(1, 2))
@@ -88,7 +87,7 @@ class BoxMotionClassifier:
     def _measure_steps(
         self, matches: StereoMatches, current: Boxes, outside: BoolArray
     ) -> tuple[BoxSteps, BoolArray]:
-        """Displacements of the boxes, and a mask (N,) of the matches inside them that are not static."""
+        """Displacements of the boxes, and a mask (N,) of the matches in boxes that are not static."""
         disagrees = np.zeros(len(matches), np.bool_)
         if self._motion is None:
             return no_steps(len(current)), disagrees

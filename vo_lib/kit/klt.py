@@ -113,8 +113,9 @@ class KltMatcher:
         guess: tuple[Array, Array],
         levels: int,
     ) -> tuple[StereoMatches, Array]:
-        """Matches and slopes (N, 2): coarse positions from Lucas-Kanade (left) and block matching (right),
-        then sub-pixel refinement and the checks.
+        """Matches that pass all checks, and the slopes (N, 2) of their surfaces.
+
+        Lucas-Kanade (left image) and block matching (right image) give coarse positions, which are refined.
         """
         left, right = pair.images
         start = np.flatnonzero(_inside(guess[0], left) & _inside(guess[1], right))
@@ -166,7 +167,7 @@ def _in_right_image(coarse: CoarseDisparity, uv: Array) -> tuple[Array, BoolArra
 
 
 def lit_like(image: Image, target: Image) -> Image:
-    """The image, with the mean and standard deviation of `target` if the contrast changed much."""
+    """The image; if the contrast changed much, a copy with the mean and standard deviation of `target`."""
     mean, spread = cv2.meanStdDev(image)
     target_mean, target_spread = cv2.meanStdDev(target)
     gain = float(target_spread[0, 0] / max(spread[0, 0], 1.0))
@@ -179,7 +180,7 @@ def lit_like(image: Image, target: Image) -> Image:
 def next_motion(
     camera: StereoCamera, matches: StereoMatches, last: tuple[Array, Array] | None
 ) -> tuple[tuple[Array, Array] | None, int]:
-    """The motion of matches, for the prediction in the next search, and the number of inliers.
+    """The motion from matches, which predicts the next positions, and the number of inliers.
 
     With too few matches, the motion is None. The fit starts from the previous motion.
     """

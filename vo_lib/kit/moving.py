@@ -23,7 +23,7 @@ from ..paper.boxes import inside
 from ..paper.buckets import select_by_bucket
 from ..paper.settings import BucketConfig
 
-# Buckets for the camera's motion: enough features for a millimetre, few enough for a millisecond.
+# Buckets for the camera's motion: its error is about a millimetre, its computation takes a millisecond.
 BACKGROUND_BUCKETS = BucketConfig(size=100, features=2)
 # Largest squared error, in variances, of a feature that agrees with a displacement: 99 % of normal noise.
 AGREES_CHI2 = 11.3
@@ -32,8 +32,7 @@ STEP_ITERATIONS = 3
 MIN_INFORMATION = 1e-6
 # COCO number of cars, and the largest heights of a car and of any other vehicle.
 CAR, MAX_CAR_HEIGHT_M, MAX_VEHICLE_HEIGHT_M = 2, 2.3, 4.2
-# Smallest number of features of a box with a displacement, and the smallest share of them that moves
-# together.
+# Smallest number of features in a box with a displacement, and smallest share with this displacement.
 MIN_BOX_FEATURES, MIN_MOVED_SHARE = 3, 0.3
 # Standard deviations of the camera's translation and rotation, estimated outside boxes.
 STEP_DEVIATION_M, TURN_DEVIATION_RAD = 0.01, np.radians(0.01)
@@ -46,7 +45,7 @@ class PointSteps(Rows):
     Attributes
     ----------
     step : (N, 3) displacement in the current left camera's axes, metres.
-    information : (N, 3, 3) inverse covariance of the step for matches with a deviation of one pixel.
+    information : (N, 3, 3) inverse covariance of the step for a standard deviation of 1 px, 1/m².
     depth : (N,) depth of the predicted static feature, metres.
     """
 
@@ -55,7 +54,7 @@ class PointSteps(Rows):
     depth: Array
 
     def squared_error(self, step: Array) -> Array:
-        """Squared errors (N,), pixels², for a common displacement (3,) or one displacement each (N, 3)."""
+        """Squared errors (N,), pixels², for one common displacement (3,) or one per feature (N, 3)."""
         e = self.step - step
         return np.asarray(np.einsum("ni,nij,nj->n", e, self.information, e))
 
@@ -72,7 +71,7 @@ def background_motion(camera: StereoCamera, matches: StereoMatches, start: Array
 
 
 def point_steps(camera: StereoCamera, matches: StereoMatches, T_cp: Array) -> PointSteps:
-    """Displacement of each feature against the background: position minus that of a static feature.
+    """Displacement of each feature: its position minus the position that a static feature would have.
 
     Both points are triangulated from u_left, v and u_right. The displacement of a far feature is therefore
     precise across the line of sight and uncertain along it, as the information matrix expresses.
@@ -87,7 +86,7 @@ def point_steps(camera: StereoCamera, matches: StereoMatches, T_cp: Array) -> Po
 
 
 def _point_covariance(camera: StereoCamera, X: Array) -> Array:
-    """Covariance (N, 3, 3) of triangulated points for a deviation of one pixel in u_left, v and u_right.
+    """Covariance (N, 3, 3), metres², of triangulated points for a variance of 1 px² in u_left, v and u_right.
 
     With d = u_left - u_right: Z = f b / d, X = (u_left - cx) Z / f, Y = (v - cy) Z / f.
     """
@@ -103,7 +102,7 @@ def _point_covariance(camera: StereoCamera, X: Array) -> Array:
 
 
 def owner_of(camera: StereoCamera, left: Array, right: Array, boxes: Boxes) -> IntArray:
-    """Index of the box of each feature (N, 2), (N, 2): the nearest of the possible boxes, or -1 for none.
+    """Index (N,) of the box of each feature with pixels (N, 2): the nearest possible box, or -1 for none.
 
     The nearest box is the lowest in the image. A feature belongs to the background inside a box if a vehicle
     at the feature's depth would be taller than any vehicle of its class.

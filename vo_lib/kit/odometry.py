@@ -127,7 +127,7 @@ class KitOdometry(SelfCalibratingOdometry):
         return replace(super().remember(rotation, t_cp), flags=(Flag.PRIOR_DROPPED,) * self._dropped)
 
     def draw_sets(self, x_p: Array, x_c: Array) -> Index:
-        """At most n sets, but only as many as are needed for CLEAN_SETS sets without an outlier.
+        """Five-point sets: at most n, and only as many as give `CLEAN_SETS` sets without an outlier.
 
         Outliers are counted with the previous essential matrix; the winner is only the start of the
         refinement. In mode `literal`, and in a sharp turn, all n sets are drawn.

@@ -58,10 +58,10 @@ def parallax_information(
     Z = np.maximum(Z, MIN_DEPTH_RATIO)
     predicted, s = np.stack([X, Y]) / Z, f / Z
     residual = np.stack([0.0 * D, *(f * (x_c - predicted)), d_c - D / Z])
-    # Evaluated at the predicted positions: noise of a position in derivative and residual would be
-    # correlated.
+    # Evaluated at the predicted positions: at the measured positions, derivative and residual would have
+    # the same noise.
     before, now = effects(x_p, D), effects(predicted, D / Z)
-    # Derivatives of the position by the rotation, by t and by the errors, (6 + K, 3, N).
+    # Derivatives (6 + K, 3, N) of the position with respect to the rotation, t and the errors.
     moves = np.zeros((6 + len(now), 3, len(D)))
     moves[[0, 1, 2], [1, 2, 0]], moves[[0, 1, 2], [2, 0, 1]] = -ray[[2, 0, 1]], ray[[1, 2, 0]]
     moves[[3, 4, 5], [0, 1, 2]] = D / fb
@@ -73,7 +73,7 @@ def parallax_information(
     by[6:, 1:] += now
     toward = (t_cp[:2, None] - t_cp[2] * predicted) * s / fb
     by_D = np.stack([one, *toward, (1.0 - t_cp[2] * D / (fb * Z)) / Z])
-    # Elimination of D: removal of the component along by_D, the projector I - J Jᵀ / JᵀJ of each feature.
+    # Elimination of D: for each feature, I - J Jᵀ / JᵀJ removes the component along J = by_D.
     norm = np.maximum(np.sum(by_D**2, axis=0), 1e-12)
     residual = residual - by_D * (np.sum(by_D * residual, axis=0) / norm)
     by = by - by_D * (np.sum(by_D * by, axis=1) / norm)[:, None]

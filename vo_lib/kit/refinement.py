@@ -48,12 +48,11 @@ def refine(
 
 
 def distances_and_derivatives(R_cp: Array, direction: Array, matches: MatchTerms) -> tuple[Array, Array]:
-    """Sampson distances (N,) and their derivatives (5, N) by a rotation and by t in its tangent plane.
+    """Sampson distances (N,), and derivatives (5, N) with respect to the rotation and the direction of t.
 
     The distance is d = cᵀ E p / norm, with norm² = |(E p)₁,₂|² + |(Eᵀ c)₁,₂|². A rotation δω of R and a
-    tangential change δt of t change E by [t]× [δω]× R + [δt]× R. The rest is the quotient rule. The
-    derivative of the norm is necessary: without it, noise biases the direction towards the matches,
-    downwards.
+    tangential change δt of t change E by [t]× [δω]× R + [δt]× R. The rest is the quotient rule. Without
+    the derivative of the norm, noise biases the direction towards the matches, downwards.
     """
     basis = np.concatenate([direction[None], _tangent_basis(direction)])
     t, *across = (basis @ GENERATORS.reshape(3, 9)).reshape(3, 3, 3)

@@ -52,10 +52,8 @@ ERROR_NAMES = (
 )
 ERROR_COUNT = len(ERROR_NAMES)
 P1, P2, K1, K2 = range(FIELD, ERROR_COUNT)
-BY_PARALLAX = [
-    *range(N),
-    *range(FIELD, ERROR_COUNT),
-]  # measured by the motion; rows measure the errors from N on
+# Indices of the errors that the motion measures; the rows measure the errors from N on.
+BY_PARALLAX = [*range(N), *range(FIELD, ERROR_COUNT)]
 # Faults of one camera relative to the other: shape in the columns, shape in the rows, prior standard
 # deviation in pixels. To first order, a yaw is a shift along the rows and a tilt about the vertical;
 # decentering is a tilt of three times its size plus the last two faults.
@@ -69,11 +67,11 @@ RIG_FAULTS: dict[str, tuple[Shape, Shape, float]] = {
     "decentering along the rows": ({"y²": 1}, {"xy": -1}, 5.0),
     "decentering across the rows": ({"xy": -1}, {"x²": 1}, 1.0),
 }
-# Residuals of an undistortion with other polynomials have no particular shape.
+# Errors of the undistortion of the images have no particular shape; standard deviations in pixels.
 UNDISTORTION_PX = {"x²": 1.0, "xy": 0.2, "y²": 1.5, "x³": 0.5, "x²y": 1.0, "x⁴": 4.0}
 RIG_FAULTS |= {f"columns, {term}": ({term: 1}, {}, deviation) for term, deviation in UNDISTORTION_PX.items()}
 RIG_FAULTS |= {f"rows, {term}": ({}, {term: 1}, 0.5) for term in ("x²", "xy", "y²")}
-FREE_DEVIATION_PX = 0.01  # prior standard deviation of each coefficient of the field beyond all faults
+FREE_DEVIATION_PX = 0.01  # prior standard deviation of each coefficient, in addition to the faults
 
 ROW_REWEIGHTINGS = 4  # re-weightings in the estimation of the row errors
 
@@ -173,7 +171,7 @@ class Rig:
 
 
 def effects(camera: StereoCamera, x: Array, disparity: Array) -> Array:
-    """Effects (19, 4, N), pixels, of errors of size 1 on u and v in the left image, on disparity and on row.
+    """Effects (19, 4, N) in pixels of errors of 1 px: on u and v (left image), disparity and row difference.
 
     x : (2, N) normalised left positions; disparity : (N,) pixels.
     """
@@ -188,19 +186,19 @@ def effects(camera: StereoCamera, x: Array, disparity: Array) -> Array:
 
 
 def field_at(errors: Array, x: Array, y: Array) -> Array:
-    """Errors (2, N) of disparity and row in the field, pixels, at normalised left positions x, y (N,)."""
+    """Errors (2, N) in pixels of disparity and row difference, at normalised left positions x, y (N,)."""
     terms = powers(x, y)
     return np.stack([errors[:N] @ terms, errors[N:FIELD] @ terms[: len(ROW_TERMS)]])
 
 
 def powers(x: Array, y: Array) -> Array:
-    """Values (9, N) of `DISPARITY_TERMS` at normalised x, y (N,); first the `ROW_TERMS`."""
+    """Values (9, N) of `DISPARITY_TERMS` at normalised x, y (N,); the first six are the `ROW_TERMS`."""
     x2 = x * x
     return np.array([np.ones_like(x), x, y, x2, x * y, y * y, x2 * x, x2 * y, x2 * x2])
 
 
 def lens_shapes(points: Array) -> Array:
-    """Displacements (4, 2, N) of normalised points (2, N) by the terms of `LENS_PX`, each of size 1."""
+    """Displacements (4, 2, N) of normalised points (2, N), one for each term of `LENS_PX` of size 1."""
     x, y = points
     r2, xy = x * x + y * y, 2.0 * x * y
     radial = r2 * points

@@ -20,7 +20,7 @@ COARSE_ITERATIONS = 3  # iterations of the first, coarse refinement
 
 
 def sample_sets(rng: np.random.Generator, number: int, sets: int) -> Index:
-    """Five different indices below `number` for each set, (sets, 5).
+    """Indices (sets, 5): for each set, five different indices below `number`.
 
     The sets are consecutive parts of random permutations, so that every feature is used equally often.
     """
@@ -55,10 +55,10 @@ def choose_candidate(
 
 
 def guarded(errors: Array, kept: BoolArray, ratio: float) -> tuple[int, bool]:
-    """Index of the best kept candidate, or of the best of all if the prior is rejected; and this decision.
+    """Index of the winner, and whether the prior is rejected. errors, kept : (M,).
 
-    The prior is rejected if the error of the best kept candidate exceeds the smallest error by more than the
-    ratio, as in a sharp turn or after a wrong essential vector. errors, kept : (M,).
+    The winner is the best kept candidate, or the best of all if the prior is rejected: if the smallest error
+    times `ratio` is less than the best kept error, as in a sharp turn or after a wrong essential vector.
     """
     winner, choice = int(np.argmin(errors)), int(np.argmin(np.where(kept, errors, np.inf)))
     dropped = bool(errors[choice] > ratio * errors[winner])

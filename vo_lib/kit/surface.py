@@ -69,7 +69,8 @@ def fit_surface(coarse: CoarseDisparity, uv: Array, disparity: Array) -> Surface
     coarse : (H / 2, W / 2) disparity in pixels of the full image; not positive where unknown.
     uv : (N, 2) pixels of the full left image. disparity : (N,) of the features, pixels.
 
-    Least squares over the pixels whose disparity is near the feature's, then near the plane.
+    The fit is by least squares: first over the pixels with a disparity near the feature's, then over the
+    pixels with a disparity near the plane's.
     """
     du, dv = (o.ravel() for o in np.meshgrid(SURROUNDING_OFFSETS, SURROUNDING_OFFSETS))
     column = np.clip(np.rint(uv[:, :1] / 2).astype(np.intp) + du, 0, coarse.shape[1] - 1)
@@ -94,7 +95,7 @@ def fit_surface(coarse: CoarseDisparity, uv: Array, disparity: Array) -> Surface
 
 
 def stereo_warp(slope: Array) -> Array:
-    """Warps (N, 2, 2) of small windows from the left to the right image, du_r/du_l."""
+    """Warps du_r/du_l (N, 2, 2) of small windows from the left to the right image."""
     A = np.tile(np.eye(2), (len(slope), 1, 1))
     A[:, 0] -= slope
     return A
@@ -108,7 +109,7 @@ def right_slope(slope: Array) -> Array:
 def motion_warp(
     camera: StereoCamera, uv: Array, disparity: Array, slope: Array, R_cp: Array, t_cp: Array
 ) -> Array:
-    """Warps (N, 2, 2) of small windows on surfaces, due to a motion, du_c/du_p.
+    """Warps du_c/du_p (N, 2, 2) of small windows on surfaces, due to a motion of the camera.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Plausibility check (not in the paper): flags for motions that no road vehicle makes; the path is unchanged.
 
-A flagged motion is not replaced by the last plausible one: in 34 of 621 disturbed drives, the replacement
-increased the end error. Flags alone increased it in 2 drives.
+A flagged motion is not replaced by the last plausible motion: in 34 of 621 disturbed drives, the replacement
+increased the error at the end. With flags alone, this error increased in 2 drives.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ START_INTERVAL_S = 2.0  # assumed time of acceleration before the first motion, 
 class Vehicle:
     """The check of the motions of a camera on a vehicle (x right, y down, z forward), frame by frame.
 
-    If the images give no motion, the last plausible motion replaces it.
+    If the images give no motion, the last plausible motion is used.
     """
 
     def __init__(self, config: VehicleConfig):
@@ -34,7 +34,7 @@ class Vehicle:
         """The next frame's motion with its flags, or its replacement.
 
         seconds : time since the previous frame; if 0 (unknown), no motion is flagged.
-        still : whether the image did not change: a stop or a repeated pair, so the speed is unknown.
+        still : whether the image did not change (a stop or a repeated pair); the speed is then unknown.
         """
         self._elapsed += seconds
         if not motion.measured:

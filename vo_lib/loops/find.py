@@ -21,7 +21,7 @@ from ..paper.viso2 import ransac_motion
 from .places import candidates, place_frames, similarities, uncovered
 from .settings import LoopConfig
 
-PAIRS_KEPT = 32  # described stereo pairs: neighbouring places have the same candidates
+PAIRS_KEPT = 32  # number of described stereo pairs in memory; neighbouring places have the same candidates
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ def find_loops(sequence: Sequence, method: MethodConfig, config: LoopConfig, pro
 def compare_places(
     sequence: Sequence, method: MethodConfig, config: LoopConfig, pairs: IntArray
 ) -> Iterator[tuple[StereoMatches, Array, BoolArray]]:
-    """Matches of the N pairs of frames (N, 2), the motion T_cp (4, 4) between them, and the mask of inliers.
+    """For each pair of frames in `pairs` (N, 2): the matches, the motion T_cp (4, 4) and the mask of inliers.
 
     Without a motion, T_cp is the identity and no match is an inlier.
     """

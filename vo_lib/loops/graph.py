@@ -21,7 +21,7 @@ from .settings import LoopConfig
 MAX_STEPS = 40
 MAX_TURN = 0.2  # largest rotation of a pose in a step, radians; with false loops, longer steps diverge
 LAST_MOVE = 1e-4  # largest move of a pose in the last step, radians and metres
-NARROWING = 0.25  # ratio of the weights' scales in successive first steps
+NARROWING = 0.25  # factor between the scales of the weights in successive steps
 SERIES = ((1, 0.5), (2, 1 / 12), (4, -1 / 720), (6, 1 / 30240))  # powers and factors of x / (1 - exp(-x))
 
 
@@ -43,7 +43,7 @@ class Edges(Rows):
 
 
 def linearised(poses: Array, edges: Edges) -> tuple[Array, Array, Array]:
-    """Residuals (N, 6) of edges over their deviations, and derivatives (N, 6, 6) by a twist of either pose.
+    """Residuals (N, 6) of edges in standard deviations, and derivatives (N, 6, 6) for the twist of each pose.
 
     A twist δ moves a pose in its own frame: T_w_c exp(δ).
     """
@@ -56,7 +56,7 @@ def linearised(poses: Array, edges: Edges) -> tuple[Array, Array, Array]:
 
 
 def optimise(poses: Array, edges: Edges, scale: float, tolerance: float = LAST_MOVE) -> tuple[Array, ...]:
-    """Gauss-Newton from poses (N, 4, 4), T_w_c; the first pose is fixed, and with it the world frame.
+    """Optimise poses T_w_c (N, 4, 4) by Gauss-Newton; the first pose, and so the world frame, is fixed.
 
     scale : residual at which a loop has weight ½, in standard deviations; if infinite, all weights are 1.
         The first steps have a larger scale: before the drift is corrected, true loops have large residuals.
@@ -92,7 +92,7 @@ class Closed:
     poses : (N, 4, 4) T_w_c of all frames, the first unchanged.
     loops : the M closed loops.
     weight : (M,) weight of each loop in the pose graph, from 0 to 1.
-    gap : (M,) distance between the second visit's positions by the path and by the loop's motion, metres.
+    gap : (M,) distance, metres, between the second visit's positions from the path and from the loop.
     """
 
     poses: Array
@@ -115,7 +115,7 @@ def close_path(poses: Array, loops: Loops, config: LoopConfig) -> Closed:
 
 
 def carried_along(poses: Array, frames: IntArray, moved: Array) -> Array:
-    """Poses (N, 4, 4) if the poses at frames (K,) become `moved` (K, 4, 4); the first frame is 0.
+    """Poses (N, 4, 4) of all frames when those of `frames` (K,), from frame 0 on, become `moved` (K, 4, 4).
 
     Between two such frames, the change is distributed evenly, as a twist.
     """
@@ -127,7 +127,7 @@ def carried_along(poses: Array, frames: IntArray, moved: Array) -> Array:
 
 
 def graph_edges(places: Array, frames: IntArray, loops: Loops, config: LoopConfig) -> Edges:
-    """Edges between successive places, with poses (N, 4, 4) and frames (N,), then the edges of the loops."""
+    """Edges between successive places (poses (N, 4, 4), frames (N,)), followed by the edges of the loops."""
     number, size = np.arange(len(frames) - 1), np.diff(frames)
     # The errors of frames add up as in a random walk, with 0.3 m per degree: the ratio in drawn streets.
     steps = np.sqrt(size)[:, None] * [np.radians(config.frame_turn), config.frame_step]

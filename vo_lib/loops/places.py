@@ -19,13 +19,13 @@ from ..paper.features import Described, describe
 from ..paper.settings import FeatureConfig, MethodConfig
 from .settings import LoopConfig
 
-KINDS = 4  # kinds of features: blobs and corners, bright and dark; words are of one kind
+KINDS = 4  # kinds of features: blobs and corners, bright and dark; each word has one kind
 SAMPLE_FEATURES = 8000  # number of features of each kind in the sample
 LEARNING_ROUNDS = 5
 
 
 def place_frames(count: int, config: LoopConfig) -> IntArray:
-    """The frames that are places: each n-th of `count`, fewer where that is more than the largest number."""
+    """The frames that are places: every n-th of `count` frames; n is increased if there are too many."""
     return np.arange(0, count, max(config.every, -(-count // config.places)), dtype=np.int64)
 
 
@@ -46,7 +46,7 @@ def learn_words(images: list[Described], config: LoopConfig, seed: int) -> Array
 
 
 def histogram(image: Described, words: Array, width: int, columns: int) -> Array:
-    """Number of features (columns, kinds, words) in each column of an image, `width` pixels wide."""
+    """Numbers of features (columns, kinds, words) in equal columns of an image with this width in pixels."""
     nearest = (words[image.kind] @ image.descriptor[:, :, None])[..., 0].argmax(axis=1)
     column = (image.uv[:, 0] * columns // width).astype(np.int64)
     counts = np.zeros((columns, *words.shape[:2]))
@@ -65,7 +65,7 @@ def similarities(sequence: Sequence, method: MethodConfig, config: LoopConfig, p
         images.append(replace(image, descriptor=image.descriptor / length))
         progress(len(images), len(frames))
     words, width = learn_words(images, config, method.seed), sequence.camera.width
-    # The root reduces the weight of repetitions; a word that is as frequent in all images has no weight.
+    # The root reduces the weight of repetitions; a word with equal frequency in all images has no weight.
     flat = np.sqrt([histogram(image, words, width, config.columns).ravel() for image in images])
     flat -= flat.mean(axis=0)
     flat /= np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-9)
@@ -83,7 +83,7 @@ def uncovered(sequence: Sequence, frame: int, uv: Array, method: MethodConfig) -
 
 
 def candidates(similarity: Array, frames: IntArray, config: LoopConfig) -> IntArray:
-    """Pairs (M, 2) of places, the earlier first: each place with its most similar places, a gap earlier."""
+    """Pairs (M, 2), earlier place first, of each place and the most similar places at least a gap earlier."""
     allowed = np.where(frames[:, None] - frames >= config.gap, similarity, -np.inf)
     best = np.argsort(-allowed, axis=1, kind="stable")[:, : config.candidates]
     later, rank = np.nonzero(np.take_along_axis(allowed, best, axis=1) >= config.similarity)
