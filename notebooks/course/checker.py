@@ -89,7 +89,7 @@ class Exercise:
     """An exercise. Its call with an answer, and with further data of the task, returns the `Verdict`.
 
     An answer is right if its results equal those of `right` in every case. A wrong answer gets the message of
-    the mistake with the same results in most cases, else of a slip, else of a mistake whose test holds, else
+    the mistake with the same results in all cases, else of a slip, else of a mistake whose test holds, else
     the `hint`. The third different wrong answer in a row also gets the `line` of code.
 
     Parameters
@@ -204,9 +204,8 @@ class Exercise:
             for says, answers in self.answers.items()
         }
         mistake = max(lengths, key=lengths.__getitem__, default="")
-        if lengths.get(mistake, 0) < (part + 1) * len(cases):  # an explanation of the whole part comes first
-            partly = mistake if lengths.get(mistake, 0) > first else not_indices(wrong, expected)
-            mistake = self._slip(got, right, part, len(cases)) or partly
+        if lengths.get(mistake, 0) < (part + 1) * len(cases):  # equal in some cases, perhaps by chance
+            mistake = self._slip(got, right, part, len(cases)) or not_indices(wrong, expected)
         if not mistake:
             # A function that may return None can do so in the wrong case.
             missing = wrong is None and any(each is None for each in right)

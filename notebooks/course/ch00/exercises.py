@@ -137,7 +137,10 @@ chain = Exercise(
             right_chain(m)[-1:] * (len(m) + 1)
         ),
         "the first pose, the identity, is missing.": lambda m: right_chain(m)[1:],
-        "a motion is missing.": lambda motions: right_chain(motions)[:-1],
+        "a motion is missing.": (
+            lambda motions: right_chain(motions)[:-1],
+            lambda motions: right_chain(motions[1:]),
+        ),
     },
 )
 

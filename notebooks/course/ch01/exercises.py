@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from vo_lib.geometry.types import Array, Index
+from vo_lib.geometry.types import Array, BoolArray, Index
 from vo_lib.paper.buckets import select_by_bucket
 from vo_lib.paper.settings import BucketConfig
 
@@ -76,13 +76,18 @@ def follow(*steps: Index) -> tuple[Index, Any]:
 def which(*steps: Index) -> Index:
     """Indices of the features whose chain returns to its start."""
     at, complete = follow(*steps)
-    return np.flatnonzero(complete & (at == np.arange(len(at))))
+    return np.flatnonzero(complete & returns(at))
+
+
+def returns(end: Index) -> BoolArray:
+    """Whether each feature's chain ends where it began."""
+    return np.asarray(end == np.arange(len(end)))
 
 
 def crowd() -> list[Case]:
-    """120 features with ages and strengths, and two grids of buckets."""
+    """80 features with ages and strengths, and two grids of buckets; some squares have few features."""
     rng = np.random.default_rng(11)
-    features = rng.uniform(0, 1, (120, 2)) * (300.0, 150.0), rng.integers(1, 4, 120), rng.uniform(1, 9, 120)
+    features = rng.uniform(0, 1, (80, 2)) * (300.0, 150.0), rng.integers(1, 4, 80), rng.uniform(1, 9, 80)
     return [(*features, 50, 3), (*features, 70, 1)]
 
 
@@ -122,6 +127,13 @@ def in_sorted_list(uv: Array, age: Array, strength: Array, *more: int) -> Index:
     """Wrong answer: positions of the selected features in the sorted list, not their indices."""
     order = np.lexsort((-strength, -age))
     return np.flatnonzero(np.isin(order, kept(uv, age, strength, *more)))
+
+
+def in_full_squares(uv: Array, age: Array, strength: Array, size: int, count: int) -> Index:
+    """Wrong answer: squares with fewer than `count` features keep none."""
+    index = kept(uv, age, strength, size, count)
+    squares = uv[index] // size
+    return index[[np.sum(np.all(squares == each, axis=1)) == count for each in squares]]
 
 
 def overfull(kept: Array, uv: Array, age: Array, strength: Array, size: int, count: int) -> bool:
@@ -172,7 +184,10 @@ is_stereo = Exercise(
         "a match exactly at a limit is good: use <= and >=.": (
             *(judged(limits=lambda m, n, a=a, b=b: (m - a, n + b)) for a, b in ((E, E), (E, 0), (0, E))),
         ),
-        "the match whose rows differ by two is judged good.": judged(row=np.zeros_like),
+        "the match whose rows differ by two is judged good.": (
+            judged(row=np.zeros_like),
+            judged(row=np.zeros_like, disparity=np.abs),
+        ),
         "a disparity of 0.2 px is judged good.": judged(limits=lambda most, least: (most, -99.0)),
         "the match with a negative disparity is judged good.": judged(disparity=np.abs),
         "the row difference needs an absolute value.": (*map(judged, (np.positive, np.negative)),),
@@ -200,6 +215,7 @@ loop_closes = Exercise(
         "this tests for -1 at i in each list, but the feature's number changes with every step.": (
             lambda *chain: [i for i in which(*chain) if min(step[i] for step in chain) >= 0],
             lambda *chain: np.flatnonzero(np.min(chain, axis=0) >= 0),
+            lambda *chain: np.flatnonzero((np.min(chain, axis=0) >= 0) & returns(follow(*chain)[0])),
         ),
         "the four lists are applied in the reverse order.": lambda *chain: which(*chain[::-1]),
         "these are indices into the previous right image.": lambda *chain: chain[0][which(*chain)],
@@ -247,6 +263,9 @@ buckets = Exercise(
         "neither age nor strength is used.": chosen(0, 0),
         "only `count` features in all are kept; keep `count` in each square.": (
             lambda uv, age, strength, size, count: np.lexsort((-strength, -age))[:count],
+        ),
+        "squares with fewer than `count` features are empty; such a square keeps all its features.": (
+            in_full_squares
         ),
         "a square keeps one feature more than `count`.": lambda *case: kept(*case[:4], case[4] + 1),
         "the image is cut into strips, not squares: a square is a column and a row of the grid.": (

@@ -102,6 +102,12 @@ def of_winners(E: Array, set_index: Any, errors: Array, e_prev: Array, k: int) -
     return least(angles(E, e_prev), first_of_each_set(competing, set_index, 1))
 
 
+def in_list(E: Array, set_index: Any, errors: Array, e_prev: Array, k: int) -> int:
+    """Wrong answer: the winner's place in the list of kept candidates, set by set, nearest first."""
+    order = np.lexsort((angles(E, e_prev), set_index))
+    return int(np.argmin(errors[order[nearest_to_prior(E, set_index, e_prev, k)[order]]]))
+
+
 def within_sets(E: Array, set_index: Any, errors: Array, e_prev: Array, k: int) -> int:
     """Wrong answer: indices of the nearest within each set, used as indices of all candidates."""
     sets = (np.flatnonzero(set_index == s) for s in np.unique(set_index))
@@ -203,6 +209,7 @@ select = Exercise(
     | {
         "this is an index into the kept candidates or into one set; return the index into all candidates.": (
             lambda E, s, errors, e, k: np.argmin(errors[nearest_to_prior(E, s, e, k)]),
+            in_list,
             lambda E, s, *case: (i := selected(E, s, *case)) - np.searchsorted(s, s[i]),
         ),
         "`nearest` gives indices within its set; the errors need indices into all candidates.": within_sets,
@@ -220,6 +227,12 @@ select = Exercise(
             lambda E, s, errors, e, k: least(angles(E, e), first_of_each_set(errors, s, k))
         ),
         "this is the nearest of the winners of the sets; the image error also decides between sets.": of_winners,
+        "this is the number of the winner's set; return the index of the winner.": lambda E, s, *case: s[
+            selected(E, s, *case)
+        ],
+        "only the first set is used; the winner may be in any set.": lambda E, s, errors, e, k: least(
+            errors, nearest_to_prior(E, s, e, k) & (s == s[0])
+        ),
         "the last set is left out: range(n) ends with n - 1.": lambda E, s, errors, e, k: least(
             errors, nearest_to_prior(E, s, e, k) & (s < s.max())
         ),

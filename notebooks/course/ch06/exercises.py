@@ -10,7 +10,7 @@ import numpy as np
 
 from vo_lib.evaluation.kitti import KITTI_LENGTHS, trajectory_distances
 from vo_lib.geometry.motion import rigid, rotation_from_vector
-from vo_lib.geometry.types import Array
+from vo_lib.geometry.types import Array, BoolArray
 
 from ..checker import Case, Exercise, When
 from ..made_up import block_tour, made_up
@@ -26,10 +26,14 @@ def paths() -> list[Case]:
     return [(path, *case) for case in ((0, 5.0), (0, 3.5), (2, 2.5), (1, 8.0), (3, 5.0), (4, 100.0))]
 
 
+def first_true(mask: BoolArray) -> int | None:
+    """The first index at which a mask is true, if there is one."""
+    return int(np.argmax(mask)) if mask.any() else None
+
+
 def end(path: Array, first: int, length: float) -> int | None:
     """The first frame farther than `length` from frame `first`, if there is one."""
-    beyond = np.flatnonzero(path > path[first] + length)
-    return int(beyond[0]) if len(beyond) else None
+    return first_true(path > path[first] + length)
 
 
 def judged_pair() -> tuple[Array, Array]:
@@ -136,10 +140,12 @@ end_frame = Exercise(
             by_frame_number
         ),
         "the path to frame {got:.0f} equals the length; KITTI takes the first frame beyond it.": (
-            lambda path, i, far: np.argmax(path >= path[i] + far)
+            lambda path, i, far: first_true(path >= path[i] + far),
+            lambda path, i, far: np.argmax(path >= path[i] + far),
         ),
-        "the length is counted from frame 0: where is the car at frame `first`?": lambda path, i, far: (
-            np.argmax(path > far)
+        "the length is counted from frame 0: where is the car at frame `first`?": (
+            lambda path, i, far: first_true(path > far),
+            lambda path, i, far: np.argmax(path > far),
         ),
         "the path ends after 12 m, but for 100 m the result is {got:.0f}: argmax of an array of False is 0.": (
             lambda path, i, far: np.argmax(path > path[i] + far)

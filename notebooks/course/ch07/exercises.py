@@ -80,7 +80,10 @@ paper_average = Exercise(
         "01 is in it, which has dashes in the paper's table.": lambda te: np.mean(rows(te, without="")),
         "None was counted as 0.": lambda te: np.mean(rows(te, none=0.0)),
         "this is the sum: divide by the number of rows.": lambda te: sum(rows(te)),
-        "None cannot be added: leave None out of the mean.": lambda te: sum(te.values()),
+        "None cannot be added: leave None out of the mean.": (
+            lambda te: sum(te.values()),
+            lambda te: sum(value for name, value in te.items() if name != "01") / 10,
+        ),
     },
 )
 
