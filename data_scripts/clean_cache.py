@@ -29,7 +29,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def clean_matches(cache: Path | None = None) -> int:
-    """Delete the matches of other versions of the code; returns the number of bytes deleted."""
+    """Delete the matches of other versions of the code; return the number of deleted bytes."""
     current = {code_folder(variant, cache) for variant in FRONT_END_CODE}
     stale = [path for path in match_folder(cache).glob("*") if path not in current]
     size = sum(map(folder_size, stale))

@@ -6,8 +6,8 @@ calibration, times and truth. If file names are times (nanoseconds, or seconds
 with decimals), left and right images are paired by time. The calibration is
 given as three numbers for rectified images, or as OpenCV YAML files: with K1
 D1 K2 D2 R T, the script rectifies the images; with P1 P2 alone, the images
-must already be rectified. The order of left and right, the rows and the
-baseline are checked on a sample.
+must already be rectified. A sample of pairs is checked for exchanged images,
+unequal rows and a wrong baseline.
 
 examples:
   vo data from_folder --left L --right R --out data/mine \\
@@ -56,7 +56,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     images.add_argument("--raw", type=Path, metavar="DIR", help="synced drive of KITTI's raw data")
     images.add_argument("--euroc", type=Path, metavar="DIR", help="EuRoC folder mav0, or its parent")
     images.add_argument("--swap", action="store_true", help="exchange left and right")
-    text = "skip images without a partner (EuRoC: always); without times, pairs are taken as evenly spaced"
+    text = "skip images without a partner (always for EuRoC); pairs without times count as evenly spaced"
     images.add_argument("--skip-unpaired", action="store_true", help=text)
     text = f"largest time difference between left and right image, seconds; default {MAX_DELAY_S}"
     images.add_argument("--max-delay", type=float, default=MAX_DELAY_S, metavar="S", help=text)
@@ -72,7 +72,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     more = parser.add_argument_group("times, truth, output")
     text = f"stereo pairs per second; default: from the file names or the video, or else {DEFAULT_FPS:g}"
     more.add_argument("--fps", type=float, metavar="N", help=text)
-    text = "a line per pair, or per left image"
+    text = "one line per pair or per left image"
     more.add_argument("--times", type=Path, metavar="FILE", help=f"times, seconds; {text}")
     text = f"ground-truth poses in KITTI's format; {text}"
     more.add_argument("--poses", type=Path, metavar="FILE", help=text)
@@ -128,7 +128,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def read_drive(options: argparse.Namespace) -> Drive | None:
-    """The drive of --raw or --euroc; None without either option."""
+    """The drive in the folder of --raw or --euroc; None if both options are missing."""
     kind = "raw" if options.raw is not None else "euroc"
     if getattr(options, kind) is None:
         return None

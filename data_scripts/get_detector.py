@@ -24,7 +24,7 @@ from vo_lib.errors import DataError
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Options of the script."""
-    text = f"{', '.join(FETCHABLE)}, or with --from a name of your choice"
+    text = f"{', '.join(FETCHABLE)}, or, with --from, a name of your choice"
     parser.add_argument("name", nargs="?", help=text)
     parser.add_argument("--from", dest="source", type=Path, metavar="FILE", help="register this ONNX file")
     text = f"folder of the detectors; default {detector_folder()}"

@@ -1,7 +1,7 @@
 """Download single sequences of KITTI, or a range of their frames.
 
 Images, calibration and ground truth are read from the official archives of the
-odometry benchmark (22 GB) or of a drive of the raw data. The drive becomes a
+odometry benchmark (22 GB) or of a drive of the raw data. A raw drive becomes a
 sequence with the GPS/IMU path as ground truth. Complete files are not
 downloaded again. After an interruption, or for more frames, repeat the
 command.
@@ -44,7 +44,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--sequences", metavar="S,S-S,…", help="00 … 21; 00-10 have ground truth")
     which.add_argument("--raw", metavar="DRIVE", help="a drive of the raw data")
-    parser.add_argument("--frames", metavar="A:B", default=ALL, help="only the frames A … B-1, from 0")
+    parser.add_argument("--frames", metavar="A:B", default=ALL, help="frames A … B-1 only, counted from 0")
     parser.add_argument("--color", action="store_true", help="add colour images, better for detectors")
     parser.add_argument("--root", type=Path, metavar="DIR", help=f"KITTI folder; default {kitti_root()}")
     parser.add_argument("--from-zip", type=Path, nargs="+", metavar="FILE", help="archives on disk")

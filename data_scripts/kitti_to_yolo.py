@@ -8,9 +8,9 @@ examples:
 
 Car and Van become car, Truck becomes truck, Tram becomes train; other objects
 get no label. Images of the raw drives of the odometry sequences 00-10 are
-skipped, and images of unknown origin are refused: the errors of a detector on its training images are too
-small. The mapping folder of the object development kit contains the two files with the drive of each object
-image.
+skipped, and images of unknown origin are refused, because a detector makes
+fewer errors on its training images. The files of --mapping and --order are in
+the folder `mapping` of the object development kit.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--valid", type=share, default=0.15, metavar="X", help="share of validation images; default 0.15"
     )
     parser.add_argument("--seed", default="0", metavar="N", help="seed of the split; default 0")
-    text = "include odometry sequences and unknown drives"
+    text = "also use images of odometry sequences and of unknown drives"
     parser.add_argument("--allow-evaluated", action="store_true", help=text)
 
 

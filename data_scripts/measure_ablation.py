@@ -5,10 +5,10 @@ examples:
       --detector yolov8n.onnx
   vo data measure_ablation --jobs 2 --out notebooks/ablation.csv
 
-A row has the change of the results without an idea: mean and standard
-deviation over five seeds. A row without the name of an idea has the errors,
-the excess length of the path in %, and the processor time in milliseconds per
-frame. Rows of removed ideas and of other sequences are kept in the file.
+A row has the change of the results when one idea is turned off, as mean and
+standard deviation over five seeds. A row without the name of an idea has the
+results with all ideas: the errors, the excess length of the path in %, and the
+processor time in milliseconds per frame. Other rows of the file are kept.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ DRAWN_FRAMES = 100  # the first frames of a drawn scene; all frames would take a
 
 
 def measured(sequence: Sequence, idea: Idea, cache: Any) -> Array:
-    """TE, RE, excess length and ms per frame of each seed, (S, 4); ms includes the matching if it changes."""
+    """TE, RE, excess length and ms per frame for each seed, (S, 4); ms includes changed matching."""
     config = preset(idea.method, variant="kit")
     with ExitStack() as patches:
         patches.enter_context(single_threaded())

@@ -40,7 +40,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print the errors without a correction and with the angles that minimise TE."""
+    """Print the errors without a correction, and after a rotation by the angles that minimise TE."""
     lengths, step = parse_lengths(options.lengths), parse_whole("--step", options.step)
     truth, estimate = (read_kitti_poses(path) for path in (options.truth, options.estimate))
     if len(truth) != len(estimate):

@@ -4,10 +4,10 @@ examples:
   vo data measure_choices --detector yolov8n.onnx \\
       --sequences 00,01,kitti/drive_0013,synthetic/traffic,synthetic/jam
 
-A row has the change of the results of `published` with an alternative choice:
-mean and standard deviation over five seeds, lengths in per cent. On real
-clips, TE is computed with fitted axes, as in `vo data measure_axes`. Rows
-about thresholds and boxes have errors over sub-sequences of 50 m.
+A row has the change of the results of variant `published` with an alternative
+choice, as mean and standard deviation over five seeds; the change of the length
+is in %. On real clips, TE is computed with fitted axes, as in `vo data
+measure_axes`. Rows about thresholds and boxes have errors over 50 m.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def backwards(m: Any) -> Any:
 
 
 def with_shifted_places(camera: Any, matches: Any, before: Any) -> Any:
-    """The result of `earlier_rows` with earlier positions shifted to the integer pixel of the later match."""
+    """The result of `earlier_rows` after moving the earlier positions to the later match's whole pixel."""
     _, here, there = np.intersect1d(matches.id, before.matches.id, return_indices=True)
     now, then = matches[here], before.matches[there]
     shifted = replace(
@@ -88,7 +88,7 @@ def with_shifted_places(camera: Any, matches: Any, before: Any) -> Any:
 
 
 def mean_of_best_tenth(odometry: Any, E: Array, set_index: Any, x_p: Array, x_c: Array) -> int:
-    """`Odometry.select` with another winner: the principal vector of the best tenth of candidates."""
+    """Replacement of `Odometry.select`: the winner is the principal vector of the best tenth of all."""
     errors = truncated_errors(E, x_p, x_c, odometry.threshold)
     compete = competing(E, set_index, odometry.e_prev, odometry.config.selection)
     errors = np.where(compete, errors, np.inf)
@@ -132,7 +132,7 @@ ABSOLUTE_SEQUENCES = ("kitti/drive_0013", "synthetic/jam")
 
 
 def measured(sequence: Sequence, name: str, value: Any, cache: Any) -> Array:
-    """TE (%), RE (deg/100 m), NaN without truth, and path length (metres) of each seed, (S, 3)."""
+    """TE (%), RE (deg/100 m) and path length (metres) for each seed, (S, 3); errors are NaN without truth."""
     own, config = name.startswith("vo_lib."), preset("feature_selection", variant="published")
     if name == ABSOLUTE:
         config = change(change(config, "selection.threshold", value[0]), "filter.rule", value[1])

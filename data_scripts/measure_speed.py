@@ -66,10 +66,10 @@ def run(options: argparse.Namespace) -> int:
 
 
 def measure(sequence: Sequence, config: MethodConfig, progress: Progress | None = None) -> dict[str, Any]:
-    """Times of a method on a sequence and of the decoding of its images, milliseconds per frame.
+    """Times, in milliseconds per frame, of a method on a sequence and of decoding the images.
 
-    Stages: wall time. Whole run: wall time, and processor time of all threads. Decoding: processor time of
-    one thread.
+    The stages are in wall time, the whole run in wall time and in processor time of all threads, the
+    decoding in processor time of one thread.
     """
     count = len(sequence)
     run_sequence(sequence.part(0, 2), config)  # excludes work that a process does only once

@@ -46,7 +46,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Options of the training."""
     parser.add_argument("data", type=Path, help="data.yaml, or its folder")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the training")
-    parser.add_argument("--one-class", metavar="NAME", help="merge all classes into a class NAME")
+    parser.add_argument("--one-class", metavar="NAME", help="merge all classes into one class NAME")
     parser.add_argument(
         "--weights", type=Path, metavar="FILE", help="initial weights, a .pt file; default: random"
     )

@@ -17,9 +17,9 @@ LICENCE = "Apache-2.0"  # of YOLOX
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 
 YOLOV8 = (
-    "The kit does not fetch YOLOv8, the paper's detector: its weights are AGPL-3.0 (Ultralytics), which asks",
-    "whoever passes on or serves a program with them to publish that program's source, or to buy a licence:",
-    "https://www.ultralytics.com/license. To make the ONNX file yourself, in an environment of its own:",
+    "The kit does not download YOLOv8, the paper's detector. Its weights are under AGPL-3.0 (Ultralytics): a",
+    "program that is distributed or served with these weights must offer its source code or needs a licence:",
+    "https://www.ultralytics.com/license. These commands make the ONNX file; use a separate environment:",
     "  pip install ultralytics onnx",
     "  yolo export model=yolov8n.pt format=onnx",
     "  vo data get_detector yolov8n --from yolov8n.onnx",
@@ -28,7 +28,7 @@ YOLOV8 = (
 
 @dataclass(frozen=True)
 class Detector:
-    """An ONNX file for download: name, address, bytes, SHA-256, description."""
+    """An ONNX file for download, with name, address, size in bytes, SHA-256 and description."""
 
     name: str
     url: str
@@ -37,8 +37,8 @@ class Detector:
     about: str
 
 
-# The release gives no hashes. Size and SHA-256 are those that several independent projects recorded of the
-# release's files; a file that is not exactly that is refused.
+# The release publishes no hashes. Several independent projects recorded these sizes and hashes of its files.
+# A file with a different size or hash is refused.
 _YOLOX = (
     Detector(
         "yolox-nano",
@@ -59,14 +59,14 @@ _YOLOX = (
         YOLOX + "yolox_s.onnx",
         35_858_002,
         "c5c2d13e59ae883e6af3b45daea64af4833a4951c92d116ec270d9ddbe998063",
-        "COCO, input 640×640, most exact of the three",
+        "COCO, input 640×640, most accurate of the three",
     ),
 )
 FETCHABLE = {detector.name: detector for detector in _YOLOX}
 
 
 def fetch_detector(detector: Detector, folder: Path, progress: Progress | None = None) -> Path:
-    """Download and verify a detector; a file with the right hash is kept."""
+    """Download and verify a detector, unless the folder already has a file with the right hash."""
     path = folder / f"{detector.name}.onnx"
     if not (path.is_file() and file_sha256(path) == detector.sha256):
         download(detector.url, path, detector.size, detector.sha256, progress)

@@ -51,7 +51,7 @@ def what_failed(error: BaseException | None, url: str) -> str:
         return f"{url}: {host} does not answer; try again later"
     if isinstance(error, requests.ConnectionError):
         return f"{url}: no connection to {host}; is this machine online?"
-    return f"{url}: the connection was lost; call again"
+    return f"{url}: the connection was lost; repeat the command"
 
 
 def in_words(size: int) -> str:
@@ -65,7 +65,7 @@ def in_words(size: int) -> str:
 
 
 def require_space(folder: Path, size: int) -> None:
-    """`DataError` unless `size` bytes and a reserve are free on the disk of `folder`."""
+    """Raise `DataError` unless `size` bytes and a reserve are free on the disk of `folder`."""
     existing = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
     free = shutil.disk_usage(existing).free
     if free < size + SPARE_BYTES:
@@ -74,7 +74,7 @@ def require_space(folder: Path, size: int) -> None:
 
 
 def confirm(question: str, yes: bool) -> bool:
-    """Whether the user agrees, or `yes` is set.
+    """Ask a question with the answers yes and no; with `yes`, return True without a question.
 
     Raises `DataError` without a terminal.
     """

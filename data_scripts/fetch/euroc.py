@@ -40,24 +40,24 @@ def read_euroc_drive(folder: Path, max_delay: float = MAX_DELAY_S) -> Drive:
     seconds = [1e-9 * each.astype(np.float64) for each in moments]
     left, right = match_times(seconds[0], seconds[1], max_delay)
     if len(left) < 2:
-        expected = f"expected two pairs or more, at most {max_delay:g} s apart"
+        expected = f"expected two or more pairs of images at most {max_delay:g} s apart"
         raise DataError(f"{expected}, found {len(left)}", base)
     rig, T_body_camera = _rig(base)
     pairs = list(zip(moments[0][left].tolist(), moments[1][right].tolist(), strict=True))
     times = seconds[0][left]
     single = len(moments[0]) + len(moments[1]) - 2 * len(pairs)
-    notes += [f"{single} images without a partner are left out"] if single else []
+    notes += [f"{single} images without a partner are skipped"] if single else []
     chosen, poses = slice(0, len(pairs)), None
     if (base / TRUTH).exists():
         true_times, bodies = read_euroc(base / TRUTH)
         at, at_truth = match_times(times, true_times, MAX_POSE_DELAY_S)
         if len(at) < 2 or len(at) < at[-1] - at[0] + 1:
-            notes.append(f"no true poses: {base / TRUTH} does not have one for every pair")
+            notes.append(f"no true poses: {base / TRUTH} does not have a pose for every pair")
         else:
             chosen = slice(int(at[0]), int(at[-1]) + 1)
             poses = from_first(bodies[at_truth] @ T_body_camera)
             left_out = len(pairs) - len(at)
-            notes += [f"{left_out} pairs before or after the truth are left out"] if left_out else []
+            notes += [f"{left_out} pairs before or after the truth are skipped"] if left_out else []
     else:
         notes.append(f"no true poses: {base / TRUTH} is missing")
     paths = [(images[0][at_left], images[1][at_right]) for at_left, at_right in pairs[chosen]]
@@ -65,7 +65,7 @@ def read_euroc_drive(folder: Path, max_delay: float = MAX_DELAY_S) -> Drive:
 
 
 def _images(camera: Path, notes: list[str]) -> dict[int, Path]:
-    """Image files of a camera by time in nanoseconds: the rows of data.csv before the first missing image."""
+    """Image files by time in nanoseconds, from the rows of data.csv above the first row without its image."""
     path = camera / "data.csv"
     images: dict[int, Path] = {}
     for number, cells in read_csv(path):
@@ -76,10 +76,10 @@ def _images(camera: Path, notes: list[str]) -> dict[int, Path]:
             raise DataError(f"repeats the time {words[0]}", path, number)
         image = camera / "data" / words[1]
         if not os.path.isfile(image):  # false also for a name that is too long
-            missing = f"names {words[1]}, which is missing in {camera / 'data'}"
+            missing = f"{words[1]} is missing in {camera / 'data'}"
             if not images:
                 raise DataError(missing, path, number)
-            notes.append(f"{path}, line {number}, {missing}: read up to there")
+            notes.append(f"{path}, line {number}: {missing}; only the lines above are used")
             break
         images[int(words[0])] = image
     return images

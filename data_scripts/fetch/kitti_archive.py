@@ -1,4 +1,4 @@
-"""Single sequences of the KITTI odometry benchmark: by HTTP ranges, from zip files, or as links."""
+"""Single sequences of the KITTI odometry benchmark from a web server, from zip files, or as links."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ POSES = "data_odometry_poses.zip"  # 4 MB: ground truth of 00-10
 
 LICENCE = (
     "KITTI's licence is CC BY-NC-SA 3.0: non-commercial use, share alike, attribution",
-    "(Geiger, Lenz, Urtasun, CVPR 2012). Taking the data means accepting this. The terms, and the log-in",
-    f"that the page asks for before it shows its download links: {PAGE}",
+    "(Geiger, Lenz, Urtasun, CVPR 2012). By downloading the data, you accept this licence. The terms, and",
+    f"the log-in for the download links, are at {PAGE}",
 )
 
 # Pattern for the end of a member's name -> path of the file below the root.

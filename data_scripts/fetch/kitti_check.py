@@ -20,7 +20,7 @@ LAST_WITH_POSES = "10"
 
 @dataclass(frozen=True)
 class SequenceReport:
-    """The result of the check of one sequence.
+    """The result of checking one sequence.
 
     Attributes
     ----------
@@ -28,7 +28,7 @@ class SequenceReport:
     part : options of `vo data get_kitti` for this part of a sequence; "" for a whole sequence.
     pairs, expected : numbers of present and of expected stereo pairs (None for a user's own sequence).
     parts : name and content of each file or image folder, as text, in a fixed order.
-    problems : missing or invalid files, a sentence each; empty for a complete sequence.
+    problems : one sentence for each missing or invalid file; empty for a complete sequence.
     """
 
     name: str
@@ -104,7 +104,7 @@ def _check_sequence(root: Path, folder: Path, deep: bool) -> SequenceReport:
             first = next(number for number in numbers if number not in images)
             problems.append(f"{side}: {frames - len(inside)} images missing, the first is {first:06d}")
         if surplus := images.keys() - set(inside):
-            problems.append(f"{side}: {len(surplus)} images not of this sequence, such as {min(surplus):06d}")
+            problems.append(f"{side}: {len(surplus)} images do not belong to it, such as {min(surplus):06d}")
         size, wrong = _look_at_images(folder / side, images) if deep else ("", [])
         problems += [f"{side}/{words}" for words in wrong]
         parts.append((side, f"{count} images{size}"))
@@ -123,7 +123,7 @@ def _check_sequence(root: Path, folder: Path, deep: bool) -> SequenceReport:
             parts.append((label, read(path)))
         except DataError as error:
             problems.append(f"{label}: " + str(error).removeprefix(f"{path}: "))
-            parts.append((label, "missing" if not path.exists() else "not as it should be"))
+            parts.append((label, "missing" if not path.exists() else "invalid"))
     return SequenceReport(folder.name, mark, pairs, expected, tuple(parts), tuple(problems))
 
 

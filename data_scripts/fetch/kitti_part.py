@@ -1,4 +1,4 @@
-"""Parts of KITTI's sequences, and sequences from raw drives: members of archives, part.txt, poses."""
+"""Selection of frames of KITTI's sequences (part.txt), and conversion of raw drives to sequences."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def select_frames(
     Parameters
     ----------
     members : members of whole sequences. root : KITTI folder.
-    frames : function from the number of frames of a sequence to start and stop of the given frames.
+    frames : function of the number of frames of a sequence; returns start and stop of the given frames.
     drive : the raw drive of the members; None for the odometry benchmark.
 
     The text for a whole sequence is "". Raises `DataError` for frames outside the sequence, for a gap

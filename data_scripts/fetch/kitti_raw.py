@@ -25,7 +25,7 @@ MOMENT = re.compile(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d(\.\d{1,9})?", re.ASCII)
 
 
 def read_raw_drive(drive: Path, skip_unpaired: bool = False) -> Drive:
-    """The drive in a folder such as 2011_09_26_drive_0005_sync, with the calibration there or in its parent.
+    """The drive in a folder such as 2011_09_26_drive_0005_sync; the calibration may be in the parent folder.
 
     Raises `DataError` with the name of a missing or invalid file.
     """
@@ -59,7 +59,7 @@ def describe_drive(drive: Path, paths: list[tuple[Path, Path]]) -> Drive:
     path_of_times = drive / "image_00" / "timestamps.txt"
     moments = _timestamps(path_of_times)
     if len(moments) <= int(stems[-1]):
-        raise DataError(f"{len(moments)} rows, but image {stems[-1]} exists", path_of_times)
+        raise DataError(f"expected a row for every image up to {stems[-1]}", path_of_times, len(moments))
     times = moments[[int(stem) for stem in stems]]
     poses, note = _poses(drive, where, cameras, stems)
     return Drive(paths, rig_from_matrices(P, (0, 0), path, rectified=True), times - times[0], poses, note)
@@ -134,7 +134,7 @@ def _rotation(matrices: dict[str, Array], name: str, path: Path) -> Array:
 
 
 def imu_poses(rows: Array) -> Array:
-    """Poses T_w_imu of GPS/IMU packets: x east, y north, z up, metres; by the Mercator projection.
+    """Poses T_w_imu of GPS/IMU packets, by the Mercator projection. World: x east, y north, z up, metres.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def imu_poses(rows: Array) -> Array:
 
     Returns
     -------
-    (N, 4, 4) poses; the scale of the map is that of the first latitude (Geiger et al., IJRR 2013).
+    (N, 4, 4) poses; the map is to scale at the first latitude (Geiger et al., IJRR 2013).
     """
     latitude, longitude = np.radians(rows[:, :2]).T
     scale = EARTH_RADIUS_M * np.cos(latitude[0])

@@ -15,8 +15,8 @@ from vo_lib.errors import DataError
 from vo_lib.files import read_text
 from vo_lib.geometry.types import Array, Image
 
-# Names of one matrix in files of OpenCV's samples, of ORB-SLAM and of calibration tools; capitals and
-# underscores do not count. Second camera: 2 for 1, right for left.
+# Names of each matrix in files of OpenCV's samples, of ORB-SLAM and of calibration tools, without capitals
+# and underscores.
 NAMES = {
     "K1": ("k1", "m1", "cameramatrix1", "left.k", "leftcameramatrix", "cameramatrixleft", "kl"),
     "D1": ("d1", "distcoeffs1", "dist1", "left.d", "leftdistcoeffs", "distcoeffsleft", "dl"),
@@ -60,7 +60,7 @@ class Rig:
             if image.shape != maps[0].shape[:2]:
                 actual, expected = (f"{shape[1]}×{shape[0]}" for shape in (image.shape, maps[0].shape))
                 raise DataError(
-                    f"an image is {actual}, but the first one is {expected}: all images must have one size"
+                    f"an image is {actual}, but the first one is {expected}: all images need the same size"
                 )
         pair = zip((left, right), self.maps, strict=True)
         rectified = [
@@ -104,7 +104,7 @@ def _matrices(path: Path) -> dict[str, Array]:
 
 
 def _read_matrix(name: str, node: cv2.FileNode, path: Path) -> Array:
-    """A matrix, after a check of its size: more than rows × cols numbers overflow OpenCV's buffer."""
+    """Matrix of a node. Its size is checked first: more than rows × cols numbers overflow OpenCV's buffer."""
     sizes = node.getNode("sizes")  # instead of rows and cols for a vector
     sides = [sizes.at(i) for i in range(sizes.size())] or [node.getNode("rows"), node.getNode("cols")]
     shape = [int(side.real()) if side.isInt() else 0 for side in sides]

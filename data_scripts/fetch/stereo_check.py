@@ -85,7 +85,7 @@ def _shifts(left: Image, right: Image) -> Array:
 
 
 def complaints(stats: PairStatistics, baseline: float) -> list[str]:
-    """Problems of the pairs and of the sign of the baseline, a sentence each; empty without problems.
+    """One sentence for each problem of the pairs and of the sign of the baseline; empty without problems.
 
     Parameters
     ----------

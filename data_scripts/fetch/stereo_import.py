@@ -57,7 +57,7 @@ def rig_of(
 
 
 def look(source: Source, rig: Rig, anyway: bool, nearest: float = 0.0) -> list[str]:
-    """Results of the check of a sample, a line each. Raises `DataError` for failed checks.
+    """Check a sample of pairs; return a line for each result. Raises `DataError` for failed checks.
 
     `anyway` : report problems as warnings, except a wrong sign of the baseline. `nearest` : smallest
     plausible median depth, metres.

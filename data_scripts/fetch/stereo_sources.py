@@ -64,7 +64,7 @@ class FolderSource:
     left_count: int = 0
 
     def of_pairs(self, rows: Array) -> Array:
-        """The rows (N, …) of the N pairs; `rows` has a row per pair or per left image."""
+        """The rows (N, …) that belong to the N pairs; `rows` has one row per pair or per left image."""
         return rows[[*self.left]] if len(rows) == self.left_count else rows
 
     def sample(self) -> list[Pair]:
@@ -185,7 +185,7 @@ def pair_images(
 
 
 def _images(place: Path) -> dict[str, Path]:
-    """Image paths of a folder, by file stem, or of a pattern, by the text that `*` matches."""
+    """Image paths: for a folder, by file stem; for a pattern, by the text that `*` matches."""
     head, star, tail = place.name.partition("*") if "*" in place.name else ("", "", "")
     folder = place.parent if star else place
     if not folder.is_dir():

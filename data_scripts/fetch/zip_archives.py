@@ -54,7 +54,7 @@ class Archives:
         self._session.close()
 
     def directory(self, place: str) -> list[tuple[zipfile.ZipInfo, int]]:
-        """Entries of an archive, each with the position of its member's end, bytes. Raises `DataError`."""
+        """Entries of an archive, each with the end of its member in the file, bytes. Raises `DataError`."""
 
         def ask() -> tuple[list[zipfile.ZipInfo], int]:
             remote, options = _is_url(place), {"session": self._session, "timeout": download.TIMEOUT_S}
@@ -98,7 +98,7 @@ class Archives:
             try:
                 return ask()
             except RangeNotSupported:
-                remedy = "download the whole archive and call again with --from-zip FILE"
+                remedy = "download the whole archive and repeat the command with --from-zip FILE"
                 raise DataError(f"the server does not send parts of files: {remedy}", place) from None
             except (
                 Exception
@@ -108,12 +108,12 @@ class Archives:
                     break
         if isinstance(failure, LOST):
             raise DataError(what_failed(failure, place)) from None
-        what = f"the member {member} is damaged or unreadable" if member else "is not a whole zip file"
+        what = f"the member {member} is damaged or unreadable" if member else "is not a complete zip file"
         raise DataError(f"{what} ({failure})", place) from None
 
 
 def _close_unread(response: requests.Response, *details: object, **options: object) -> None:
-    """Close the responses that are not read: errors, and whole files in place of a range."""
+    """Close a response that is not read: an error, or a whole file in place of a range."""
     if response.status_code >= 400 or (response.status_code == 200 and "Range" in response.request.headers):
         response.close()
 

@@ -39,7 +39,7 @@ class Idea:
     Attributes
     ----------
     name : name of the idea in the table. lines : number of code lines of the idea.
-    off : values that turn off the idea, by dotted name of a setting or full name of a function or constant.
+    off : mapping from a setting (dotted name), function or constant (full name) to a value without the idea.
     method : the method in which the idea is turned off.
     stays : reason to keep an idea that does not reduce the errors.
     """
@@ -65,7 +65,7 @@ WHOLE = (
 
 
 def from_last_place(self: Any, before: Any, features: Any, pair: Any) -> Any:
-    """`KltMatcher._follow` without a prediction."""
+    """Replacement of `KltMatcher._follow` without a prediction."""
     positions = features.left, features.right
     result = self._close_loop(before, pair, features, positions, self.config.search_levels)
     self._motion, _ = next_motion(self.camera, result[0], self._motion)
@@ -73,7 +73,7 @@ def from_last_place(self: Any, before: Any, features: Any, pair: Any) -> Any:
 
 
 def searched_once(self: Any, before: Any, features: Any, pair: Any) -> Any:
-    """`KltMatcher._follow` without a second search after a failed prediction."""
+    """Replacement of `KltMatcher._follow` without a second search after a failed prediction."""
     if self._motion is None:
         return from_last_place(self, before, features, pair)
     R, t = self._motion
@@ -96,12 +96,12 @@ def square_over_time(camera: Any, uv: Array, *_: Any) -> Array:
 def coarse_over_time(
     camera: Any, before: Any, pair: Any, previous: Any, slope: Any, start: Any, *_: Any
 ) -> Any:
-    """`refine_over_time` without a change of the positions."""
+    """Replacement of `refine_over_time` that does not change the positions."""
     return (*start, np.ones(len(slope), np.bool_))
 
 
 def coarse_in_stereo(pair: Any, coarse: Any, left: Array, right: Array, config: Any) -> Any:
-    """`refine_stereo` without a change of the positions."""
+    """Replacement of `refine_stereo` that does not change the positions."""
     surface = fit_surface(coarse, left, left[:, 0] - right[:, 0])
     ok = np.abs(left[:, 0] - right[:, 0] - surface.disparity) <= config.surface_tolerance
     return right, surface.slope, ok & (surface.share >= config.surface_share) & is_stereo(left, right, config)
@@ -119,19 +119,19 @@ def least_squares(system: Any, limit: float) -> Array:
 
 
 def as_estimated(self: Any, estimate: Array, covariance: Array) -> None:
-    """`Rig.set_estimate` without shrinking."""
+    """Replacement of `Rig.set_estimate` without shrinking."""
     self.estimate, self.covariance, self.errors = estimate, covariance, estimate.copy()
 
 
 def without(*names: str) -> dict[str, Any]:
-    """The change that fixes calibration errors at zero if their names begin with a prefix."""
+    """The change that fixes at zero the calibration errors whose names begin with one of `names`."""
     share = np.where([name.startswith(names) for name in rig.ERROR_NAMES], 1e-4, 1.0)
     prior = rig.prior_covariance() * np.outer(share, share)
     return {f"{RIG}.prior_covariance": lambda: prior}
 
 
 def without_faults(*names: str) -> dict[str, Any]:
-    """The change that removes the faults of the rig whose names begin with a prefix."""
+    """The change that removes the faults of the rig whose names begin with one of `names`."""
     faults = {name: fault for name, fault in rig.RIG_FAULTS.items() if not name.startswith(names)}
     return {f"{RIG}.RIG_FAULTS": faults}
 
@@ -144,7 +144,7 @@ IDEAS = (
     ),
     Idea("prediction of the search", 22, {f"{KLT}.KltMatcher._follow": from_last_place}),
     Idea(
-        "second search, without prediction",
+        "second search at the old positions",
         16,
         {f"{KLT}.KltMatcher._follow": searched_once},
         stays="without it, the end of disturbed drives is 83 m farther from the truth",
@@ -155,7 +155,7 @@ IDEAS = (
         {f"{KLT}.lit_like": lambda image, target: image},
         stays="without it, the end of a drive with flicker is 14 m farther from the truth",
     ),
-    Idea("windows bent in stereo", 10, {f"{ALIGN}.stereo_warp": square_in_stereo}),
+    Idea("windows warped in stereo", 10, {f"{ALIGN}.stereo_warp": square_in_stereo}),
     Idea("windows warped between frames", 40, {f"{ALIGN}.motion_warp": square_over_time}),
     Idea(
         "features on a smooth surface",
@@ -167,9 +167,9 @@ IDEAS = (
         45,
         {f"{KLT}.refine_over_time": coarse_over_time, "matching.loop_tolerance": 10.0},
     ),
-    Idea("sub-pixel in stereo", 35, {f"{KLT}.refine_stereo": coarse_in_stereo}),
+    Idea("sub-pixel fit in stereo", 35, {f"{KLT}.refine_stereo": coarse_in_stereo}),
     Idea("windows of equal brightness", 24, {f"{ALIGN}.brightness_change": lambda *_: (1.0, 0.0)}),
-    Idea("fewer sets", 12, {f"{ODO}.CLEAN_SETS": 1e9}, stays="it saves 2 ms per frame"),
+    Idea("fewer five-point sets", 12, {f"{ODO}.CLEAN_SETS": 1e9}, stays="it saves 2 ms per frame"),
     Idea("prior", 6, {"selection.prior": False}, stays="it is part of the paper's method"),
     Idea(
         "dropping of the prior",
@@ -188,16 +188,16 @@ IDEAS = (
     Idea("more than one robust step", 8, {"translation.iterations": 1}),
     Idea("calibration", 460, {"calibration.estimate": False}),
     Idea("field", 70, without("disparity", "row")),
-    Idea("field beyond its constant", 60, without("disparity x", "disparity y", "row x", "row y")),
+    Idea("field: all terms except the constant", 60, without("disparity x", "disparity y", "row x", "row y")),
     Idea(
-        "errors after an undistortion",
+        "field: residuals of an undistortion",
         5,
         without_faults("columns", "rows"),
-        stays="held-out drives need these terms",
+        stays="drives that were not used to choose the settings need it",
     ),
     Idea("focal length", 2, without_faults("focal length")),
     Idea("lens", 30, without("p1", "p2", "k1", "k2")),
-    Idea("learning from rows", 24, {f"{RIG}.Rig.update_from_rows": lambda self, matches: None}),
+    Idea("calibration from row differences", 24, {f"{RIG}.Rig.update_from_rows": lambda self, matches: None}),
     Idea("drift of the calibration", 8, {"calibration.drift": 0.0}),
     Idea("inflated noise", 6, {"calibration.noise_inflation": 1.0}),
     Idea("shrinking", 20, {f"{RIG}.Rig.set_estimate": as_estimated}),
@@ -205,23 +205,23 @@ IDEAS = (
         "vehicle check",
         45,
         {"vehicle.check": False},
-        stays="without it, a frame with a wrong zoom disturbs the calibration, an error of 3.9 m",
+        stays="without it, a frame with a wrong zoom disturbs the calibration and causes an error of 3.9 m",
     ),
     Idea("boxes: rule all, not none", 80, {"filter.rule": "none"}),
     Idea("boxes: rule moving, not all", 290, {"filter.rule": "all"}, MOVING),
     Idea("boxes: removal of disagreeing features", 8, {"filter.moving.agreement": 1000.0}, MOVING),
     Idea(
-        "boxes: two means",
+        "boxes: mean of the moving features",
         12,
         {"vo_lib.kit.moving.MIN_MOVED_SHARE": 2.0},
         MOVING,
-        stays="without it, the rule misses a car that crosses before a background",
+        stays="without it, the rule misses a car that crosses in front of a background",
     ),
 )
 
 
 def tables(rows: Sequence[Sequence[str]]) -> list[ReportTable]:
-    """Tables of the changes of TE, RE and path length without each idea, from rows of the CSV file."""
+    """Tables of the changes of TE, RE and length when an idea is turned off, from rows of the CSV file."""
     records = [dict(zip(COLUMNS, row, strict=True)) for row in rows]
     baselines = {(r["method"], r["sequence"]): r for r in records if not r["idea"]}
     sequences = sorted(
@@ -251,9 +251,9 @@ def tables(rows: Sequence[Sequence[str]]) -> list[ReportTable]:
         "approximate lines of code; ms: change of the processor time per frame, mean over the sequences; a "
         "dash: not measured."
     )
-    reasons = "; ".join(f"{name}: {stays[name]}" for name in names if stays.get(name))
+    reasons = "; ".join(f"{name} ({stays[name]})" for name in names if stays.get(name))
     notes = [
-        f"Ideas with almost no effect on the errors, and the reason why each stays: {reasons}.",
+        f"Ideas with almost no effect on the errors, each with the reason why it stays: {reasons}.",
         f"Ideas that were removed from the kit after a measurement with two seeds: "
         f"{', '.join(name for name in names if name not in stays)}.",
     ]
@@ -271,7 +271,7 @@ def tables(rows: Sequence[Sequence[str]]) -> list[ReportTable]:
 
 
 def _cell(row: dict[str, str], kind: str, baselines: dict[str, str]) -> str:
-    """Change ± deviation as text, in % of the error with all ideas (length: percentage points)."""
+    """Text of a change ± its standard deviation, in % of the error with all ideas (length: in points)."""
     scale, digits = (1.0, 2) if kind == "length" else (100.0 / float(baselines[kind]), 1)
     change, spread = (f"{scale * float(row[key]):.{digits}f}" for key in (kind, f"{kind}_sd"))
     signed = change if change.startswith("-") else f"+{change}"

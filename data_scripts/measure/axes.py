@@ -19,7 +19,7 @@ GRID_SHRINK, GRIDS = 0.6, 40  # the last grid is 1e-9° wide
 
 @dataclass(frozen=True)
 class TurnedErrors:
-    """KITTI errors of an estimate with axes rotated by `pitch` and `yaw`, degrees.
+    """KITTI errors of an estimated path after a rotation of its axes by `pitch` and `yaw`, degrees.
 
     In the axes of the truth, a camera with positive pitch points up, a camera with positive yaw points right.
     """
@@ -30,13 +30,13 @@ class TurnedErrors:
 
 
 def axes_rotation(angles: ArrayLike) -> Array:
-    """Rotations C (..., 3, 3) from camera axes to truth axes by angles (pitch, yaw), (..., 2), degrees."""
+    """Rotations C (..., 3, 3) from camera axes to truth axes; `angles` (..., 2): pitch and yaw, degrees."""
     angles = np.radians(angles)
     return rotation_from_vector(np.concatenate([angles, np.zeros_like(angles[..., :1])], axis=-1))
 
 
 def turn_axes(poses: Array, C: Array) -> Array:
-    """Poses C T C⁻¹ (N, 4, 4) of the same path for a camera whose axes are rotated by C (3, 3)."""
+    """Poses C T C⁻¹ (N, 4, 4): the same path for a camera whose axes are rotated by C (3, 3)."""
     turn = rigid(C, np.zeros(3))
     return np.asarray(turn @ poses @ turn.T)
 
@@ -44,7 +44,7 @@ def turn_axes(poses: Array, C: Array) -> Array:
 def fit_axes(
     truth: Array, estimate: Array, lengths: Items[float] = KITTI_LENGTHS, step: int = KITTI_STEP
 ) -> TurnedErrors:
-    """Errors after a rotation by the pitch and yaw, at most `MAX_ANGLE_DEG`, that minimise TE.
+    """Errors after a rotation by the pitch and yaw, up to ± `MAX_ANGLE_DEG`, that minimise TE.
 
     The translation of inverse(C Δest C⁻¹) Δgt has the length of t_gt - C t_est. The mean length is nearly
     convex in both angles: a search with ever smaller 5×5 grids around the best point finds the minimum.
@@ -73,7 +73,7 @@ def is_raw_drive(sequence: Sequence) -> bool:
 
 
 def te_and_re(sequence: Sequence, poses: Array, measure: Measure, turned: bool) -> tuple[float, float]:
-    """TE in % and RE in deg/100 m of a path, or NaN; with `turned`, TE is computed with fitted axes."""
+    """TE (%) and RE (deg/100 m), NaN for a short path; if `turned`, TE is computed after `fit_axes`."""
     assert sequence.truth is not None
     errors = kitti_errors(sequence.truth, poses, measure.lengths, measure.step)
     of_te = fit_axes(sequence.truth, poses, measure.lengths, measure.step).kitti if turned else errors

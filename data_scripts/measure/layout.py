@@ -1,4 +1,4 @@
-"""Tables of `measure_results`: one number per cell, spreads in separate tables, sentences above."""
+"""Tables of `measure_results`: errors and standard deviations are in separate tables, below sentences."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import numpy as np
 from vo_lib.geometry.types import Array
 from vo_lib.report.page import NO_NUMBER, SPREADS, ReportTable, number
 
-# TE and RE, mean and standard deviation over the seeds each: (2, 2); None without a number.
+# Rows TE and RE, columns mean and standard deviation over the seeds: (2, 2); None without a number.
 Cell = Array | None
 Cells = Mapping[str, Mapping[str, Cell]]  # by row and column
 KINDS = "TE, %", "RE, deg/100 m"
-SAME, LEAST_SPREAD = "=", 0.0005  # a cell that repeats another; a spread that three digits show
-SHARE = 0.02  # a change counts beyond the spread and this share of the error
+SAME, LEAST_SPREAD = "=", 0.0005  # text of a repeated cell; smallest spread that is not 0.000
+SHARE = 0.02  # a change counts if it exceeds the spread and this share of the error
 
 
 def tables(title: str, cells: Cells, sentences: list[str], name: str = "sequence") -> list[ReportTable]:
-    """Tables of TE, of RE and of the spread of each; the sentences are above the first table.
+    """Tables of TE and RE and of their standard deviations, with `sentences` above the first table.
 
     Numbers of `mesvo_f` equal to `solution_selection` are not repeated. Rows without a spread are omitted.
     """
@@ -54,7 +54,7 @@ def _repeats(cell: Cell, other: Cell) -> bool:
 
 
 def compared(cells: Cells, before: str, after: str, subject: str) -> list[str]:
-    """One sentence for TE and one for RE: the rows in which `after` is clearly below or above `before`."""
+    """Two sentences, for TE and for RE, that list the rows with `after` clearly below or above `before`."""
     sentences = []
     for kind, unit in enumerate(KINDS):
         sides: dict[bool, list[str]] = {True: [], False: []}
@@ -81,7 +81,7 @@ def compared(cells: Cells, before: str, after: str, subject: str) -> list[str]:
 
 
 def plain(title: str, name: str, rows: Mapping[str, Mapping[str, float | None]], digits: int) -> ReportTable:
-    """A table of numbers without spreads, by row and column."""
+    """A table of numbers without standard deviations; `rows` has the numbers by row, then by column."""
     columns = list(next(iter(rows.values())))
     cells = [
         [label, *(NO_NUMBER if x is None else f"{x:.{digits}f}" for x in row.values())]

@@ -70,7 +70,7 @@ def jobs_of(sequence: Sequence, folder: Path) -> Iterable[tuple[tuple[Key, int],
 
 
 def _measures(sequence: Sequence) -> list[tuple[str, Measure]]:
-    """Labels of the table rows of a sequence, each with its measure: KITTI's, or one per short length."""
+    """Label and measure of each table row of a sequence: KITTI's measure, or one measure per short length."""
     assert sequence.truth is not None
     whole = sequence.name.startswith(SYNTHETIC) and suitable_measure(sequence.truth) == KITTI_MEASURE
     if whole:
@@ -81,7 +81,7 @@ def _measures(sequence: Sequence) -> list[tuple[str, Measure]]:
 
 
 def _cell(runs: list[Run] | None, measure: Measure) -> Cell:
-    """Mean and standard deviation of TE and RE over the seeds, (2, 2); None without a number."""
+    """Mean and standard deviation (columns) of TE and RE (rows) over the seeds, (2, 2), or None."""
     if runs is None:
         return None
     turned = is_raw_drive(runs[0].sequence)
@@ -163,7 +163,7 @@ def page_tables(
 
 
 def other_systems(systems: Mapping[str, Cells]) -> list[ReportTable]:
-    """Table of libviso2, ORB-SLAM2 and methods of both variants on the clips with results of both systems."""
+    """Table of libviso2, ORB-SLAM2 and the kit's methods, on the clips with results of both systems."""
     rows: dict[str, dict[str, float | None]] = {}
     for label, others in OTHERS.items():
         if any(label not in cells for cells in systems.values()):

@@ -28,11 +28,11 @@ ODOMETRY_DRIVES = {
 }
 DRIVE = re.compile(r"\d{4}_\d{2}_\d{2}_drive_\d{4}")
 SEQUENCE = re.compile(r"sequences[/\\](0\d|10)[/\\]")
-WHY = "a detector that learnt the images it is tested on makes the errors look smaller than they are"
+WHY = "a detector makes fewer errors on its training images, so the measured errors would be too small"
 
 
 def evaluated_sequence(text: str) -> str | None:
-    """The odometry sequence, such as "07", of a path or of a drive's name; None for other names."""
+    """The odometry sequence, such as "07", to which a path or a drive's name belongs, or None."""
     for drive in DRIVE.findall(text):
         if drive in ODOMETRY_DRIVES:
             return ODOMETRY_DRIVES[drive]

@@ -99,7 +99,7 @@ def read_tracking_set(root: Path, drives: dict[str, str] | None = None) -> list[
 
 
 def _boxes(rows: list[tuple[int, list[str]]], path: Path) -> Boxes:
-    """Boxes of vehicles from label rows: type, 3 numbers, left, top, right, bottom, …"""
+    """Boxes of the vehicles in rows of a label file: type, 3 numbers, left, top, right, bottom, …"""
     vehicles: list[tuple[int, list[float]]] = []
     for number, words in rows:
         try:
@@ -164,7 +164,7 @@ def check_origin(images: list[Labelled], allow_evaluated: bool) -> list[Labelled
 
 
 def split(images: list[Labelled], share: float, seed: int) -> dict[str, list[Labelled]]:
-    """Training and validation images. Images of a known raw drive are all in the same part."""
+    """Training and validation images. All images of one raw drive are in the same part."""
     units = sorted({image.drive or image.stem for image in images})
     order = np.random.default_rng([seed, 30]).permutation(len(units))
     count = min(max(1, round(share * len(units))), len(units) - 1)

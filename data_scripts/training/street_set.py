@@ -44,7 +44,7 @@ class DetectionSetConfig(Checked):
 
 @dataclass(frozen=True)
 class Street:
-    """A street to draw: its split, number, settings and frames."""
+    """A street to draw, with split, number, settings and frames."""
 
     split: str
     number: int

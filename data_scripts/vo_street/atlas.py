@@ -51,7 +51,7 @@ class TextureSet:
     names: dict[str, int] = field(default_factory=dict)
 
     def add(self, name: str, image: NDArray[np.generic], wrap: tuple[bool, bool] = (False, False)) -> int:
-        """Number of a new texture with power-of-two sides. `wrap` : repetition along s and along t."""
+        """Add a texture with power-of-two sides; return its number. `wrap` : whether s and t repeat."""
         self.names[name] = len(self.images)
         self.images.append(np.asarray(image, np.float32))
         self.wraps.append(wrap)
@@ -102,12 +102,12 @@ class TextureSet:
 
 
 def _starts(size: int, top: int) -> list[int]:
-    """First texel of each padded level, and the total length of the levels."""
+    """Start of each padded level, and the total length of the levels, in texels."""
     return [0, *np.cumsum([(size >> i) + 2 * PAD for i in range(top + 1)]).tolist()]
 
 
 def _pad(image: Float32, wrap: tuple[bool, bool]) -> Float32:
-    """The texture with padding: opposite texels along repeated axes, otherwise border texels."""
+    """The texture with padding: copies of the opposite side along repeated axes, otherwise of the border."""
     mode = [cv2.BORDER_WRAP if w else cv2.BORDER_REPLICATE for w in wrap]
     wide = cv2.copyMakeBorder(np.ascontiguousarray(image), 0, 0, PAD, PAD, mode[0])
     return np.asarray(cv2.copyMakeBorder(wide, PAD, PAD, 0, 0, mode[1]), np.float32)

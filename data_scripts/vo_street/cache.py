@@ -38,7 +38,7 @@ def draw_scene(
             try:
                 os.rename(name, folder)
             except OSError:
-                if not folder.is_dir():  # another process has drawn the same
+                if not folder.is_dir():  # another process has drawn the same scene
                     raise
     except OSError as error:
         raise DataError(f"the cache cannot be written: {error.strerror}", folder.parent) from None

@@ -18,7 +18,7 @@ BRICKS = np.array([[0.0, 0.2], [0.0, 0.0], [0.1, 0.0], [0.1, 0.2]])  # of a wall
 
 
 def build_city(site: Site) -> None:
-    """Both sides of the street. Around a block, both halves have the same outer houses."""
+    """Build both sides of the street. On a route around a block, the two halves have equal outer houses."""
     halves = 1 if site.route.lap is None else 2
     for side in (-1.0, 1.0):
         state = site.rng.bit_generator.state
@@ -77,7 +77,7 @@ def add_house(site: Site, s: float, side: float, width: float, offset: float) ->
 
 
 def house_faces(side: float, width: float, height: float, depth: float, ridge: float) -> dict[str, Array]:
-    """Faces of a house, metres. The front is in the plane x = 0; inside, x has the sign of `side`."""
+    """Faces of a house, metres. The front is at x = 0; inside the house, x has the sign of `side`."""
     w, d = width / 2, side * depth
     plan = np.array([[0, 0, -w], [0, 0, w], [d, 0, w], [d, 0, -w]])
     tall = plan - (0.0, height, 0.0)

@@ -45,7 +45,7 @@ class Route:
         """Points (..., 3) at arc length s, `offset` metres to the right and `up` metres above the road."""
         s, offset, up = np.broadcast_arrays(np.asarray(s, float), offset, up)
         psi = np.interp(s, self.s, self.heading)
-        # Before its start and after its end the street goes straight on.
+        # Before its start and after its end, the street is straight.
         beyond = s - np.clip(s, self.s[0], self.s[-1])
         x = np.interp(s, self.s, self.x) + offset * np.cos(psi) + beyond * np.sin(psi)
         z = np.interp(s, self.s, self.z) - offset * np.sin(psi) + beyond * np.cos(psi)
@@ -56,7 +56,7 @@ class Route:
         return np.asarray(np.interp(s, self.s, self.heading))
 
     def pose(self, s: Array | float, offset: Array | float = 0.0, turn: float = 0.0) -> Array:
-        """Poses (..., 4, 4), street frame, of bodies with headings `turn` rad to the right of the road."""
+        """Poses (..., 4, 4), street frame, of vehicles that point `turn` rad to the right of the road."""
         position = self.point(s, offset)
         T = np.zeros((*position.shape[:-1], 4, 4))
         T[..., :3, :3] = yaw_rotation(self.angle(s) + turn)
@@ -71,7 +71,7 @@ class Route:
 
 
 def yaw_rotation(psi: Array | float) -> Array:
-    """Rotations (..., 3, 3) of bodies with headings psi (...), radians."""
+    """Rotations (..., 3, 3) from the vehicle frame to the street frame, for headings psi (...), radians."""
     psi = np.asarray(psi, float)
     return rotation_from_vector(np.stack([0 * psi, psi, 0 * psi], axis=-1))
 
@@ -108,7 +108,7 @@ def make_route(config: SceneConfig) -> Route:
 
 
 def _integrated(s: Array, curvature: Array, lap: float | None = None) -> Route:
-    """The route of a given curvature, which starts at the origin along the z axis."""
+    """The route with `curvature` (M,) at s (M,); the route starts at the origin along the z axis."""
     psi = np.concatenate([[0.0], np.cumsum(0.5 * (curvature[1:] + curvature[:-1]) * STEP)])
     psi -= np.interp(0.0, s, psi)
     x = np.concatenate([[0.0], np.cumsum(np.sin(0.5 * (psi[1:] + psi[:-1])) * STEP)])
@@ -117,7 +117,7 @@ def _integrated(s: Array, curvature: Array, lap: float | None = None) -> Route:
 
 
 def bump(s: Array, start: float, size: float, turn: float) -> Array:
-    """Curvature (N,) of one bend, a raised cosine along s; the whole bend turns by `turn` radians."""
+    """Curvature (N,), 1/metre, of a bend: a raised cosine along s. The whole bend turns by `turn` radians."""
     phase = np.clip((s - start) / size, 0.0, 1.0)
     return np.asarray(turn / size * (1.0 - np.cos(2.0 * np.pi * phase)))
 
@@ -131,7 +131,7 @@ class Drive:
     times : (N,) seconds.
     s, speed : (N,) arc length, metres, and speed along the street, m/s.
     poses : (N, 4, 4) pose of the left camera in the street frame, T_s_c.
-    clock, way : (M,) samples of time, s, and arc length, m, also outside the drive.
+    clock, way : (M,) samples of time, s, and arc length, m, also before and after the drive.
     """
 
     times: Array

@@ -63,7 +63,7 @@ def sunlight(normal: Array) -> Array:
 
 @dataclass
 class MeshBuilder:
-    """A builder of meshes. Corners are in clockwise order from outside; the order defines the lit side."""
+    """A builder of meshes. Seen from the lit outer side, the corners of a face are in clockwise order."""
 
     sizes: list[tuple[int, int]]  # texels of each texture, from TextureSet.size
     parts: list[tuple[Array, Array, int, Array]] = field(default_factory=list)
@@ -75,7 +75,7 @@ class MeshBuilder:
         ----------
         corners : (n, 4, 3) or (4, 3), metres.
         texture : number of the texture.
-        uv : (n, 4, 2) or (4, 2), texture coordinates as shares of the texture, above 1 for repetition;
+        uv : (n, 4, 2) or (4, 2), texture coordinates as shares of the texture (above 1: repetition);
             default: the corners of the texture (lower left, upper left, upper right, lower right).
         gain : brightness, a number or (n,).
         """

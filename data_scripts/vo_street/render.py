@@ -156,8 +156,8 @@ class Renderer:
     ) -> tuple[Places, list[Float32], Float32]:
         """Positions in the atlas of the texels that give the brightness of pixels (h, W).
 
-        Returns, for s and for t, the positions in the finer and in the coarser level and the share of the
-        coarser level; and 1/Z.
+        Returns, for s and t: positions in the finer and in the coarser level; the share of the coarser level.
+        The third result is 1/Z.
         """
         atlas, pixel = self.world.atlas, np.float32(1.0 / self.camera.f)
         line = [look_up(coefficients, face) for coefficients in table.lines]

@@ -21,14 +21,14 @@ SHIFTS = 256  # places along each side where a picture's noise may begin
 
 
 def exposures(config: SceneConfig, times: Array) -> Array:
-    """Exposure (N,) of each frame; it varies about 1 by the `exposure_change` of the settings."""
+    """Exposure (N,) of each frame, which varies around 1 by up to `config.exposure_change`."""
     rng = np.random.default_rng([config.seed, 7])
     wave = smooth_wave(times, rng, 4.0, 15.0)
     return np.asarray(np.exp(np.log1p(config.exposure_change) * wave))
 
 
 def photograph(renderer: Renderer, frame: int, right: bool = False) -> tuple[View, NDArray[np.uint8]]:
-    """The view of a camera in a frame, and its image (H, W)."""
+    """The view of a camera in a frame, and the 8-bit image (H, W)."""
     world, view = renderer.world, renderer.view(frame, right)
     exposure = float(exposures(world.config, world.drive.times)[frame])
     return view, expose(smear(world, frame, view, right), world.config, exposure, frame, right)

@@ -17,8 +17,8 @@ from .things import add_pole, add_sign, add_tree, two_sides
 
 TILE = 12.0  # metres of road painted in one texture
 ROADS = 4  # different road textures
-LAWN = 25.0  # metres from the centre line to which lawns reach
-BEYOND = 700.0  # metres of flat land around it all
+LAWN = 25.0  # largest distance of lawns from the centre line, metres
+BEYOND = 700.0  # width of the flat land around the street, metres
 
 
 def build_street(site: Site) -> None:
@@ -80,7 +80,7 @@ def build_ground(site: Site) -> None:
     s = site.samples()
     raised = KERB if out > road else 0.0
     curvature = _strongest_curvature(site, s)
-    # On the inner side of a bend ground that reached beyond its centre would fold over.
+    # On the inner side of a bend, ground that extends beyond the centre of the bend would fold over.
     inner = np.clip(0.8 / np.maximum(np.abs(curvature), 1e-6), out + 0.1, LAWN)
     for side in (-1.0, 1.0):
         if raised:

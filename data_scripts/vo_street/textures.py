@@ -47,7 +47,7 @@ def plain(grey: float, rows: int, columns: int, rng: Rng, rough: float = 4.0) ->
 
 
 def smeared(image: Image, length: int) -> Image:
-    """The texture averaged along columns: furrows, or streaks of rain."""
+    """The texture averaged along columns, which makes furrows or streaks of rain."""
     return np.asarray(cv2.blur(image, (1, length), borderType=cv2.BORDER_REFLECT), np.float32)
 
 
@@ -104,7 +104,7 @@ def asphalt(rng: Rng, lanes: int, width: float, length: float, solid_centre: boo
 
 
 def _mend(image: Image, rng: Rng, per_m: Array, width: float, length: float) -> None:
-    """Rectangles of newer or older asphalt, sealed with tar."""
+    """Paint rectangles of newer or older asphalt, sealed with tar."""
     for _ in range(int(rng.integers(2, 5))):
         size = rng.uniform((0.6, 0.5), (4.0, 1.6))
         start = rng.uniform((0.3, 0.2), np.array([length, width]) - size - 0.3)

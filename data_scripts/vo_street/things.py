@@ -43,7 +43,7 @@ def add_leaves(site: Site, centre: Array, radius: float, gain: float) -> None:
     plane = np.array([[1, 2], [0, 2], [0, 1]])[np.abs(normal).argmax(axis=1)]
     uv = np.take_along_axis(triangles, plane[:, None, :].repeat(4, axis=1), axis=2) / 1.7
     uv = uv - np.floor(uv.min(axis=1, keepdims=True)) + site.rng.uniform(0, 1, (len(uv), 1, 2))
-    # Lit as the round ball it stands for, not face by face.
+    # The light is that of a round ball, not of the single faces.
     out = triangles[:, :3].mean(axis=1) - centre
     smooth = sunlight(out / np.linalg.norm(out, axis=1, keepdims=True)) / sunlight(normal)
     site.add("leaves", triangles, uv, gain * smooth)

@@ -52,7 +52,7 @@ class Traffic:
         return pool[int(self.rng.integers(len(pool)))]
 
     def add(self, model: Model, s: Array, offset: float, turn: float = 0.0) -> None:
-        """Add a vehicle at arc lengths s (N,) and `offset` to the right, metres, turned by `turn` radians."""
+        """Add a vehicle at arc lengths s (N,) and lateral `offset`, metres, turned by `turn` radians."""
         poses = self.route.pose(s, offset, turn)
         self.vehicles.append(Vehicle(model, poses, float(self.rng.uniform(0.9, 1.1))))
 

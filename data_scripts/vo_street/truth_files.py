@@ -42,7 +42,7 @@ def decode_depth(code: NDArray[np.uint16]) -> Array:
 
 @dataclass(frozen=True)
 class Box:
-    """Box of a vehicle's visible part in the left image, pixels; `right` and `bottom` are inside."""
+    """Box of a vehicle's visible part in the left image, pixels; includes column `right` and row `bottom`."""
 
     vehicle: int
     kind: int
@@ -89,7 +89,7 @@ def visible_boxes(
 
 
 def outline_area(world: World, vehicle: int, frame: int) -> float:
-    """Number of pixels inside the convex outline of a vehicle in the left image, hidden pixels included."""
+    """Number of visible and hidden pixels inside the convex outline of a vehicle in the left image."""
     camera = world.config.camera
     one = world.vehicles[vehicle]
     T_c_o = inverse(world.drive.poses[frame]) @ one.poses[frame]
@@ -105,7 +105,7 @@ def outline_area(world: World, vehicle: int, frame: int) -> float:
 
 
 def write_objects(world: World, path: Path) -> None:
-    """Poses (N, K, 4, 4) T_w_o and kinds (K,), COCO classes, of all vehicles as one npz file."""
+    """Write an npz file with the poses T_w_o (N, K, 4, 4) and the COCO classes (K,) of all vehicles."""
     T_w_s = inverse(world.drive.poses[0])
     poses = [T_w_s @ vehicle.poses for vehicle in world.vehicles]
     kinds = [vehicle.model.shape.kind for vehicle in world.vehicles]

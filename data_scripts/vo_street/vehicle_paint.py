@@ -70,7 +70,7 @@ class _Canvas:
 
 
 def paint_vehicle(shape: Shape, paint: float, rng: Rng) -> dict[str, Image]:
-    """The views of a vehicle in one colour, by the names in `VIEWS`."""
+    """The views of a vehicle in one colour, with the names in `VIEWS` as keys."""
     end = _paint_car_end if shape.cabin else _paint_large_end
     return {
         "right": _paint_side(shape, paint, rng, mirror=False),

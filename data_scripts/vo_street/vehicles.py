@@ -18,7 +18,7 @@ from .vehicle_paint import VIEWS, paint_vehicle, paint_wheel
 
 @dataclass(frozen=True)
 class Model:
-    """A vehicle model: faces of the vehicle in the vehicle frame, and faces of the shadow on the ground."""
+    """A vehicle model: faces of the vehicle and faces of the shadow on the ground, in the vehicle frame."""
 
     name: str
     shape: Shape

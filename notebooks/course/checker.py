@@ -39,7 +39,7 @@ NO_ANSWER = Verdict(False, "there is no answer: replace the dots.", tried=False)
 
 @dataclass(frozen=True)
 class When:
-    """A mistake that is recognised by a test of (the first wrong result, *inputs)."""
+    """A mistake that is recognised by a test: a function of the first wrong result and of its inputs."""
 
     test: Callable[..., Any]
 
@@ -86,25 +86,25 @@ def any_order(indices: Array) -> Array:
 
 @dataclass(eq=False, repr=False)
 class Exercise:
-    """An exercise. Its call with an answer, and with further data of the task, returns the `Verdict`.
+    """An exercise. A call with an answer, and with further data of the task, returns a `Verdict`.
 
-    An answer is right if its results equal those of `right` in every case. A wrong answer gets the message of
-    the mistake with the same results in all cases, else of a slip, else of a mistake whose test holds, else
-    the `hint`. The third different wrong answer in a row also gets the `line` of code.
+    An answer is right if its results equal the results of `right` in all cases. A wrong answer gets the first
+    message that applies: of the mistake with the same results in all cases, of a slip, of a mistake whose
+    test holds, or the `hint`. The third different wrong answer in a row also gets the `line` of code.
 
     Parameters
     ----------
-    right : a function of the inputs of a case; a value; or, for a panel, facts of a panel that passes.
-    cases : for functions: returns the inputs of the calls, simple inputs first.
+    right : a function of the inputs of a case, a value, or, for a panel, the facts that pass.
+    cases : for functions: function that returns the inputs of the calls, simple inputs first.
     also : other right answers.
-    praise, hint : the messages for right answers and for other mistakes. Fields of `praise` are `got` and
-        `right`, the results of the first case, or names of facts.
+    praise, hint : messages for right answers and for other mistakes. Format fields of `praise` are `got` and
+        `right`, which are results of the first case, or names of facts.
     line : the code of a right answer, shown after the third different failure; by default the hint.
     library : functions of the library that an answer must not call.
-    mistakes : dictionary from messages (fields as in `praise`) to wrong answers: functions of the inputs,
-        values or a `When`. For a panel: a function of the facts, true for the mistake.
-    slips : messages that replace those of `SLIPS`, by name; for values, only these slips are tested.
-    parts : names of several results, in the order in which they are judged.
+    mistakes : wrong answers by message (fields as in `praise`). A wrong answer is a function of the inputs, a
+        value or a `When`; for a panel, a function of the facts that returns True for the mistake.
+    slips : messages by name of a slip, in place of those in `SLIPS`; values are tested for these slips only.
+    parts : names of several results, in the order of the comparison.
     form : function that prepares results for the comparison, such as `any_order`.
     atol, rtol : absolute tolerance in the unit of the result, and relative tolerance.
     """
@@ -171,7 +171,7 @@ class Exercise:
             return Verdict(False, f"this cannot be judged, {type(error).__name__}: {error}.")
 
     def _judge_facts(self, answer: Any) -> Verdict:
-        """The first mistake in the facts of a panel; a missing fact is NaN."""
+        """The verdict on the facts of a panel: praise or the first mistake. A missing fact is NaN."""
         if not isinstance(answer, Mapping):
             return Verdict(False, f"expected the facts of a panel, got {type(answer).__name__}.")
         if not answer:
@@ -286,7 +286,7 @@ class Exercise:
         return got.shape == expected.shape and np.allclose(got, expected, rtol, atol, equal_nan=True)
 
     def _difference(self, got: Any, expected: Any, what: str, inputs: Case) -> str:
-        """The wrong and the expected result, with the inputs that are short."""
+        """Text with the wrong and the expected result, and with the inputs if they are short."""
         if self.cases is None:
             return f"{shown(got)} is wrong."  # the message hides the right value
         if is_list(expected) and (expected.size > SHORT or not shown(got)):

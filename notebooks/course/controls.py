@@ -1,4 +1,4 @@
-"""Controls for declared settings: range, unit and sentence are those of the settings classes."""
+"""Controls for declared settings; range, unit and sentence come from the settings classes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Control:
     label : words beside the control; by default the last part of the name.
     low, high : ends of the slider, if narrower than the declared range.
     step : step of the slider.
-    button : a button in place of the slider; it adds one to an integer, up to the maximum, then restarts.
+    button : whether a button replaces the slider; a press adds one, and after the maximum sets the minimum.
     """
 
     name: str
@@ -36,7 +36,7 @@ class Control:
 
 
 class Knob:
-    """A control: `widget` has the value, `shown` is displayed; the declared sentence is the tooltip."""
+    """A control. `widget` has the value, `shown` is the displayed widget, the tooltip is the sentence."""
 
     def __init__(self, control: Control, setting: Setting, value: Any):
         self.setting = setting
@@ -58,7 +58,7 @@ class Knob:
 
 
 def labelled(words: str) -> dict[str, Any]:
-    """A label before a widget, and the width of the column."""
+    """Arguments of a widget for a label in front of it and for the width of the column."""
     style = {"description_width": LABEL_WIDTH}
     return {"description": words, "style": style, "layout": {"width": "auto"}}
 

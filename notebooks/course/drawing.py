@@ -65,7 +65,7 @@ def finish(
 ) -> None:
     """Set the title, axis names with units, the common style, and a legend if lines have labels.
 
-    A `boxed` legend covers the data below it; a legend `above` is beside the title; `none`: no legend.
+    A `boxed` legend hides the data behind it. The legend `above` is beside the title; `none` means no legend.
     """
     # With a given height, matplotlib does not measure all tick labels.
     axis.set_title(title, fontsize=TITLE_SIZE, loc="left", y=1.0)
@@ -91,7 +91,7 @@ def log_axis(axis: Axis, low: float, high: float, steps: tuple[float, ...] = (1.
 
 
 def room(value: float, *, steps: tuple[float, ...] = FINE, least: float = 0.0) -> float:
-    """The smallest round number (steps × 10ⁿ) that is not below a value, for limits that seldom change."""
+    """The smallest round number (steps × 10ⁿ) that is not below a value, for axis limits that seldom change."""
     value = max(value, least, 1e-9)
     whole = 10.0 ** np.floor(np.log10(value))
     rounded = [float(whole * step) for step in (*steps, 10 * steps[0])]
@@ -114,7 +114,7 @@ def raster(chart: Figure) -> Image:
 
 
 def photo(image: Image, width: int = WIDTH, height: int | None = None) -> Image:
-    """A grey or BGR picture as BGR, `width` pixels wide or fitted on white into `width` × `height`."""
+    """A grey or BGR picture as BGR, scaled to `width` pixels, or with white margins to `width` × `height`."""
     colour = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image
     scale = width / colour.shape[1]
     if height is not None:

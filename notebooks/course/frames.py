@@ -151,7 +151,7 @@ class Points:
 
     Attributes
     ----------
-    matches : (N,); x_p, x_c : (N, 2) normalised points; X_p : (N, 3) metres, previous left frame.
+    matches : (N,) matches; x_p, x_c : (N, 2) normalised points; X_p : (N, 3) metres, previous left frame.
     T_cp : (4, 4) the true motion, or None.
     """
 
@@ -207,7 +207,7 @@ LACKING: dict[str, tuple[Callable[[Sequence], object | None], str]] = {
 
 
 def lacks(sequence: Sequence, what: str = "poses") -> str:
-    """A sentence if a sequence has no data of a kind in `LACKING`; else ""."""
+    """A sentence if a sequence lacks the data `what`, a key of `LACKING`; else ""."""
     data, words = LACKING[what]
     return f"{sequence.name} {words}." if data(sequence) is None else ""
 
@@ -238,7 +238,7 @@ def real_frame(name: str = "", frame: int = 40) -> tuple[Sequence, int] | None:
 
 
 def real_pair(scene: Sequence, frame: int, name: str = "") -> Shown | None:
-    """A drawn beside a real left image; without KITTI, a sentence is printed and the result is None."""
+    """A drawn and a real left image, side by side; without KITTI, None and a printed sentence."""
     real = real_frame(name)
     if real is None:
         return None

@@ -165,9 +165,9 @@ def is_stub(answer: Any) -> bool:
 
 
 def handed_back(answer: Any, names: Sequence[str]) -> str:
-    """The first library function in `names` that an answer calls, or hands in as the answer; else "".
+    """The first library function in `names` that an answer calls or that is itself the answer; else "".
 
-    An answer of the library or of the course may call any function.
+    An answer that is a function of the library or of the course may call any function.
     """
     module = str(getattr(answer, "__module__", ""))
     if not isinstance(answer, FunctionType) or module.startswith(("vo_lib.", __package__)):

@@ -1,4 +1,4 @@
-"""Simulated drives, and the rotation errors of solution selection on them; for chapters 0, 3, 4, 5 and 7."""
+"""Simulated drives, and the rotation errors of solution selection on these drives."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Pair(NamedTuple):
 
 @dataclass(frozen=True)
 class Scene:
-    """Simulated matches along `drive`; or, with `plane`, of a plane that fills the image.
+    """Settings of simulated matches along `drive`; with `plane`, all points are on one plane in the image.
 
     For a plane (a wall, the rear of a lorry), two essential matrices fit all matches.
     """
@@ -74,7 +74,7 @@ def candidates_of(points: Points | Pair, sets: int, draw: int) -> Candidates:
 def winner_of(
     candidates: Candidates, errors: Array, e_prev: Array | None, config: SelectionConfig
 ) -> tuple[int, bool]:
-    """Index of the winner among candidates with errors (M,), and whether the guard of the kit dropped the prior."""
+    """Index of the winner among candidates with errors (M,), and whether variant `kit` dropped the prior."""
     ratio = config.prior_rejection_ratio if isinstance(config, KitSelectionConfig) else np.inf
     return guarded(errors, competing(*candidates, e_prev, config), ratio)
 
@@ -82,7 +82,7 @@ def winner_of(
 def motion_of(
     E: Array, points: Points | Pair, config: SelectionConfig, focal: float
 ) -> tuple[Array, Array, BoolArray]:
-    """R_cp (3, 3) of a winner E (3, 3), the essential vector (9,) for the next frame, and inliers (N,)."""
+    """R_cp (3, 3) of a winner E (3, 3), the essential vector (9,) for the next frame, and a mask (N,)."""
     x_p, x_c, X_p = points.x_p, points.x_c, points.X_p
     if isinstance(config, KitSelectionConfig):
         R, _, E, inliers = motion_of_winner(E, x_p, x_c, X_p, config, focal)

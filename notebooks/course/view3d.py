@@ -138,7 +138,7 @@ def view_of_run(run: Run, height: int = 480) -> View:
 
 
 def points_of(run: Run) -> list[tuple[Array, int, int]]:
-    """Points outside vehicle boxes at their last observation: place (3,), metres, grey level and frame."""
+    """Place (3,), metres, grey level and frame of the last observation of each point outside all boxes."""
     sequence, camera = run.sequence, run.sequence.camera
     points: dict[int, tuple[Array, int, int]] = {}
     for index, (matches, _) in enumerate(CachedMatches(sequence, run.config)):

@@ -100,7 +100,7 @@ def test_euroc_pairs_without_truth_or_partner_are_omitted(tmp_path: Path) -> Non
     mav0 = write_mav0(tmp_path, bodies(4), 6)
     drive = read_euroc_drive(mav0)
     assert len(drive.paths) == 4
-    assert drive.note == "2 pairs before or after the truth are left out"
+    assert drive.note == "2 pairs before or after the truth are skipped"
     rows = (mav0 / "cam1" / "data.csv").read_text(encoding="utf-8").splitlines()
     (mav0 / "cam1" / "data.csv").write_text("\n".join(rows[:2] + rows[3:]) + "\n", encoding="utf-8")
     drive = read_euroc_drive(mav0)

@@ -39,7 +39,7 @@ def rolled() -> list[Case]:
 
 
 def shrunk(estimate: Array, covariance: Array, spare: float = 0.0) -> Array:
-    """An estimate (k,) times the share of its square, in standard deviations, that noise does not explain."""
+    """An estimate (k,) times the share of its squared norm, in deviations, that noise does not explain."""
     squared = float(estimate @ np.linalg.solve(covariance, estimate))
     return np.asarray(estimate * max(0.0, 1.0 - (len(estimate) - spare) / squared))
 

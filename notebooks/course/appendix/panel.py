@@ -40,7 +40,7 @@ from ..made_up import block_tour
 from ..panel import Drawing, Panel, State
 from ..results import Fact
 
-# About what sequence 01 of KITTI shows: sizes of `RIG_FAULTS`, pixels.
+# Approximate faults of the rig in sequence 01 of KITTI: sizes of `RIG_FAULTS`, pixels.
 KITTI_01 = {
     "shift along the rows": -0.6,
     "roll": -0.3,
@@ -50,8 +50,8 @@ KITTI_01 = {
     "columns, x⁴": -3.5,
 }
 TERMS = {"all": DISPARITY_TERMS, "1 and x²": ("1", "x²"), "1 alone": ("1",)}
-FRAMES, LAST = 40, 15  # frames that the panel learns from; of which so many at the end are judged
-REST = 0.05  # metres; a shorter step's length is not judged
+FRAMES, LAST = 40, 15  # frames of the estimation; frames at its end whose step lengths are evaluated
+REST = 0.05  # metres; shorter steps are not evaluated
 MAP_HEIGHT, CHART_HEIGHT = 150, 200
 BANDS = 10  # colours from no error to the largest
 _tracks: Memory[list[SimulatedFrame]] = Memory(8)
@@ -76,7 +76,7 @@ DRIVES_FIELD = rig({"shift along the rows": -0.2, **{f"columns, {term}": px for 
 def learn(
     camera: StereoCamera, tracks: list[SimulatedFrame], true: Array, terms: tuple[str, ...] = DISPARITY_TERMS
 ) -> tuple[Rig, dict[str, Array]]:
-    """Add errors (ERROR_COUNT,) to matches and learn their disparity terms `terms` and row terms.
+    """Add errors (ERROR_COUNT,) to matches, and estimate the row terms and the disparity terms `terms`.
 
     Returns the estimate of the rig, and the ratios (N,) of step lengths to true step lengths, "as measured"
     and "corrected".
@@ -135,7 +135,7 @@ def image_grid(camera: StereoCamera, columns: int = 13, rows: int = 5) -> Array:
 
 
 def field_maps(image: Image, camera: StereoCamera, fields: dict[str, Array]) -> Image:
-    """Errors (ERROR_COUNT,) over an image, side by side, disparities above rows; red is too large, blue too small."""
+    """Maps of errors (ERROR_COUNT,): disparities above, rows below; red is too large, blue too small."""
     grid = image_grid(camera, 41, 13).T
     errors = {name: field_at(c, *grid).reshape(2, 13, 41) for name, c in fields.items()}
     limit = room(max(float(np.abs(error).max()) for error in errors.values()), least=0.1)

@@ -22,14 +22,14 @@ def point(u: float, v: float, d: float, camera: StereoCamera) -> Array:
 
 
 def motions() -> list[Case]:
-    """One, two and three motions (4, 4), with increasing rotation angles."""
+    """Cases with one, two and three motions (4, 4); the rotation angles increase."""
     turn = np.array([0.0, 0.3, 0.0])
     T = [rigid(rotation_from_vector(k * turn), np.array([0.1 * k, 0.0, -1.0])) for k in (1, 2, 3)]
     return [(T[:count],) for count in (1, 2, 3)]
 
 
 def appended(step: Callable[[Array], Array], before: bool = False) -> Callable[..., list[Array]]:
-    """Answer that appends poses: last pose times `step` of a motion; with `before`, `step` times last pose."""
+    """Answer that appends the last pose times `step(motion)`; with `before`, the factors are exchanged."""
 
     def chained(motions: list[Array]) -> list[Array]:
         path = [np.eye(4)]
@@ -41,12 +41,12 @@ def appended(step: Callable[[Array], Array], before: bool = False) -> Callable[.
 
 
 def apart(T: Array, turned: bool = True) -> Array:
-    """Wrong inverse of a motion: the transposed rotation (`turned`) or R itself, with -t."""
+    """Wrong inverse of a motion T (4, 4): translation -t, and rotation Rᵀ or, if not `turned`, R."""
     return rigid(T[:3, :3].T if turned else T[:3, :3], -T[:3, 3])
 
 
 def paths() -> list[Case]:
-    """Poses (N, 4, 4) of a turning camera on a rising spiral of growing radius: one step, then several."""
+    """Cases with poses (N, 4, 4) of a turning camera on a rising, widening spiral: one step, then several."""
     turn, places = np.array([0.0, 0.5, 0.0]), [(np.cos(k / 2), -0.4, np.sin(k / 2)) for k in range(6)]
     path = [rigid(rotation_from_vector(k * turn), k * np.array(places[k])) for k in range(6)]
     return [(np.array(path[:2]),), (np.array(path),)]

@@ -43,7 +43,7 @@ const box = this.closest('.vo-clicks'), field = box.querySelector('input');
 const at = box.querySelector('img').getBoundingClientRect();
 field.value = [(event.clientX - at.x) / at.width, (event.clientY - at.y) / at.height];
 field.dispatchEvent(new Event('change', {bubbles: true}))"></div>"""
-RAYS, RAYS_END = 14, 15.0  # so many rays, to points nearer than this, metres
+RAYS, RAYS_END = 14, 15.0  # number of rays; largest distance of their points, metres
 DEPTHS, ERRORS = (3.0, 100.0), (0.01, 100.0)  # metres shown
 
 
@@ -179,7 +179,7 @@ def poses_view(sequence: Sequence, every: int = 10) -> View:
 
 
 def depth_figure(camera: StereoCamera, measured: Array, true: Array) -> Figure:
-    """Errors of measured depths (N,) over the true depths, metres, and σ_Z of the median disparity error."""
+    """Errors of measured depths (N,) by true depth, metres, and σ_Z for the median disparity error."""
     made, (axis,) = figure(260)
     good = np.isfinite(measured) & np.isfinite(true)
     measured, true = measured[good], true[good]

@@ -1,4 +1,4 @@
-"""Chapter 1: the matched features, the check that drops each other feature, and the errors of the matches."""
+"""Chapter 1: the kept matches, the check that each dropped feature failed, and the errors of the matches."""
 
 from __future__ import annotations
 

@@ -75,7 +75,7 @@ def trace(sequence: Sequence, frame: int, config: MethodConfig) -> Trace:
 
     def step(stage: StereoLimits) -> StereoMatches:
         def make() -> StereoMatches:
-            # A step replaces what the front end holds and changes none of it: a shallow copy will do.
+            # A step replaces the attributes of the front end and changes none in place: a shallow copy is enough.
             front_end = copy.copy(before)
             front_end.config = stage
             matches: StereoMatches = front_end.step(pair)

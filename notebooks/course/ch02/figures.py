@@ -40,7 +40,7 @@ from ..simulation.problems import FOCAL, Motion, random_problems
 from ..view3d import Shape
 from ..view3d import camera as view_of
 
-# Of the polynomial's largest value: smaller values are shown as they are, larger compressed.
+# Share of the polynomial's largest value; larger values are compressed.
 COMPRESSED = 1e-3
 TOP = 1.1 * float(np.arcsinh(1 / COMPRESSED))
 
@@ -94,7 +94,7 @@ def lines_picture(
 ) -> Image:
     """The current image with M named matches (M, 2), each with the epipolar line of its own E (M, 3, 3).
 
-    If the M matches are one match, its lines are numbered.
+    If all M rows are the same match, the lines are numbered.
     """
     picture = photo(image, image.shape[1])
     colours = [CYCLE[number % len(CYCLE)] for number in range(len(E))]

@@ -69,8 +69,8 @@ def with_noise(points: Points, noise: float, focal: float) -> Points:
 def rotation_errors(E: Array, R_true: Array) -> Array:
     """Angle between the rotation of each E (M, 3, 3) and the true rotation, (M,) degrees.
 
-    E has two rotations; the error is the error of the nearer rotation. The other rotation differs by 180° about t,
-    and depth excludes it.
+    E has two rotations; the error is that of the nearer rotation. The other rotation differs by 180° about t,
+    and the depths of the points exclude this rotation.
     """
     R, _ = decompose_essential(E)
     angles = rotation_angle(np.swapaxes(R, -1, -2) @ R_true)
@@ -94,7 +94,7 @@ def sets_of(points: Points, seed: Any, sets: int, spread: str) -> Index:
 
 
 def set_errors(points: Points, R_true: Array, chosen: Index, threshold: float) -> tuple[Array, float]:
-    """Rotation error, degrees, of each set's best candidate by image error (S,), and of the best of all."""
+    """Rotation error, degrees, of the candidate with the smallest image error, by set (S,) and overall."""
     solutions = five_point(points.x_p[chosen], points.x_c[chosen])
     image_errors = truncated_errors(solutions.E, points.x_p, points.x_c, threshold)
     best = np.flatnonzero(first_of_each_set(image_errors, solutions.set_index))
@@ -182,7 +182,7 @@ class FivePointPanel(Panel):
         return np.asarray(sets_of(points, [3, view.draw], 1, view.spread)[0])
 
     def _picture(self, state: State, points: Points, named: list[int], E: Array, inlier: BoolArray) -> Image:
-        """The frame with its matches, and lines of the first named match for the true E and a solution."""
+        """The frame with its matches, and the lines of the first named match for the true E and a solution."""
         camera = state.sequence.camera
         picture = photo(stereo(state.sequence, state.frame)[0], camera.width)
         starts, ends = draw.pixels(points.x_p, camera), draw.pixels(points.x_c, camera)

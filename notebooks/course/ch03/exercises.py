@@ -25,12 +25,12 @@ def vectors() -> list[Case]:
 
 
 def of_any_length(E: Array, rng: np.random.Generator) -> Array:
-    """The same essential matrices (M, 3, 3), each with another scale."""
+    """The same essential matrices (M, 3, 3), each multiplied by a random factor."""
     return np.asarray(E * rng.uniform(0.25, 1.0, (len(E), 1, 1)) * rng.choice([-1, 1], (len(E), 1, 1)))
 
 
 def candidates() -> list[Case]:
-    """Candidates of any norm and sign, a prior and k = 2, 3, 1, for sets with at least four candidates."""
+    """Cases with candidates of any norm and sign (four or more, of one set), a prior, and k = 2, 3 or 1."""
     rng = np.random.default_rng(2)
     given = random_problems(rng, 60, motion="forward")
     solutions = five_point(given.x_p, given.x_c)
@@ -63,9 +63,9 @@ def first_by(measure: Callable[[Array, Array], Array]) -> Callable[..., Any]:
 
 
 def frames() -> list[Case]:
-    """Frames with half of the matches wrong: candidates, their sets and image errors, a rough prior, k = 1, 2.
+    """Cases from frames with half of the matches wrong: candidates, sets, image errors, a rough prior, and k.
 
-    Candidates have any length and sign. The winner is alternately in the first and in the last set.
+    Candidates have any norm and sign. The winner is alternately in the first and in the last set.
     """
     cases: list[Case] = []
     for seed in range(8):
@@ -129,7 +129,7 @@ def truncated(
     cost: Callable[[Array, float], Any] = lambda d, tau: np.minimum((d / tau) ** 2, 1.0),
     mean: Callable[..., Any] = np.mean,
 ) -> Callable[[Array, float], Any]:
-    """Answer: the `mean` of the `cost` of (distances, threshold)."""
+    """Answer: the `mean` of `cost(distances, threshold)`."""
     return lambda d, threshold: mean(cost(d, threshold))
 
 

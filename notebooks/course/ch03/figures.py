@@ -31,7 +31,7 @@ class Field:
     image_error : (M,) truncated mean squared Sampson distance over all matches, in [0, 1].
     rotation_error : (M,) angle to the reference rotation, degrees.
     kept : (M,) candidates that may compete in solution selection.
-    consensus, selected : winners without and with the prior, indices; dropped : whether the prior is dropped.
+    consensus, selected : indices of winners without and with the prior. dropped : whether the prior is dropped.
     """
 
     angle: Array
@@ -65,7 +65,7 @@ def features_picture(
 
 
 def field_figure(field: Field, result: float | None = None, height: int = 260) -> Figure:
-    """Image error of each candidate over its angle to the previous vector, and over its rotation error.
+    """Image error of each candidate by angle to the previous vector, and by rotation error.
 
     A mark on the right shows `result`, degrees: the error of the frame's final rotation.
     """
@@ -106,7 +106,7 @@ def errors_figure(
     title: str = "rotation error [deg]",
     x_name: str = "frame",
 ) -> Figure:
-    """Curves of errors (N,) by name, over the frames 1, 2, … with medians, or over x (N,).
+    """Curves of errors (N,), by name: for the frames 1, 2, …, with medians, or for the values x (N,).
 
     Errors (S, N) of several seeds are drawn as their median, with a band from the smallest to the largest.
     Identical curves are drawn as one line with all their names.
@@ -135,7 +135,7 @@ def errors_figure(
 def turns_figure(angle: Array, turn: Array) -> Figure:
     """The change of the motion along a path, and the rotation of its steps, degrees.
 
-    angle : (N - 2,) between successive essential vectors, NaN at a standstill; turn : (N - 1,) of each step.
+    angle : (N - 2,) between successive essential vectors; NaN at a standstill. turn : (N - 1,) of the steps.
     """
     made, (axis,) = figure(220)
     frames = 2 + np.arange(len(angle))
@@ -149,7 +149,7 @@ def turns_figure(angle: Array, turn: Array) -> Figure:
 
 
 def stopping_figure(needed: Array, stop: Array) -> Figure:
-    """Number of sets that adaptive stopping requires, over the number of sets drawn.
+    """Number of sets that adaptive stopping requires after each drawn set.
 
     needed : (S, N) for S orders of the sets, shown as median and band; stop : (S,) final numbers of sets.
     """

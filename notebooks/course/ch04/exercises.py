@@ -72,7 +72,7 @@ def cauchy(r: Array, s: float) -> Array:
 
 
 def drawn_answers() -> list[Case]:
-    """Translations (S, 3) of a few draws, and the true translation."""
+    """Cases with S estimated translations (S, 3) and the true translation (3,), metres."""
     rng = np.random.default_rng(8)
     return [(0.97 * T_CP + rng.normal(0.0, 0.01, (count, 3)), T_CP) for count in (5, 20)]
 
@@ -83,17 +83,17 @@ def norm(vectors: Array) -> Array:
 
 
 def off(answers: Array, t_true: Array) -> Array:
-    """Errors of the lengths of translations (S, 3), per cent of the true length."""
+    """Errors of the lengths of translations (S, 3), in % of the true length."""
     return 100.0 * (norm(answers) / norm(t_true) - 1.0)
 
 
 def bias_and_scatter(answers: Array, t_true: Array) -> tuple[float, float]:
-    """Mean and standard deviation of the errors of the lengths, per cent of the true length."""
+    """Mean and standard deviation of the errors of the lengths, in % of the true length."""
     return float(off(answers, t_true).mean()), float(off(answers, t_true).std())
 
 
 def one_residual(place: float) -> Callable[..., bool]:
-    """Whether a case has only one residual, `place` times the scale."""
+    """Test for a case with a single residual, which is `place` times the scale."""
     return lambda w, r, s: len(r) == 1 and r[0] == place * s
 
 

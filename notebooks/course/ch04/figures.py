@@ -19,7 +19,7 @@ MILLI = 1e3
 
 
 def residuals_chart(axis: Axes, depth: Array, residual: Array, limit: float | None) -> None:
-    """Residual of each feature over its depth; the line is the limit at which a weight becomes ½ or zero."""
+    """Residual of each feature by depth; the line is the limit at which a weight becomes ½ or zero."""
     used = np.isfinite(residual)
     heavy = used & (residual <= (np.inf if limit is None else limit))
     shown = np.where(used, np.clip(residual, LEAST, MOST), LEAST)

@@ -1,4 +1,4 @@
-"""Chapter 4: combinations of the rows of all features: simple ones, the paper's, and variant kit's."""
+"""Chapter 4: simple ways to combine the rows of all features, compared with the method's own way."""
 
 from __future__ import annotations
 
@@ -58,8 +58,8 @@ def solve_by(
 ) -> tuple[Array, Array, Array] | None:
     """The translation t_cp (3,) of a weighting, metres, with residuals and weights; None without a solution.
 
-    The residual (N,) is the norm of a feature's eight rows, pixels (infinite beyond the largest depth). The
-    weight (N,) is the feature's weight without the division by depth (NaN: not used).
+    The residuals (N,) are norms over the eight rows of a feature, pixels (infinite beyond the largest depth).
+    The weights (N,) do not include the division by depth; the weight of an unused feature is NaN.
     """
     if weighting == METHOD and isinstance(config, KitTranslationConfig):
         solved = robust_translation(camera, matches, R_cp, config)

@@ -1,4 +1,4 @@
-"""Chapter 5, part one: the same frames with features in boxes kept and removed; measured results."""
+"""Chapter 5, part one: runs with and without the features in boxes, and measured results."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def true_path(sequence: Sequence) -> Array:
 
 
 def step_errors(sequence: Sequence, poses: Array) -> tuple[Array, Array]:
-    """Error of each step, (N - 1,): of the rotation in degrees, of the translation in millimetres."""
+    """Rotation error, degrees, and translation error, millimetres, of each step, both (N - 1,)."""
     errors = relative_error(true_poses(sequence), poses)
     return np.degrees(errors.rotation), 1e3 * errors.translation
 
@@ -69,7 +69,7 @@ def whole_drive(section: str, row: str) -> dict[str, str]:
 
     def cells(title: str) -> dict[str, str]:
         table = results_table(f"{section}: {title}", row)
-        # Rows without a spread are left out of its tables.
+        # The tables omit rows without a spread.
         return dict(zip(table.columns, next((r for r in table.rows if r[0] == row), [row]), strict=False))
 
     kinds = "TE, %", "RE, deg/100 m"
@@ -83,7 +83,7 @@ def whole_drive(section: str, row: str) -> dict[str, str]:
 def claim_figure(
     sequence: Sequence, runs: Mapping[str, Array], height: int = 250, frame: int | None = None
 ) -> Figure:
-    """Errors of each step by run, one `frame` marked, and the paths from above with different scales."""
+    """Errors of each step by run, with a mark at `frame`, and paths from above with unequal axis scales."""
     made, (turns, lengths, path) = figure(height, 3, (1.0, 1.0, 0.8))
     true = true_path(sequence)
     frames = int(sequence.frames[0]) + np.arange(1, len(true))

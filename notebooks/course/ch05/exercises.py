@@ -26,7 +26,7 @@ KEPT, LOST = "on moving things, kept", "on standing things, removed"
 
 
 def net_boxes() -> list[Case]:
-    """Two boxes inside the image, a box over the lower right or upper left corner; then all four boxes."""
+    """Cases of boxes: two inside the image; one over the lower right corner; one over the upper left; all."""
     inner = [[10.0, 240, 90.5, 300], [320, 280, 470, 360]]
     low, high = [[600.0, 250, 655, 420]], [[-9.0, 200, 60, 300]]
     letterbox = fit_letterbox(*SIZE, *NET)
@@ -95,7 +95,7 @@ def outside(uv_p: Array, uv_c: Array, boxes_p: Array, boxes_c: Array) -> BoolArr
 
 
 def driven() -> list[Case]:
-    """Vehicles: parked, ahead, crossing; with wrong matches, the street behind, depth noise, few features.
+    """Cases of parked, leading and crossing vehicles, with wrong matches, background, noise or few features.
 
     The camera drives a metre ahead and turns by 2°.
     """
@@ -130,7 +130,7 @@ def middle(steps: Array) -> Any:
 def judged(
     length: Callable[[Array], Any], steps: Callable[..., Array] = left_over, few: Any = None, fewest: int = 3
 ) -> Callable[..., Any]:
-    """An answer: is `length` of the steps above `least`? With fewer than `fewest` features, the answer is `few`."""
+    """Answer that tests if `length(steps)` exceeds `least`; for under `fewest` features, it returns `few`."""
     return lambda X_p, X_c, T_cp, least: length(steps(X_p, X_c, T_cp)) > least if len(X_p) >= fewest else few
 
 

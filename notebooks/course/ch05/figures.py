@@ -41,7 +41,7 @@ def score_picture(image: Image, output: NetworkOutput) -> Image:
 
 
 def candidates_picture(image: Image, output: NetworkOutput, score: float, kept: Array, words: str) -> Image:
-    """The network's image with the candidates above a score, thin orange, and the boxes (K, 4) that stay, blue."""
+    """The network's image with orange candidates above a score, and with the kept boxes (K, 4) in blue."""
     picture = photo(letterboxed(image, output.letterbox), output.letterbox.width)
     best = output.scores.max(axis=1)
     passed = np.flatnonzero(best >= score)
@@ -69,7 +69,7 @@ def filter_picture(
 
 
 def precision_figure(scores: Array, precision: Array, recall: Array) -> Figure:
-    """Precision over recall, a point for each score; the default score is marked."""
+    """Precision and recall for each score as a curve; the default score is marked."""
     made, (axis,) = figure(230)
     default = DetectorConfig().score
     at = max(int(np.sum(scores >= default)) - 1, 0)

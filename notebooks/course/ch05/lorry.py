@@ -22,7 +22,7 @@ CENTI, PERCENT = 100.0, 100.0
 
 
 class LorryPanel(Panel):
-    """A frame with a lorry: the features that the winner fits, and the error without the features in its box."""
+    """A frame with a lorry: the features that the winner fits, and the error without the lorry's features."""
 
     title = "A lorry in front of the camera"
     view = LorryConfig

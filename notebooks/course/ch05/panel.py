@@ -83,7 +83,7 @@ def filtered_frame(
 ) -> tuple[Filtered, Boxes]:
     """The matches of a frame >= 1 that a method's rule keeps, and the frame's boxes.
 
-    The rule `moving` starts `HISTORY` frames earlier, since it judges boxes over several frames.
+    The rule `moving` starts `HISTORY` frames earlier, since it tracks boxes over several frames.
     """
     rule = config.filter
     if rule.rule == "truth" and truth(sequence) is None:

@@ -76,7 +76,7 @@ def distance_lines(sequence: Sequence, frame: int, matches: StereoMatches, dista
 def turns_figure(
     sequence: Sequence, runs: Mapping[str, Array], matches: list[StereoMatches], distances: list[Array]
 ) -> Figure:
-    """Rotation error of each step by run, and the share of the features in boxes, near their lines or not.
+    """Rotation error of each step by run, and the share of features in boxes, by distance to epipolar lines.
 
     matches, distances : matches of the frames 1 … N - 1, and their distances (`line_distances`), pixels.
     """

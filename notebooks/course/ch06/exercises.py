@@ -50,7 +50,7 @@ def judged_pair() -> tuple[Array, Array]:
 
 
 def stretches() -> list[Case]:
-    """Four sub-sequences: poses, first and last frame, length; the only error of the last two is rounding.
+    """Cases of sub-sequences: poses, first and last frame, length. The last two have rounding errors only.
 
     The rounded rotation error of one of these two has a trace above 3, for either order of the motions.
     """
@@ -101,7 +101,7 @@ def loop(
     mean: Callable[..., Any] = np.mean,
     along: Array | None = None,
 ) -> Array:
-    """TE and RE (2,) over all sub-sequences; `end` gives their last frames.
+    """Mean TE and RE, (2,), of all sub-sequences; `end` returns the last frame of a sub-sequence.
 
     Path lengths are measured along the truth, or along the path `along`.
     """

@@ -1,4 +1,4 @@
-"""Chapter 6, drawn: paths from above, one sub-sequence from its start, errors by length and by speed."""
+"""Figures of chapter 6: paths from above, one sub-sequence from its start, errors by length and by speed."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def drift_chart(axis: Axes, truth: Array, estimate: Array, first: int, last: int
 def length_chart(
     axis: Axes, errors: KittiErrors, others: Mapping[str, KittiErrors], rotation: bool = False
 ) -> None:
-    """Each sub-sequence as a dot over its length; lines are the means of each length, also of `others`."""
+    """Errors of sub-sequences by length, as dots; lines are the means for each length, also of `others`."""
     values = 100.0 * (np.degrees(errors.r_err) if rotation else errors.t_err)
     lengths = np.unique(errors.length).tolist()
     apart = np.min(np.diff(lengths), initial=lengths[0] if lengths else 1.0)
@@ -86,7 +86,7 @@ def paths_figure(pairs: Mapping[str, tuple[Array, Array]], height: int = 300) ->
 
 
 def part_figure(truth: Array, estimate: Array, first: int, last: int, number: int = 0) -> Figure:
-    """The paths from one start, and a sub-sequence with equal starts; `number` is the number of frame 0."""
+    """The whole paths, and one sub-sequence with equal first poses; `number` is the number of frame 0."""
     made, (whole, part) = figure(300, 2)
     paths_chart(whole, from_first(truth), from_first(estimate), "the whole path", (first, last))
     piece, moved = _at_start(truth, estimate, first, last)
@@ -108,7 +108,7 @@ def part_figure(truth: Array, estimate: Array, first: int, last: int, number: in
 
 
 def starts_figure(truth: Array, lengths: tuple[float, ...], step: int, height: int = 210) -> Figure:
-    """All sub-sequences as bars over the path length, one row per start, one colour per nominal length."""
+    """All sub-sequences as bars along the path, with a row per start and a colour per nominal length."""
     made, (axis,) = figure(height)
     path, every = trajectory_distances(truth), kitti_errors(truth, truth, lengths, step)
     for length, colour in reversed([*zip(lengths, (*CYCLE, DARK), strict=False)]):

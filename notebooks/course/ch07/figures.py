@@ -1,4 +1,4 @@
-"""Chapter 7, drawn: Figure 4 with distances from the truth, errors with their spread, tables and verdicts."""
+"""Figures and tables of chapter 7: Figure 4 of the paper, errors with their spread, and verdicts."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def tables_of(entries: list[Entry]) -> list[ReportTable]:
 
 
 def verdicts(folder: Path, paper: table1.PaperTable) -> list[ReportTable]:
-    """A verdict on each printed TE and RE that a report of `vo reproduce` has; none without a report.
+    """A verdict on each printed TE and RE that has a result in a report of `vo reproduce` in `folder`.
 
     The paper's number counts as one more run. Let s be the standard deviation of our n seeds. The number is
     within the spread if it differs from their mean by at most `SPREADS` s √(1 + 1/n) plus half a unit of the

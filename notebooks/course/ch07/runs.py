@@ -19,9 +19,9 @@ from vo_lib.runs.matches import CachedMatches
 
 from ..frames import Memory, opened
 
-STREET, STREET_FRAMES = "synthetic/traffic", 130  # the frames that make 100 m, and a little more
+STREET, STREET_FRAMES = "synthetic/traffic", 130  # enough frames for a path of 100 m
 WHOLE = "kitti/04"  # the shortest sequence of Table 1, 271 frames
-FIRST = {"kitti/00": 16}  # where a part begins: the true steps before are wrong by up to 20 cm
+FIRST = {"kitti/00": 16}  # first frame of a part: the truth of earlier steps has errors of up to 20 cm
 
 _entries: Memory[list[Entry]] = Memory(12)
 _poses: Memory[Array] = Memory(400)
@@ -77,7 +77,7 @@ def part_of(sequence: Sequence, frames: int, first: int | None = None) -> Sequen
 def clip(
     frames: int, detector: str = "", progress: Progress | None = None, first: int | None = None
 ) -> Sequence:
-    """`WHOLE` if available; else a part of the first KITTI sequence with truth and 100 m, else of the street.
+    """`WHOLE` if available, or a part of the first KITTI sequence with truth and 100 m, or of the street.
 
     `first` : first frame of the part, as in `part_of`.
 

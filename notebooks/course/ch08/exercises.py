@@ -26,13 +26,13 @@ SEEDS = (0, 1, 2)
 
 
 def away(poses: Array, sequence: Sequence) -> float:
-    """Distance of the last position from the true one, metres, with equal starts."""
+    """Distance of the last position from the true last position, metres, after aligning the first poses."""
     ends = [(np.linalg.inv(T[0]) @ T[-1])[:3, 3] for T in (poses, true_poses(sequence))]
     return float(np.linalg.norm(ends[0] - ends[1]))
 
 
 def drift_of(poses: Array, sequence: Sequence) -> float:
-    """Distance of the last position from the true one, in % of the length of the true path."""
+    """Distance of the last position from the true last position, in % of the length of the true path."""
     return 100.0 * away(poses, sequence) / way(true_poses(sequence))
 
 

@@ -46,7 +46,7 @@ SLOW, LEAST_S = 5.0, 0.02  # times the library's seconds for a check, from which
 class Joined:
     """The stages as attributes: `mine.select(…)`.
 
-    `whose` : by stage, "yours" or the reason for the library's function; `slow` : time of your function
+    `whose` : for each stage, "yours" or the reason for the library's function. `slow` : time of your function
     relative to the library's.
     """
 
@@ -149,7 +149,7 @@ def film(
     poses: Array,
     every: int = 1,
 ) -> Image:
-    """Write a film of poses (N, 4, 4) with the features that your stages keep; a picture per `every` frames.
+    """Write a film of poses (N, 4, 4) and of the features that your stages keep, from each `every`-th frame.
 
     Returns the last picture of the film, BGR.
     """

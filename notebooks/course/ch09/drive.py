@@ -46,7 +46,7 @@ def second_visits(truth: Array, frames: IntArray, gap: int, near: float = 3.0) -
 
 
 def made_up_loops(truth: Array, pairs: IntArray, config: LoopConfig, false: int, seed: int) -> Loops:
-    """Loops with the true motion between pairs (M, 2) of frames, then false loops; noise on every motion."""
+    """Loops with the true motion between pairs (M, 2) of frames, then false loops; every motion has noise."""
     rng, frames = np.random.default_rng([9, seed]), place_frames(len(truth), config)
     place = truth[frames, :3, 3]
     apart = np.argwhere(np.triu(np.linalg.norm(place[:, None] - place, axis=2) > 10.0))  # metres

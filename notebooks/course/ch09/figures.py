@@ -64,7 +64,7 @@ def closing_figure(truth: Array, before: Array, closed: Mapping[str, Array]) -> 
 
 
 def weight_chart(axis: Axes, residual: Array, is_false: BoolArray, scale: float) -> None:
-    """Cauchy's weight over the residual in standard deviations, with the loops as dots on the curve."""
+    """Cauchy's weight by residual, in standard deviations, with the loops as dots on the curve."""
     r = np.geomspace(0.01, 1e4, 300)
     axis.semilogx(r, 1.0 / (1.0 + (r / scale) ** 2), color=PALE)
     for name, some, colour in (("true", ~is_false, GOOD), ("false", is_false, BAD)):

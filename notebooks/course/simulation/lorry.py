@@ -30,7 +30,7 @@ TRUCK = 7  # COCO's class
 
 @dataclass(frozen=True)
 class LorryConfig(Checked):
-    """Fractions of the matches and of the view that belong to the lorry."""
+    """Settings of the lorry: its share of the matches, and its distance."""
 
     share: float = setting(0.5, "share of the matches on the lorry", low=0, high=0.95)
     distance: float = setting(5.0, "distance from camera to lorry", unit="m", low=3, high=50)
@@ -80,7 +80,7 @@ def with_lorry(
 
 
 def _hidden(camera: StereoCamera, matches: StereoMatches, rims: list[Array], distance: float) -> BoolArray:
-    """Mask (N,) of the matches behind the lorry in any of the four images; `rims` are its boxes (4,)."""
+    """Mask (N,) of the matches that the lorry hides in any image; `rims` : its box (4,) in each image."""
     nearer = camera.triangulate(matches.prev_left, matches.prev_right)[:, 2] < distance
     places = matches.prev_left, matches.prev_right, matches.cur_left, matches.cur_right
     covered = [inside(uv, rim[None])[:, 0] for uv, rim in zip(places, rims, strict=True)]

@@ -60,7 +60,7 @@ class SimulatedFrame:
 
 @dataclass(frozen=True, eq=False)
 class _Features(Rows):
-    """Tracked features: points (n, 3) in the axes of their body; body -1 is the street."""
+    """Tracked features: points (n, 3) in the axes of their body, an object; body -1 is the street."""
 
     point: Array
     body: IntArray
@@ -85,7 +85,8 @@ def simulate_tracks(
 
     Yields
     ------
-    SimulatedFrame for the pairs 1 to N - 1. Positions in the current pair are also those in the previous pair of the next frame, as in a real tracker. With zero noise the right matches satisfy the geometry exactly.
+    A SimulatedFrame for each of the pairs 1 to N - 1. As with a real tracker, the next frame has the same
+    positions in its previous pair. Without noise, the correct matches satisfy the geometry exactly.
     """
     street = _Street(np.asarray(poses, float), camera, config or TrackConfig(), np.random.default_rng(seed))
     return map(street.step, range(1, len(poses)))
@@ -123,7 +124,7 @@ class _Street:
         left, right = (uv + self._noise(count) for uv in self._project(1, features.point, features.body))
         moving, wrong = features.body >= 0, np.zeros(count, bool)
         wrong[rng.permutation(np.flatnonzero(~moving))[: round(config.wrong * count)]] = True
-        # A mismatch looks like a match: the place of another feature, somewhere near in the picture.
+        # A wrong match has the position of another feature that is near in the image.
         mismatches = np.flatnonzero(wrong)
         way, angle = rng.uniform(4.0, 40.0, len(mismatches)), rng.uniform(0, 2 * np.pi, len(mismatches))
         disparity = (left - right)[mismatches, 0] * rng.uniform(0.6, 1.6, len(mismatches))

@@ -44,7 +44,7 @@ def predict(truth: Truth, frame_p: int, frame_c: int, uv: Array) -> tuple[Array,
 
 
 def match_errors(truth: Truth | None, matches: StereoMatches, frame: int) -> Array:
-    """Largest distance (N,) of matches from their true places, pixels; NaN where the true places are unknown.
+    """Largest distance (N,) of each match from its true places, pixels; NaN if the true places are unknown.
 
     The matches are between the pairs `frame` - 1 and `frame`; the place in the previous left image is exact.
     """
