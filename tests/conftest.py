@@ -90,7 +90,7 @@ def street(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
 
 
 def texture(rng: np.random.Generator, height: int, width: int, smooth: float) -> Image:
-    """Random grey values (H, W) from 0 to 255, blurred with a deviation of `smooth` pixels."""
+    """Random grey values (H, W) from 0 to 255, blurred with a standard deviation of `smooth` px."""
     noise = cv2.GaussianBlur(rng.uniform(0, 255, (height, width)), (0, 0), smooth)
     low, high = noise.min(), noise.max()
     return np.asarray(255 * (noise - low) / (high - low), np.uint8)
@@ -152,7 +152,7 @@ def winding_road(frames: int, turn: float, step: float) -> Array:
 
 
 def write_euroc_truth(path: Path, times_ns: IntArray, poses: Array) -> None:
-    """Text of EuRoC's ground truth: nanoseconds, position, quaternion with w first, velocity and biases."""
+    """Write a EuRoC truth file: nanoseconds, position, quaternion with w first, velocity and biases."""
     rows = ["#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], …"]
     for t, T in zip(times_ns.tolist(), poses, strict=True):
         x, y, z, w = quaternion_from_rotation(T[:3, :3])

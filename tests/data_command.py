@@ -8,7 +8,7 @@ from vo_lib.commands.cli import main
 
 
 def load(name: str) -> Callable[[list[str]], int]:
-    """A function that runs a script with arguments and returns the exit code (also argparse's)."""
+    """A function that runs a script with arguments and returns the exit code, including argparse's codes."""
 
     def run(words: list[str]) -> int:
         try:

@@ -40,7 +40,7 @@ def write_answering(
     names: str | None = None,
     input_kind: int = FLOAT,
 ) -> Path:
-    """A network with the output `answer` for every image of shape `input_shape`; `names` : metadata text."""
+    """Write a network with the output `answer` for every `input_shape` image; `names` : metadata text."""
     tensor = b"".join(field(1, side) for side in answer.shape) + field(2, FLOAT) + field(8, "answer")
     tensor += field(9, answer.astype(np.float32).tobytes())
     node = field(1, "answer") + field(2, "output0") + field(4, "Identity")

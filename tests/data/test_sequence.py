@@ -72,7 +72,7 @@ def edit(name: str, change: Callable[[str], str]) -> Callable[[Path], object]:
 
 
 def cut(name: str, rows: int) -> Callable[[Path], object]:
-    """The bytes of an image with only its first rows."""
+    """A function that keeps only the first rows of an image."""
     return lambda folder: cv2.imwrite(str(folder / name), cv2.imread(str(folder / name), 0)[:rows])  # type: ignore[index]
 
 

@@ -1,4 +1,4 @@
-"""Twists against their definition."""
+"""Comparison of twists with their definition."""
 
 from __future__ import annotations
 

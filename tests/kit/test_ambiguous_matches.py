@@ -36,7 +36,7 @@ def matched(kind: str, pairs: list[Pair], loop_tolerance: float) -> StereoMatche
 
 
 def waves(seed: int, shift: float) -> Array:
-    """A smooth random texture (H, W), deviation 20 grey levels, shifted by `shift` px to the right."""
+    """A smooth random texture (H, W), shifted by `shift` px; its standard deviation is 20 grey levels."""
     rng = np.random.default_rng(seed)
     period, (angle, phase) = rng.uniform(6, 14, 60), rng.uniform(0, 2 * np.pi, (2, 60))
     along_u = np.exp(2j * np.pi / period * np.cos(angle) * (np.arange(WIDTH)[:, None] - shift) + 1j * phase)

@@ -28,7 +28,7 @@ def learnt() -> Calibration:
 
 
 def errors(**terms: float) -> Array:
-    """Coefficients by name: prefix d_ for disparities, r_ for rows."""
+    """The errors (19,) with the given terms; a name has the prefix d_ (disparities) or r_ (rows)."""
     short = {"d": "disparity", "r": "row"}
     named = {" ".join(short.get(part, part) for part in key.split("_")): v for key, v in terms.items()}
     return np.array([named.get(name, 0.0) for name in ERROR_NAMES])

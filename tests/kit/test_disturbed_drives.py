@@ -43,7 +43,7 @@ class Fault:
 
 
 def both(change: Callable[[Image], NDArray[Any]], number: int = FRAMES) -> Fault:
-    """A change of both images of `number` frames."""
+    """A fault that changes both images of `number` frames."""
 
     def images(drive: list[Pair], i: int) -> Pair:
         left, right = (np.asarray(np.clip(change(image), 0, 255), np.uint8) for image in drive[i])
@@ -53,7 +53,7 @@ def both(change: Callable[[Image], NDArray[Any]], number: int = FRAMES) -> Fault
 
 
 def taken_from(left: Callable[[int], int], right: Callable[[int], int] | None = None) -> Fault:
-    """Each frame has images of other frames; `right` gives different frames for the right camera."""
+    """A fault that shows other frames, by frame number; `right` is for a different frame on the right."""
     of_right = right or left
     return Fault(lambda drive, i: (drive[left(i)][0], drive[of_right(i)][1]), left)
 

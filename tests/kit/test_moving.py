@@ -42,7 +42,7 @@ def test_feature_in_two_boxes_belongs_to_the_nearer() -> None:
 
 
 def steps_of(step: Array, background: int) -> tuple[PointSteps, NDArray[np.int64]]:
-    """20 features on a vehicle 15 m ahead, `background` features behind it, 100 on the street; and owners."""
+    """Steps and owners of features: 20 on a vehicle 15 m ahead, `background` behind it, 100 on the street."""
     rng = np.random.default_rng(4)
     car = np.array([0.5, 0.8, 15.0]) + rng.uniform(-0.8, 0.8, (20, 3))
     behind = np.array([1.0, 0.0, 25.0]) + rng.uniform(-2, 2, (background, 3))

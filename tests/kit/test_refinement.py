@@ -24,7 +24,7 @@ def turn(axis: str, degrees: float) -> Array:
 
 
 def visible_points(R_cp: Array, number: int = 200, seed: int = 0) -> tuple[Array, Array, Array]:
-    """Normalised points x_p, x_c (N, 2) of points X_p (N, 3) in front of both cameras."""
+    """Normalised points x_p and x_c (N, 2), and the points X_p (N, 3), in front of both cameras."""
     X_c = np.random.default_rng(seed).uniform([-6, -3, 6], [6, 3, 30], (60 * number, 3))
     X_p = (X_c - 1.2 * DIRECTION) @ R_cp
     ahead = np.flatnonzero(X_p[:, 2] > 1.0)[:number]
@@ -66,7 +66,7 @@ def test_refinement_derivative_equals_finite_differences(axis: str, turned: floa
 def test_motion_of_a_winner_with_a_large_rotation(mode: str, axis: str, turned: float) -> None:
     R = turn(axis, turned)
     x_p, x_c, X_p = visible_points(R)
-    # The winner is near the truth; refined it is the truth.
+    # The winner is near the truth; after the refinement, it is the truth.
     E = essential_from_motion(turn("mixed", 0.0 if mode == "literal" else 0.05) @ R, DIRECTION)
     result, direction, best, inliers = motion_of_winner(
         E, x_p, x_c, X_p, KitSelectionConfig(mode=mode), FOCAL

@@ -60,7 +60,7 @@ def true_field(faults: Faults) -> Array:
 
 
 def by_name(**terms: float) -> Array:
-    """Coefficients (19,) by name: prefix d_ for disparities, r_ for rows."""
+    """The errors (19,) with the given terms; a name has the prefix d_ (disparities) or r_ (rows)."""
     names = {f"d_{term}": f"disparity {term}" for term in DISPARITY_TERMS}
     names |= {f"r_{term}": f"row {term}" for term in ROW_TERMS}
     return np.array([{names.get(k, k): v for k, v in terms.items()}.get(name, 0.0) for name in ERROR_NAMES])
@@ -114,7 +114,7 @@ def test_perfect_lenses_stay_uncorrected(noise: float, step: float) -> None:
 
 
 def test_calibration_ignores_features_in_boxes() -> None:
-    """A box around the crossing cars in the left third of the image."""
+    """A box covers the crossing cars in the left third of the image."""
     over = Boxes(np.array([[0.0, 0.0, 400.0, 360.0]]), np.array([2]), np.ones(1))
     odometry = make_kit_odometry(CAMERA, preset("feature_selection", variant="kit"))
     odometry.start(over)

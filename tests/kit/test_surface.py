@@ -41,7 +41,7 @@ def test_surface_of_a_plane_has_its_slope() -> None:
 def test_other_depths_lower_the_share_of_a_surface(
     beside: float, column: int, share: tuple[float, float]
 ) -> None:
-    """Disparities near the feature: 4.5 px larger, an outline, or missing."""
+    """The disparities beside the feature are 4.5 px larger, 30 px larger (an outline), or missing."""
     coarse = np.full((100, 300), 10.0, np.float32)
     coarse[:, column:] = beside
     surface = fit_surface(coarse, np.array([[350.0, 120.0]]), np.array([10.0]))

@@ -41,7 +41,7 @@ def eliminated(matches: StereoMatches, depth: Array) -> EliminatedPoints:
 
 @pytest.mark.parametrize("in_pixels", [False, True])
 def test_elimination_equals_the_dense_solution(in_pixels: bool) -> None:
-    """Comparison with the dense solution of the system of all features, including their points."""
+    """Comparison with the solution of one system, in which t and the points of all features are unknown."""
     matches, X_p = scene(25, 0.5)
     depth = X_p[:, 2] if in_pixels else np.ones(25)
     A, B, c = feature_rows(CAMERA, matches, R_CP)

@@ -44,7 +44,7 @@ def twice(folder: Path) -> Sequence:
 
 
 def circle(count: int, drift: float) -> Array:
-    """Poses of rounds of 40 frames with a constant error `drift` of the heading, radians per frame."""
+    """Poses on a circle, 40 frames per round, with a heading error of `drift` radians in every frame."""
     step = motion_from_twist(np.array([0.0, 2 * np.pi / 40 + drift, 0.0, 0.0, 0.0, 1.0]))
     return np.array([np.linalg.matrix_power(step, k) for k in range(count)])
 
@@ -108,7 +108,7 @@ def test_loops_take_out_the_drift_and_a_false_one_has_no_weight() -> None:
     assert closed.gap.max() < 0.05
     assert np.array_equal(closed.poses[0], drifted[0])
     loops = loops_between(truth, [*pairs, (0, 60)])
-    loops.motion[-1] = np.eye(4)  # it says that the opposite side of the circle is the start
+    loops.motion[-1] = np.eye(4)  # a false motion: frame 60, on the opposite side, is at the start
     with_false = close_path(drifted, loops, config)
     assert with_false.weight[-1] < 0.01
     assert worst(with_false.poses, closed.poses) < 0.02

@@ -111,7 +111,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def stale(package: Path, file: str) -> set[str]:
-    """Names of the code digests that change after a change of one byte in a file."""
+    """Names of the code digests that change if one byte of a file changes."""
     digests = {
         f"{name} {variant}": modules
         for name, code in (("matches", identity.FRONT_END_CODE), ("poses", identity.POSE_CODE))

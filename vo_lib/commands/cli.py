@@ -1,4 +1,4 @@
-"""The `vo` command: its list of commands, and the call of one of them."""
+"""The `vo` command: the list of its commands, and the call of a command."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def main(words: Items[str] | None = None) -> int:
 
 
 def refuse_unknown(words: Items[str]) -> None:
-    """`DataError` for an unknown command, with the nearest, or a removed command, with its replacement."""
+    """Raise `DataError` for an unknown or a removed command, with the nearest command or the replacement."""
     for name, replacement in REPLACED.items():
         command, *option = name.split()
         if words[0] == command and {word.partition("=")[0] for word in words}.issuperset(option):

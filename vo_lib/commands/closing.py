@@ -1,4 +1,4 @@
-"""`--loops` of `vo run` and `vo reproduce`: close the loops of finished runs, beyond the paper."""
+"""The option --loops of `vo run` and `vo reproduce`: closing the loops of finished runs (not the paper's)."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def close_run(folder: Path, sequence: Sequence, poses: Array, loops: Loops, conf
 
 
 def loops_csv(frames: tuple[str, ...], closed: Closed) -> str:
-    """The closed loops: names of both frames, similarity, matches, inliers, residual, weight and gap."""
+    """CSV text of the closed loops: both frames, similarity, matches, inliers, residual, weight and gap."""
     loops, rows = closed.loops, list[list[object]]([list(COLUMNS)])
     for row in range(len(loops)):
         names = frames[loops.first[row]], frames[loops.second[row]]
@@ -71,7 +71,7 @@ def loop_pairs(closed: Closed) -> list[tuple[int, int]]:
 def close_outcomes(outcomes: list[Outcome], config: LoopConfig) -> list[ReportTable]:
     """Close the loops of finished runs in their folders; return a table of errors, or none without truth.
 
-    Runs with the same settings for the comparison of places share its result.
+    Runs with the same settings for the comparison of places share the compared places.
     """
     shared: dict[Any, Loops] = {}
     errors: dict[tuple[str, str, str], list[list[float]]] = {}

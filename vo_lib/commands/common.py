@@ -70,7 +70,7 @@ def add_detector(parser: argparse.ArgumentParser, where: str = "") -> None:
 
 
 def add_many(parser: argparse.ArgumentParser, jobs: Any) -> None:
-    """Add the options of commands with many runs; `jobs` is the option group of --jobs."""
+    """Add the options of commands with many runs; --jobs is added to the option group `jobs`."""
     text = "number of random seeds, 0 … N-1; default %(default)s"
     parser.add_argument("--seeds", metavar="N", default="5", help=text)
     jobs.add_argument("--jobs", metavar="N", default="1", help="parallel processes; default %(default)s")
@@ -119,7 +119,7 @@ def read_settings(options: argparse.Namespace) -> MethodConfig:
 
 
 def parse_methods(text: str | None, variant: str | None) -> dict[str, list[str]]:
-    """Method names of a comma-separated list by variant, without repetition; without a list, all methods.
+    """For each variant, the methods in a comma-separated list, each once; without a list, all methods.
 
     Raises `DataError` for a name that is in none of the variants.
     """
@@ -166,7 +166,7 @@ def parse_lengths(text: str) -> tuple[float, ...]:
 
 
 def parse_delta(text: str) -> Delta:
-    """The interval of "10f" (frames) or "5m" (metres)."""
+    """The interval of a text such as "10f" (frames) or "5m" (metres)."""
     match = re.fullmatch(r"(\d+)f|(\d+\.?\d*|\.\d+)m", text, re.ASCII)
     delta = Delta() if match is None else Delta(int(match[1])) if match[1] else Delta(float(match[2]), "m")
     if match is None or not 0 < delta.size <= MAX_COORDINATE_M:
@@ -175,7 +175,7 @@ def parse_delta(text: str) -> Delta:
 
 
 def warn_without_boxes(runs: Iterable[tuple[Sequence, MethodConfig]]) -> None:
-    """Warn of sequences without boxes for a box rule; name the consequence and the sources of boxes."""
+    """Warn of sequences without boxes if a method removes features in boxes."""
     without = (s.name for s, config in runs if s.labels is None and config.filter.rule in ("all", "moving"))
     if names := ", ".join(dict.fromkeys(without)):
         tell(

@@ -43,7 +43,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def reproduce(options: argparse.Namespace, *remarks: str) -> int:
-    """Do the runs, write and print the table, the result and remarks; exit code 1 if a run failed."""
+    """Do the runs; write and print the table, the result and the remarks. Exit code 1 if a run failed."""
     start, config = time.perf_counter(), None
     if options.config is not None:
         if options.methods is not None:

@@ -45,7 +45,7 @@ class OneLineParser(argparse.ArgumentParser):
 
 
 def exit_code(program: str, error: BaseException) -> int:
-    """The exit code for an exception in `ENDINGS`, after its message on stderr.
+    """Print the message of an exception in `ENDINGS` on stderr, and return the exit code.
 
     2 for bad input and errors of the system, 130 for Ctrl-C, 1 (without a message) for a closed output pipe.
     """

@@ -24,7 +24,7 @@ def add_option(
 
 
 def option_values(options: argparse.Namespace, items: Iterable[Setting]) -> dict[str, Any]:
-    """Values, by name, of the settings given as options; `DataError` names the allowed values."""
+    """Values, by name, of the settings given as options; an invalid value raises `DataError`."""
     values: dict[str, Any] = {}
     for item in items:
         if (text := getattr(options, item.name)) is not None:
@@ -40,7 +40,7 @@ def add_settings(group: OptionGroup, cls: type, defaults: bool = True) -> None:
 
 
 def from_options(options: argparse.Namespace, cls: type[Config], prefix: str = "") -> Config:
-    """The settings with the values in the options; `DataError` names a wrong value and the allowed values.
+    """Settings of a class, with the values given as options; an invalid value raises `DataError`.
 
     prefix : beginning of the option names, such as "detector.".
     """

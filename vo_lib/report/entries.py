@@ -32,7 +32,7 @@ class Entry:
     results : (S) KITTI errors, ATE (SE3 alignment) and RPE of each seed.
     poses : (N, 4, 4) trajectory of the first seed; truth : (N, 4, 4).
     labels : whether the sequence has vehicle boxes.
-    removed_share : share of matches removed in boxes, first seed, in [0, 1].
+    removed_share : share of matches removed in boxes for the first seed, in [0, 1].
     back_end_ms : mean time per frame of the back end (everything after the matches), milliseconds.
     """
 
@@ -61,7 +61,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Group:
-    """Entries that may be averaged: one variant, one measure, and sequences only of KITTI or only of others.
+    """Entries that may be averaged: one variant, one measure, and only KITTI's or only other sequences.
 
     `entries` : entries by (sequence, method); `kitti` : whether the sequences are from the benchmark.
     """
@@ -88,7 +88,7 @@ class Group:
 
     @property
     def is_papers(self) -> bool:
-        """Whether the group has complete runs of the paper's ten sequences, for comparable means."""
+        """Whether the group has complete runs of the paper's ten sequences, so its means are comparable."""
         complete = {entry.sequence for entry in self.entries.values() if entry.is_whole}
         return {f"{KITTI}{row}" for row in PAPER_ROWS[1:]} <= complete
 
@@ -109,7 +109,7 @@ class Group:
 
 
 def _by_seed(entries: list[Entry]) -> list[list[KittiErrors]]:
-    """Errors on every sequence, for each seed common to all entries."""
+    """For each seed that all entries have, the errors on every sequence."""
     common = set.intersection(*(set(entry.seeds) for entry in entries)) if entries else set()
     return [[e.results[e.seeds.index(seed)].kitti for e in entries] for seed in sorted(common)]
 
@@ -120,7 +120,7 @@ def te_and_re(parts: Iterable[KittiErrors]) -> Array:
 
 
 def measure_runs(method: str, runs: list[Run], measure: Measure | None = None) -> Entry:
-    """Errors of a method's runs, one per seed; `suitable_measure` chooses the default measure."""
+    """Errors of a method's runs, one per seed; the default measure is from `suitable_measure`."""
     sequence = runs[0].sequence
     if sequence.truth is None:
         raise DataError(f"{sequence.name} has no ground truth, so there are no errors")

@@ -37,7 +37,7 @@ ENCODER_FPS = 5000
 MIN_PATH_SIDE_PX = 300  # side of the square with the path
 WORDS_HEIGHT_PX = 60  # height of the lines of text at the top
 # Wide enough for a film at half size: the truth is a thin line on the path.
-PATH_WIDTH_PX, LINE_WIDTH_PX = 9, 3  # of the path; of the truth and of loops
+PATH_WIDTH_PX, LINE_WIDTH_PX = 9, 3  # width of the path; width of the truth and of loops
 Pairs = Sequence[tuple[int, int]]
 WHITE, PALE = (255, 255, 255), (200, 200, 200)  # BGR
 TRUE_PATH_COLOUR, LOOP_LINE_COLOUR = plots.bgr(plots.TRUTH_COLOUR), plots.bgr(plots.LOOP_COLOUR)
@@ -45,7 +45,7 @@ TRUE_PATH_COLOUR, LOOP_LINE_COLOUR = plots.bgr(plots.TRUTH_COLOUR), plots.bgr(pl
 
 @dataclass(frozen=True)
 class FilmFrame:
-    """A frame of a film: N matches, the mask `keep` (N,) of the matches that are not removed, K boxes.
+    """A frame of a film: N matches, the mask `keep` (N,) of the matches that are not removed, and K boxes.
 
     `state` : (K,) states of the boxes for `match_image`; None for a rule without states.
     """
@@ -61,7 +61,7 @@ class FilmFrame:
 def film_frames(
     run: Run, matches: Iterable[TimedMatches] | None = None, calibration: Calibration | None = None
 ) -> Iterator[FilmFrame]:
-    """The frames of a finished run except the first, computed again; arguments as in `run_methods`."""
+    """The film frames of a finished run, computed again, without frame 0; arguments as in `run_methods`."""
     sequence, config = run.sequence, run.config
     method = MethodRun(sequence, config, calibration)
     with single_threaded():

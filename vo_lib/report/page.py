@@ -14,7 +14,7 @@ from ..geometry.types import Array
 from ..runs.identity import surroundings, versions
 
 NO_NUMBER = "–"
-SPREADS = 2.0  # a difference counts beyond so many standard deviations
+SPREADS = 2.0  # number of standard deviations above which a difference counts
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,8 @@ def signed(value: float, digits: int) -> str:
 
 
 def mean_and_spread(values: Array) -> tuple[float, float]:
-    """Mean and standard deviation over seeds (S,); NaN without seeds, the deviation also with one seed."""
+    """Mean and standard deviation of values (S,) over seeds. Without seeds, both are NaN; with one seed,
+    the standard deviation is NaN."""
     mean = float(values.mean()) if len(values) else math.nan
     return mean, float(values.std()) if len(values) > 1 else math.nan
 
@@ -105,7 +106,7 @@ class Picture:
 
 
 def provenance() -> list[str]:
-    """Lines with the versions of the kit, Python and libraries, the commit and the machine of a report."""
+    """Lines for a report with the versions of the kit, Python and libraries, the commit and the machine."""
     version, system = versions(), surroundings()
     libraries = f"numpy {version['numpy']}, OpenCV {version['opencv']}"
     kit = f"stereo-vo-kit {version['kit']}, commit {system['commit'] or 'unknown'}"

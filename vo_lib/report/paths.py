@@ -31,7 +31,7 @@ GIVE_TRUTH = "give its ground truth with --truth FILE"
 
 @dataclass(frozen=True, eq=False)
 class ComparedPaths:
-    """The truth of a sequence (N, 4, 4), and estimates of it by label, (N, 4, 4) each.
+    """The true path (N, 4, 4) of a sequence, and estimates (N, 4, 4) of this path by label.
 
     `times` : (N,) seconds, or None if unknown.
     """
@@ -45,11 +45,11 @@ class ComparedPaths:
 def read_paths(
     sources: list[Path], truth_file: Path | None = None, tolerance: float = TIME_TOLERANCE_S
 ) -> list[ComparedPaths]:
-    """Run folders and pose files, grouped by ground truth: the truth file, or the runs' sequences.
+    """Paths from run folders and pose files, grouped by ground truth (of the truth file or the sequences).
 
     Poses correspond to true poses by time, within `tolerance` seconds, or row by row if one file has no
     times. Only frames that occur in all paths are compared. Raises `DataError` if the truth of a path is
-    unknown or does not correspond to it.
+    unknown or does not correspond to the path.
     """
     sources = list(dict.fromkeys(source.absolute() for source in sources))
     for source in sources:

@@ -1,6 +1,6 @@
 """Figures: functions that draw on an axis or return a Matplotlib Figure, without pyplot.
 
-Matplotlib is imported for the first figure, since the import takes half a second.
+Matplotlib is imported only with the first figure, since the import takes half a second.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def label_axis(axis: Axes, x: str, y: str) -> None:
 
 
 def draw_trajectories(axis: Axes, title: str, truth: Array | None, estimates: Mapping[str, Array]) -> None:
-    """Draw the truth and named estimates from above, (N, 4, 4) each, metres; a dot marks the start."""
+    """Draw the truth and named estimates, (N, 4, 4) each, in metres from above; a dot marks the start."""
     # An estimate starts at the identity, but the truth of part of a sequence does not.
     paths = {} if truth is None else {TRUTH: from_first(truth)}
     for _, poses, style in styled({**paths, **estimates}):
@@ -99,12 +99,12 @@ def draw_trajectories(axis: Axes, title: str, truth: Array | None, estimates: Ma
 
 
 def distance_from_truth(poses: Array, truth: Array) -> Array:
-    """Distance (N,), metres, of poses from the truth in the axes of its first pose, (N, 4, 4) each."""
+    """Distances (N,) in metres between poses and truth, (N, 4, 4) each; the poses start at the identity."""
     return np.asarray(np.linalg.norm(poses[:, :3, 3] - from_first(truth)[:, :3, 3], axis=1))
 
 
 def draw_drift(axis: Axes, truth: Array, estimates: Mapping[str, Array]) -> None:
-    """Draw the distance of estimates from the truth over the length of the true path, metres.
+    """Draw the distance of estimates from the truth against the length of the true path, in metres.
 
     The distance shows differences that are invisible from above.
     """
@@ -116,7 +116,7 @@ def draw_drift(axis: Axes, truth: Array, estimates: Mapping[str, Array]) -> None
 
 
 def draw_loops(axis: Axes, poses: Array, loops: Sequence[tuple[int, int]]) -> None:
-    """Lines between the two visits of each loop, pairs of frames, on a path from above (N, 4, 4)."""
+    """Draw a line between the two frames of each loop, on a path (N, 4, 4) from above."""
     ends = poses[np.array(loops).T][:, :, [0, 2], 3]
     axis.plot(*np.moveaxis(ends, 2, 0), "-o", color=LOOP_COLOUR, markersize=3, linewidth=1.2, label="loop")
 
@@ -124,7 +124,7 @@ def draw_loops(axis: Axes, poses: Array, loops: Sequence[tuple[int, int]]) -> No
 def trajectories_figure(
     panels: Mapping[str, tuple[Array | None, dict[str, Array]]], loops: Sequence[tuple[int, int]] = ()
 ) -> Figure:
-    """A row per sequence (title: truth, named estimates): top view and, with truth, the error."""
+    """One row per panel (title, truth, named estimates): paths from above and, with truth, distances."""
     rows, columns = len(panels), 1 + any(truth is not None for truth, _ in panels.values())
     width, height = SMALL_PAGE
     figure = page(width=width * columns, height=(height - 1.0) * rows + 1.0)
@@ -143,7 +143,7 @@ def trajectories_figure(
 
 
 def draw_errors(axis: Axes, errors: Mapping[tuple[str, str], Array], kind: int) -> None:
-    """Bars of TE (kind 0) or RE (1) by (sequence, method), (2, S) for S seeds, with deviations."""
+    """Draw bars of TE (kind 0) or RE (kind 1), with deviations over S seeds; `errors` are (2, S) each."""
     sequences, methods = (list(dict.fromkeys(names)) for names in zip(*errors, strict=True))
     share = 0.85 / len(methods)
     for k, method in enumerate(methods):
@@ -158,7 +158,7 @@ def draw_errors(axis: Axes, errors: Mapping[tuple[str, str], Array], kind: int) 
 
 
 def errors_figure(title: str, errors: Mapping[tuple[str, str], Array]) -> Figure:
-    """Bars of TE and RE by (sequence, method), (2, S) for S seeds; see `draw_errors`."""
+    """Bars of TE and RE for each sequence and method, with deviations; `errors` as in `draw_errors`."""
     figure = page(title, max(SMALL_PAGE[0], 0.8 * len({sequence for sequence, _ in errors})))
     axes = figure.subplots(2, sharex=True)
     for axis, kind, label in zip(axes, (0, 1), ("TE [%]", "RE [deg/100 m]"), strict=True):
@@ -169,7 +169,7 @@ def errors_figure(title: str, errors: Mapping[tuple[str, str], Array]) -> Figure
 
 
 def error_curves_figure(title: str, by: str, curves: Mapping[str, ErrorCurve]) -> Figure:
-    """The devkit's curves of named methods: TE and RE `by` "length" of the sub-sequences or by "speed"."""
+    """The devkit's curves of named methods: TE and RE by sub-sequence "length" or "speed"."""
     figure = page(title)
     axes = figure.subplots(2, sharex=True)
     for name, points, style in styled(curves):
@@ -202,7 +202,7 @@ def match_image(
     words: Sequence[str] = (),
     by_age: bool = False,
 ) -> Image:
-    """The current left image (H, W) as BGR (H, W, 3); a match is a line from its previous position to a dot.
+    """The current left image in BGR (H, W, 3), with matches: lines from the previous position to a dot.
 
     Kept matches are blue (`by_age`: greener with age), removed matches orange. With the boxes' `state` (K,)
     from `kit.judgement`, moving boxes have a thick solid line, parked boxes a dashed line, unknown boxes a

@@ -1,4 +1,4 @@
-"""The paper's Table 1 as printed: its numbers, and remarks on the numbers."""
+"""The paper's Table 1 as printed, with remarks on its numbers."""
 
 from __future__ import annotations
 
@@ -55,10 +55,10 @@ def gain(before: ArrayLike, after: ArrayLike) -> Array:
 
 
 def printed_gains(table: PaperTable, other: str) -> list[tuple[float | None, float | None]]:
-    """Gain of Feature selection over another method in TE and RE, %, from printed numbers.
+    """Gains of Feature selection over another method, in % of TE and of RE, from printed numbers.
 
-    Three gains: from the row Avg, from the plain mean of the ten rows, and from the benchmark's weighted
-    mean.
+    There are three gains: from the row Avg, from the plain mean of the ten rows, and from their weighted mean
+    as in the benchmark.
     """
     weights = list(SUB_SEQUENCES.values())
     gains: list[list[float | None]] = []

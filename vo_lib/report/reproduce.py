@@ -43,7 +43,8 @@ class Reproduction:
     missing : KITTI sequences that are not on this machine.
     failed : names of failed runs, by cause.
     entries : errors by sequence and method, for sequences with ground truth.
-    paths : by variant and sequence, the truth, if any, and the first seed's path by method, (N, 4, 4) each.
+    paths : for each variant and sequence, the truth or None, and each method's path for the first seed, all
+        (N, 4, 4).
     """
 
     missing: list[str]
@@ -144,7 +145,7 @@ def write_table_files(
     origin: list[str],
     below: Items[ReportTable] = (),
 ) -> None:
-    """Write `TABLE_FILES` and figures, with sentences of `conclusions`; `origin` : command and duration.
+    """Write `TABLE_FILES` and figures, with the sentences in `conclusions`; `origin` : command and duration.
 
     `below` : tables after the paper's table.
     """
@@ -163,7 +164,7 @@ def write_table_files(
 
 
 def _pictures(folder: Path, result: Reproduction, groups: list[Group]) -> list[Picture]:
-    """First paths, then errors, then the other paths, and Figure 4 if one of its sequences was run."""
+    """The picture of the first path, then errors, then other paths, with Figure 4 if it has a sequence."""
     bars, paths = list[Picture](), list[Picture]()
     for variant in dict.fromkeys(variant for variant, _ in result.paths):
         words = VARIANT_WORDS[variant]

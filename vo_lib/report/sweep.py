@@ -37,8 +37,8 @@ class Axis:
 class Sweep:
     """The results on a grid; the last axis changes fastest.
 
-    The record of a combination has the values, as text, by axis name, the number of successful seeds, errors
-    and costs as in a record of Table 1, and the causes of failed runs.
+    The record of a combination has the value of each axis as text, the number of successful seeds, errors and
+    costs as in a record of Table 1, and the causes of failed runs.
     """
 
     title: str
@@ -52,7 +52,7 @@ class Sweep:
 
 
 def parse_axis(text: str, config: MethodConfig) -> Axis:
-    """The axis of "selection.sets=50,100,200"; semicolons separate values that are lists.
+    """The axis in a text such as "selection.sets=50,100,200"; semicolons separate values that are lists.
 
     config : a configuration of the variant that has the setting.
 
@@ -139,7 +139,7 @@ def sweep_table(sweep: Sweep) -> ReportTable:
 
 
 def heat_map(sweep: Sweep) -> bytes:
-    """TE and RE of a grid as PNG, the last setting across; dark means large, a cross means no result."""
+    """PNG of TE and RE on a grid; the last setting is horizontal, dark is large, a cross is no result."""
     *down, across = sweep.axes
     columns = [settings.as_typed(value) for value in across.values]
     rows = [

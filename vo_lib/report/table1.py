@@ -50,7 +50,7 @@ def _record(group: Group, paper: PaperTable, row: str, method: str, errors: Arra
 
 
 def number_fields(errors: Array, entry: Entry | None) -> dict[str, float | None]:
-    """Fields of a record: mean and deviation of TE and RE over seeds (2, S), and numbers of the entry."""
+    """Fields of a record: mean and deviation of TE and RE (2, S) over seeds, and numbers from the entry."""
     fields: dict[str, float | None] = {}
     for kind, values in zip(ERROR_KINDS, errors, strict=True):
         fields[kind], fields[f"{kind}_std"] = map(finite, mean_and_spread(values))
@@ -60,7 +60,7 @@ def number_fields(errors: Array, entry: Entry | None) -> dict[str, float | None]
 
 
 def layout_tables(group: Group, paper: PaperTable) -> list[ReportTable]:
-    """Tables of a group's records: one table or, with the paper's numbers, one of TE and one of RE.
+    """Tables of a group's records: one table or, with the paper's numbers, one for TE and one for RE.
 
     A group without errors has no table.
     """

@@ -99,7 +99,7 @@ class MethodRun:
             T_w_c = poses[-1] @ inverse(motion.T_cp)
             T_w_c[:3, :3] = nearest_rotation(T_w_c[:3, :3])
             poses.append(T_w_c)
-        calibration = getattr(self.odometry, "calibration", None)  # only variant `kit` has one
+        calibration = getattr(self.odometry, "calibration", None)  # only variant `kit` has a calibration
         return Run(self.sequence, self.config, np.array(poses), self.motions, calibration)
 
 
@@ -110,7 +110,7 @@ def make_odometry(
     times: Array | None = None,
     on_moving: Callable[[int, StereoMatches], BoolArray] | None = None,
 ) -> Odometry:
-    """The odometry of a configuration: the paper's, VISO2, or that of variant `kit`.
+    """The odometry for a configuration: the paper's, VISO2, or the odometry of variant `kit`.
 
     Variant `kit` uses initial calibration errors, the frames' times for the vehicle check, and the truth
     about moving vehicles for the box rule `truth`; see `kit.odometry`.
@@ -193,10 +193,10 @@ class _ThreadLimit:
 
 @contextmanager
 def single_threaded() -> Iterator[None]:
-    """A context without threads of BLAS and OpenCV: the kit already prepares frames in threads, and further
-    threads slow down work on small matrices and images.
+    """A context without threads of BLAS and OpenCV, which slow down work on small matrices and images.
 
-    Threads of a process enter and leave in any order: the first sets the limit, the last removes it.
+    The kit itself prepares frames in threads. Threads enter and leave the context in any order: the first
+    thread sets the limit, the last removes the limit.
     """
     with _ThreadLimit.lock:
         _ThreadLimit.contexts += 1

@@ -33,9 +33,9 @@ POSES = "poses.txt"
 POSES_TUM = "poses_tum.txt"
 CALIBRATION = "calibration.json"
 PICTURE = "trajectory.png"
-LOOPS, LOOPS_POSES = "loops.csv", "poses_loops.txt"  # of a run whose loops were closed afterwards
+LOOPS, LOOPS_POSES = "loops.csv", "poses_loops.txt"  # only after the closing of loops
 RUN_FILES = (CONFIG, POSES, POSES_TUM, LOG, CALIBRATION, METRICS, PICTURE, LOOPS, LOOPS_POSES)
-FRAME_INTERVALS_S = 1e-3, 10.0  # plausible range; nanoseconds or milliseconds in times.txt are outside
+FRAME_INTERVALS_S = 1e-3, 10.0  # plausible; intervals in nanoseconds or milliseconds are outside
 COUNTS = {"matches": "matches", "removed": "removed_by_boxes", "used": "used", "inliers": "inliers"}
 STAGES = ("wait_images", "matching", "cached_matches", "filter", "rotation", "translation", "calibration")
 

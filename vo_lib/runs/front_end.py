@@ -23,7 +23,7 @@ Prepared = TypeVar("Prepared")
 class FrontEnd(Protocol):
     """The first half of a method: matches in four images from stereo pairs.
 
-    `prepare` may run in other threads, in advance and in any order; `step` gets its results in order.
+    `prepare` may run in other threads, in advance and in any order; `step` gets the results in order.
     """
 
     def prepare(self, pair: tuple[Image, Image]) -> Any:

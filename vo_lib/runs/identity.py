@@ -42,7 +42,7 @@ POSE_CODE = {
 
 @functools.cache
 def code_digest(modules: tuple[str, ...]) -> str:
-    """Digest of the files of modules, such as "runs.drive", and of their top-level imports from vo_lib."""
+    """Digest of modules (such as "runs.drive") and of the modules of vo_lib that they import at top level."""
     paths = import_closure(modules)
     names = [path.relative_to(PACKAGE).as_posix().encode() for path in paths]
     return _digest(
@@ -51,7 +51,7 @@ def code_digest(modules: tuple[str, ...]) -> str:
 
 
 def import_closure(modules: Iterable[str]) -> tuple[Path, ...]:
-    """Files of modules of vo_lib and of their top-level imports from vo_lib, sorted."""
+    """Sorted files of modules of vo_lib and of the modules of vo_lib that they import at top level."""
     waiting, files = [PACKAGE.joinpath(*name.split(".")).with_suffix(".py") for name in modules], set[Path]()
     while waiting:
         path = waiting.pop()
@@ -72,8 +72,8 @@ def _digest(data: bytes) -> str:
 def images_digest(sequence: Sequence) -> str:
     """Digest of the names and contents of all images.
 
-    Each image is hashed once: a JSON file in the user's cache folder, one per folder of images, has the
-    hashes by name, size and time of the image.
+    Each image is hashed once. A JSON file per folder of images, in the user's cache folder, stores the hashes
+    with name, size and time of the image as key.
     """
     folder = sequence.folder.resolve()
     names = [f"{side}/{frame}.png" for side in ("image_0", "image_1") for frame in sequence.frames]
@@ -99,7 +99,7 @@ def hash_folder() -> Path:
 
 
 def _read_hashes(path: Path) -> dict[str, str]:
-    """The stored hashes of images by name, size and time; empty without a valid file of hashes."""
+    """The stored hashes of images (key: name, size and time); empty without a valid file of hashes."""
     with suppress(DataError):
         return read_mapping(path, "hashes")
     return {}
@@ -143,7 +143,7 @@ def matches_identity(sequence: Sequence, config: MethodConfig) -> dict[str, Any]
 def run_identity(
     sequence: Sequence, config: MethodConfig, method: str, calibration: Calibration | None = None
 ) -> dict[str, Any]:
-    """All inputs of the poses of a run, and its names, in the form returned by a JSON reader.
+    """All inputs that determine the poses of a run, and its names, in the form returned by a JSON reader.
 
     Runs with equal identities have byte-identical poses.
     """

@@ -1,4 +1,4 @@
-"""Runs with a folder each: a run is computed once and then read back; jobs run in parallel."""
+"""Runs with one folder each: a run is computed once, and later read from its folder. Jobs run in parallel."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from .matches import CachedMatches
 if TYPE_CHECKING:
     from ..kit.calibration import Calibration
 
-MATCHING_FRAMES = 4  # weight in progress: matching a frame takes as long as this many frames of the back end
+MATCHING_FRAMES = 4  # number of back-end frames that take as long as the matching of one frame
 CONNECT_TIMEOUT_S = 10.0
 
 
@@ -42,7 +42,7 @@ def run_once(
     fresh: bool = False,
     progress: Progress | None = None,
 ) -> tuple[Run, bool]:
-    """A run with its files in `folder`, and whether it was read back from there instead of computed.
+    """The run with its files in `folder`, and whether the run was read from these files, not computed.
 
     Files are written after the last frame. A run that is killed and repeated gives the same bytes. `matches`,
     `calibration` and `progress` are those of `run_methods`; `method` is the name written into the folder.
@@ -87,7 +87,7 @@ def _flat(mapping: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]
 
 @dataclass(frozen=True)
 class Job:
-    """A run to do, with its folder, which is created if missing and kept if the run is finished."""
+    """A run to do. The folder is created if missing, and not changed if it has the finished run."""
 
     sequence: Sequence
     method: str

@@ -34,7 +34,7 @@ def match_folder(cache: Path | None) -> Path:
 
 
 def code_folder(variant: str, cache: Path | None = None) -> Path:
-    """The folder of matches from the current code of a variant's front end; each version has a folder."""
+    """The folder of matches from a variant's front end; each version of the front end's code has a folder."""
     return match_folder(cache) / f"{variant}-{code_digest(FRONT_END_CODE[variant])}"
 
 
