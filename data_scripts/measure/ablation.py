@@ -245,11 +245,11 @@ def tables(rows: Sequence[Sequence[str]]) -> list[ReportTable]:
             lines[title].append(row)
     head = (
         "In each row, one idea is turned off in the complete kit; a positive change is an increase. The "
-        "cells are means ± standard deviations over five seeds, over sub-sequences of 20, 50 and 100 m from "
-        "every frame. Drawn scenes have 100 frames; TE of drive_0013 is computed with fitted axes. Ideas of "
-        "the rule `moving` are turned off in `moving_selection`, all others in `feature_selection`. lines: "
-        "approximate lines of code; ms: change of the processor time per frame, mean over the sequences; a "
-        "dash: not measured."
+        "cells are means ± standard deviations over five seeds. The errors are over sub-sequences of 20, 50 "
+        "and 100 m that start at every frame. Drawn scenes have 100 frames; TE of drive_0013 is computed "
+        "with fitted axes. Ideas of the rule `moving` are turned off in `moving_selection`, all others in "
+        "`feature_selection`. The column `lines` has the approximate lines of code, and `ms` the mean change "
+        "of the processor time per frame. A dash means: not measured."
     )
     reasons = "; ".join(f"{name} ({stays[name]})" for name in names if stays.get(name))
     notes = [

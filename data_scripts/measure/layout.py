@@ -75,7 +75,7 @@ def compared(cells: Cells, before: str, after: str, subject: str) -> list[str]:
         rest = count - sum(map(len, sides.values()))
         sentences.append(
             f"{subject} lowers {unit.split(',')[0]} on {lower}; it raises {unit.split(',')[0]} on {higher}. "
-            f"On {rest} of {count} rows the change is within two standard deviations or {100 * SHARE:.0f} %."
+            f"In {rest} of {count} rows, the change is within two standard deviations or {100 * SHARE:.0f} %."
         )
     return sentences
 

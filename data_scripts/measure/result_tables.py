@@ -154,10 +154,10 @@ def page_tables(
     result += tables("Effect of the estimated calibration", learning, sentences, "sequence, method")
     result.append(plain("Axes of the truth, and the length of the path", "sequence, method", axes, 3))
     result[-1].notes.append(
-        "TE, pitch and yaw are those of the rotation between camera and truth that minimises TE (`vo data "
-        "measure_axes`), with seed 0. Length: excess length of the path over the truth. The settings of the "
-        "calibration were chosen on 00, 01, KITTI's raw drive 0005 and the drawn scenes, so these rows do "
-        "not test the settings; see the appendix."
+        "The columns TE, pitch and yaw are for the rotation between camera and truth that minimises TE (`vo "
+        "data measure_axes`), with seed 0. Length is the excess length of the path over the truth. The "
+        "settings of the calibration were chosen on 00, 01, KITTI's raw drive 0005 and the drawn scenes, so "
+        "these rows do not test the settings; see the appendix."
     )
     return result
 
