@@ -151,7 +151,7 @@ def to_dict(config: Any) -> dict[str, Any]:
 def from_dict(cls: Any, data: dict[str, Any]) -> Any:
     """Settings from nested dicts as returned by `to_dict`; absent fields keep their defaults."""
     if not isinstance(data, dict):
-        raise DataError(f"expected the settings of {cls.__name__} by name")
+        raise DataError(f"expected a JSON object with the settings of {cls.__name__}")
     hints, values = _hints(cls), dict[str, Any]()
     for name, value in data.items():
         if name not in hints:

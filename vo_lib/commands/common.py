@@ -52,7 +52,7 @@ def add_part(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--frames", metavar="A:B", help="only the frames A … B-1, counted from 0")
     text = "folder of YOLO label files; default: labels/ in the sequence's folder"
     parser.add_argument("--labels", metavar="DIR", help=text)
-    text = "PNG mask, 0 where features are allowed; or a folder with a mask for each image, with equal names"
+    text = "PNG mask, 0 where features are allowed; or a folder of masks with the names of the left images"
     parser.add_argument("--masks", type=Path, metavar="PATH", help=text)
 
 

@@ -18,7 +18,7 @@ from .console import reporting, say, show_report_table
 def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo sweep`."""
     parser.epilog = (
-        "A second call with the same folder does only the missing runs, such as new values or seeds. "
+        "A second call with the same folder does only the missing runs, such as runs with new values. "
         "Exit code 1: a run failed. Example: vo sweep --sequence synthetic/traffic --variant published "
         "--jobs 2 --set selection.sets=50,200 --set filter.margin=0,0.1"
     )

@@ -73,7 +73,7 @@ class KitFilterConfig(FilterConfig):
 
     rule: str = setting("all", "boxes whose features are removed", choices=("none", "all", "moving", "truth"))
     min_matches: int = setting(
-        12, "smallest number of matches after a removal; with fewer, all are kept", low=0, high=10000
+        12, "smallest number of matches after a removal; with fewer, all matches are kept", low=0, high=10000
     )
     moving: MovingConfig = section(MovingConfig)
 
@@ -83,7 +83,7 @@ class KitSelectionConfig(SelectionConfig):
     """Refinement of the winner, and rejection of the prior (chapter 3)."""
 
     mode: str = setting(
-        "refined", "the winner unchanged, or refined on its inliers", choices=("literal", "refined")
+        "refined", "use the winner unchanged, or refine it on its inliers", choices=("literal", "refined")
     )
     refine_scale: float = setting(
         1.5,

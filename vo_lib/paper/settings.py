@@ -82,7 +82,7 @@ class FilterConfig(Checked):
         (2, 5, 7), "class ids of vehicles (COCO: car 2, bus 5, truck 7)", low=0
     )
     score: float = setting(
-        0.25, "boxes with a lower score are ignored; a label without a score counts as 1", low=0, high=1
+        0.25, "boxes with a lower score are ignored; a label without a score has the score 1", low=0, high=1
     )
 
 
@@ -100,7 +100,7 @@ class SelectionConfig(Checked):
         True, "select only among the solutions nearest to the previous essential vector; off: among all"
     )
     keep: int = setting(
-        2, "solutions kept per five-point set, nearest to the previous one (k of the paper)", low=1, high=10
+        2, "solutions kept per five-point set: the nearest to the previous E (k of the paper)", low=1, high=10
     )
     threshold: float = setting(0.5, "largest Sampson distance of an inlier", unit="px", low=0.05, high=10)
     standstill_flow: float = setting(
@@ -132,7 +132,7 @@ class TranslationConfig(TranslationLimits):
 
     pairs: int = setting(
         3,
-        "stereo pairs in the equations of a feature: two, as in equation (3); three if it was tracked",
+        "stereo pairs in a feature's equations: 2, as in equation (3); 3, if the feature was tracked",
         low=2,
         high=3,
     )
