@@ -50,8 +50,9 @@ UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Options of the script."""
     images = parser.add_argument_group("images")
-    images.add_argument("--left", type=Path, metavar="DIR", help="left images: a folder, or FOLDER/NAME*.png")
-    images.add_argument("--right", type=Path, metavar="DIR", help="right images, likewise")
+    text = "left images: a folder, or a quoted pattern 'FOLDER/NAME*.png'"
+    images.add_argument("--left", type=Path, nargs="+", metavar="DIR", help=text)
+    images.add_argument("--right", type=Path, nargs="+", metavar="DIR", help="right images, likewise")
     images.add_argument("--video", type=Path, metavar="FILE", help="video, both images side by side")
     images.add_argument("--raw", type=Path, metavar="DIR", help="synced drive of KITTI's raw data")
     images.add_argument("--euroc", type=Path, metavar="DIR", help="EuRoC folder mav0, or its parent")
@@ -83,6 +84,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Find images and calibration, check a sample of pairs, and write the sequence."""
+    for name in ("left", "right"):
+        if len(paths := getattr(options, name) or ()) > 1:
+            raise DataError(
+                f"--{name}: {len(paths)} paths; quote the pattern, so that the shell does not expand it"
+            )
     require_new(options.out)
     if sum(place is not None for place in (options.video, options.raw, options.euroc, options.left)) != 1:
         raise DataError("give the images by --left and --right, or by one of --video, --raw and --euroc")
@@ -146,8 +152,8 @@ def find_source(options: argparse.Namespace) -> Source:
         return VideoSource(options.video, options.swap)
     if options.right is None:
         raise DataError("--right is missing: give the folder of the right images")
-    folders = (options.right, options.left) if options.swap else (options.left, options.right)
-    return pair_images(*folders, options.max_delay, options.skip_unpaired)
+    left, right = options.right + options.left if options.swap else options.left + options.right
+    return pair_images(left, right, options.max_delay, options.skip_unpaired)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from fetch.download import confirm, in_words
 from vo_lib.commands.console import reporting, say, show_table
 from vo_lib.commands.scripts import run_script
 from vo_lib.detection.models import detector_folder, list_detectors
-from vo_lib.errors import DataError
+from vo_lib.errors import DataError, did_you_mean
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -61,7 +61,8 @@ def run(options: argparse.Namespace) -> int:
 def fetch(options: argparse.Namespace, folder: Path) -> int:
     """Describe the detector, ask for confirmation, then download and verify the file."""
     if options.name not in FETCHABLE:
-        raise DataError(f"unknown detector {options.name!r}; expected one of {', '.join(FETCHABLE)}")
+        near = did_you_mean(options.name, FETCHABLE)
+        raise DataError(f"unknown detector {options.name!r}; {near}expected one of {', '.join(FETCHABLE)}")
     detector = FETCHABLE[options.name]
     say(
         f"{detector.name}: {in_words(detector.size)}, licence {LICENCE}, {detector.about}",

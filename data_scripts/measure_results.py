@@ -18,9 +18,9 @@ from datetime import date
 from pathlib import Path
 
 from measure import ablation
-from measure.result_tables import Key, jobs_of, result_tables
+from measure.result_tables import Key, cells_of_systems, claim_table, jobs_of, result_tables
 from vo_lib.commands.common import add_cache, open_with_bar, parse_whole
-from vo_lib.commands.console import reporting, say
+from vo_lib.commands.console import reporting, say, show_report_table
 from vo_lib.commands.scripts import run_script
 from vo_lib.data.catalogue import SYNTHETIC, parse_sequences
 from vo_lib.data.scenes import TABLE_SCENES
@@ -74,11 +74,13 @@ def run(options: argparse.Namespace) -> int:
     runs: dict[Key, list[Run]] = {}
     for (key, _), job in jobs.items():
         runs.setdefault(key, []).append(read_run(job.folder, job.sequence))
-    tables = result_tables(sequences, runs)
+    systems = cells_of_systems(sequences, runs)
+    tables = result_tables(sequences, runs, systems)
     rows = [cells for _, cells in read_csv(ABLATION)[1:]]
     if {cells[2] for cells in rows} <= {sequence.name for sequence in sequences}:
         tables += ablation.tables(rows)
     write_atomic(options.out, _page(tables, options))
+    show_report_table(claim_table(systems))
     say(f"written to {options.out}")
     return 0
 

@@ -54,5 +54,4 @@ def entry_of(
 
 def table_of_twos() -> PaperTable:
     """An artificial table in which every printed number is 2."""
-    numbers: dict[tuple[str, str], float | None] = {(r, m): 2.0 for r in PAPER_ROWS for m in PAPER_METHODS}
-    return PaperTable(numbers, dict(numbers))
+    return PaperTable({(row, method): (2.0, 2.0) for row in PAPER_ROWS for method in PAPER_METHODS})

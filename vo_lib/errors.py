@@ -25,5 +25,6 @@ def did_you_mean(name: str, names: Iterable[str]) -> str:
     """The question "did you mean NAME? " with the valid name nearest to `name`; "" if no name is near."""
     for earlier, new in RENAMED.items():
         name = name.replace(earlier, new)
-    near = difflib.get_close_matches(name, list(names), n=1)
-    return f"did you mean {near[0]}? " if near else ""
+    words = {valid.removeprefix("--"): valid for valid in names}  # two short options would be near by "--"
+    near = difflib.get_close_matches(name.removeprefix("--"), words, n=1)
+    return f"did you mean {words[near[0]]}? " if near else ""

@@ -27,7 +27,7 @@ class SequenceReport:
     name : the sequence's name.
     part : options of `vo data get_kitti` for this part of a sequence; "" for a whole sequence.
     pairs, expected : numbers of present and of expected stereo pairs (None for a user's own sequence).
-    parts : name and content of each file or image folder, as text, in a fixed order.
+    parts : name and content of each complete file or image folder, as text, in a fixed order.
     problems : one sentence for each missing or invalid file; empty for a complete sequence.
     """
 
@@ -107,7 +107,8 @@ def _check_sequence(root: Path, folder: Path, deep: bool) -> SequenceReport:
             problems.append(f"{side}: {len(surplus)} images do not belong to it, such as {min(surplus):06d}")
         size, wrong = _look_at_images(folder / side, images) if deep else ("", [])
         problems += [f"{side}/{words}" for words in wrong]
-        parts.append((side, f"{count} images{size}"))
+        if len(inside) == frames:
+            parts.append((side, f"{count} images{size}"))
     pairs = len(set(sides["image_0"]) & set(sides["image_1"]))
     readers: dict[Path, Callable[[Path], str]] = {
         folder / "calib.txt": _camera,
@@ -123,7 +124,6 @@ def _check_sequence(root: Path, folder: Path, deep: bool) -> SequenceReport:
             parts.append((label, read(path)))
         except DataError as error:
             problems.append(f"{label}: " + str(error).removeprefix(f"{path}: "))
-            parts.append((label, "missing" if not path.exists() else "invalid"))
     return SequenceReport(folder.name, mark, pairs, expected, tuple(parts), tuple(problems))
 
 

@@ -24,6 +24,8 @@ from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.types import Array, Progress
 from vo_street.folder import calibration_text
 
+MIN_FOCAL_OVER_WIDTH = 0.1  # a smaller focal length gives an angle of view of more than 157 degrees
+
 
 def rig_of(
     source: Source,
@@ -62,8 +64,14 @@ def look(source: Source, rig: Rig, anyway: bool, nearest: float = 0.0) -> list[s
     `anyway` : report problems as warnings, except a wrong sign of the baseline. `nearest` : smallest
     plausible median depth, metres.
     """
-    statistics = measure_pairs(rig.rectify(*pair) for pair in source.sample())
+    sample = source.sample()
+    statistics = measure_pairs(rig.rectify(*pair) for pair in sample)
     wrong = complaints(statistics, rig.baseline)
+    if rig.f < MIN_FOCAL_OVER_WIDTH * (width := sample[0][0].shape[1]):
+        wrong.append(
+            f"the focal length is {rig.f:g} px for images of {width} px: is that in millimetres? In pixels, "
+            "it is the focal length in mm, divided by the width of the sensor in mm, times the image width"
+        )
     if not wrong and (metres := rig.f * rig.baseline / max(statistics.disparity, 1e-9)) < nearest:
         wrong.append(
             f"the median depth would be {metres:.2f} m with a baseline of {rig.baseline:g} m: is that in "

@@ -21,7 +21,7 @@ from vo_lib.evaluation.kitti import (
     suitable_measure,
     trajectory_distances,
 )
-from vo_lib.report.page import ReportTable
+from vo_lib.report.page import ReportTable, number
 from vo_lib.report.reproduce import slug
 from vo_lib.report.table1 import VARIANT_WORDS
 from vo_lib.runs.drive import Run
@@ -89,9 +89,9 @@ def _cell(runs: list[Run] | None, measure: Measure) -> Cell:
     return np.stack([errors.mean(axis=0), errors.std(axis=0)], axis=1) if np.isfinite(errors).all() else None
 
 
-def result_tables(sequences: list[Sequence], runs: dict[Key, list[Run]]) -> list[ReportTable]:
-    """All tables of the page: methods of both variants, other systems, box rules, self-calibration."""
-    system_cells = {
+def cells_of_systems(sequences: list[Sequence], runs: dict[Key, list[Run]]) -> dict[str, Cells]:
+    """The errors of the methods of each variant, by row and method."""
+    return {
         variant: {
             label: {method: _cell(runs[sequence.name, variant, method], measure) for method in methods}
             for sequence in sequences
@@ -99,6 +99,28 @@ def result_tables(sequences: list[Sequence], runs: dict[Key, list[Run]]) -> list
         }
         for variant, methods in VARIANTS.items()
     }
+
+
+def claim_table(systems: Mapping[str, Cells]) -> ReportTable:
+    """The paper's claim: errors with and without removal, in both variants, as in the README."""
+    columns = [
+        (variant, method) for variant in systems for method in ("solution_selection", "feature_selection")
+    ]
+    rows = []
+    for label in next(iter(systems.values())):
+        cells = [systems[variant][label][method] for variant, method in columns]
+        texts = ["" if cell is None else " / ".join(map(number, cell[:, 0].tolist())) for cell in cells]
+        rows.append([label, *texts])
+    title = "TE % / RE deg/100 m, means over the seeds"
+    return ReportTable(
+        title, ["sequence", *(f"{variant}, {method}" for variant, method in columns)], rows, []
+    )
+
+
+def result_tables(
+    sequences: list[Sequence], runs: dict[Key, list[Run]], systems: Mapping[str, Cells]
+) -> list[ReportTable]:
+    """All tables of the page: methods of both variants, other systems, box rules, self-calibration."""
     rules, removed, learning = {}, {}, {}
     axes: dict[str, dict[str, float | None]] = {}
     for sequence in sequences:
@@ -127,7 +149,7 @@ def result_tables(sequences: list[Sequence], runs: dict[Key, list[Run]]) -> list
                 axes[label] |= dict(
                     zip((f"{x}, {name}" for x in ("TE %", "pitch °", "yaw °")), values, strict=True)
                 )
-    return page_tables(system_cells, rules, removed, learning, axes)
+    return page_tables(systems, rules, removed, learning, axes)
 
 
 Numbers = Mapping[str, Mapping[str, float | None]]

@@ -34,6 +34,7 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
         "SEVEN": bands / "seven.txt",
         "BANDS": bands,
         "LEFT": bands / "image_0",
+        "RIGHT": bands / "image_1",
         "POSES": bands / "poses.txt",
         "OUT": bands / "out",
     }

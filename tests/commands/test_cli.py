@@ -110,15 +110,27 @@ def test_cache_option_reuses_matches(
 def test_missing_boxes_cause_a_warning(
     bands: Path, done: Callable[..., str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    warning = "warning: no vehicle boxes for bands: no features are removed, so the method"
-    assert " ".join(done("a").split()).startswith(warning)
-    assert "no vehicle boxes" not in done("b", "--method", "solution_selection")
-    words = ["--sequences", str(bands), "--seeds", "1", "--variant", "published"]
-    words += ["--out", str(bands.parent / "c")]
+    warning = "No vehicle boxes for bands: no features are removed, so feature_selection is equal"
+    assert " ".join(done("a").split()).startswith(f"warning: {warning}")
+    assert "No vehicle boxes" not in done("b", "--method", "solution_selection")
+    words = ["--sequences", str(bands), "--seeds", "1", "--out", str(bands.parent / "c")]
     assert main(["reproduce", *words, "--cache", str(bands.parent / "cache")]) == 0
-    assert " ".join(capsys.readouterr().out.split()).startswith(warning)
+    page = (bands.parent / "c" / "report.html").read_text(encoding="utf-8")
+    for text in (capsys.readouterr().out, page):
+        assert " ".join(text.split()).count(warning) == text.count("No vehicle boxes") == 1
+    assert page.index(warning) < page.index("<nav") < page.index("Shorter than every sub-sequence")
     (bands / "labels").mkdir()
-    assert "no vehicle boxes" not in done("d")
+    assert "No vehicle boxes" not in done("d")
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"), [(60, "25 % of the image is masked wa"), (180, "75 % of the image is masked; f")]
+)
+def test_masked_share_is_printed(bands: Path, done: Callable[..., str], rows: int, words: str) -> None:
+    mask = BLACK.copy()
+    mask[:rows] = 255
+    cv2.imwrite(str(bands / "mask.png"), mask)
+    assert words in " ".join(done("out", "--masks", str(bands / "mask.png")).split())
 
 
 def test_run_without_truth_has_no_errors(bands: Path, done: Callable[..., str]) -> None:

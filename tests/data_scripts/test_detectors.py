@@ -10,7 +10,7 @@ import pytest
 from file_server import FileServer
 from tiny_onnx import write_answering
 
-from fetch.detectors import Detector, fetch_detector, register_detector
+from fetch.detectors import FETCHABLE, Detector, fetch_detector, register_detector
 from vo_lib.detection.models import find_model, list_detectors
 from vo_lib.errors import DataError
 
@@ -61,5 +61,8 @@ def test_bad_names_and_files_of_models_are_refused(onnx: Path, tmp_path: Path) -
         with pytest.raises(DataError, match=words):
             register_detector(name, path, tmp_path / "new")
     assert not (tmp_path / "new").exists()
-    with pytest.raises(DataError, match=r"'yolox-s': .* one of street; `vo data get_detector` lists more"):
-        find_model("yolox-s", tmp_path / "new")
+    with pytest.raises(DataError, match=r"'mine': .* one of street; `vo data get_detector` lists more"):
+        find_model("mine", tmp_path / "new")
+    for name in FETCHABLE:
+        with pytest.raises(DataError, match=rf"not downloaded yet; use: vo data get_detector {name}$"):
+            find_model(name, tmp_path / "new")

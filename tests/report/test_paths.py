@@ -191,7 +191,9 @@ def test_evaluate_options_of_rpe_and_times(tmp_path: Path, capsys: pytest.Captur
         assert rpe[f"delta_{key}"] == float(delta[:-1])
         assert rpe["translation"]["rmse_m"] == pytest.approx(error, abs=1e-6)
     assert main(["evaluate", *map(str, words), "--delta", "3.2m"]) == 0
-    assert "RPE over 3.2 m: root mean square" in " ".join(capsys.readouterr().out.split())
+    text = " ".join(capsys.readouterr().out.split())
+    assert "RPE over 3.2 m: root mean square" in text
+    assert "Matched" not in text
     assert main(["evaluate", *map(str, words), "--delta", "500m"]) == 0
     assert "No RPE over 500 m: the path" in " ".join(capsys.readouterr().out.split())
 
@@ -209,5 +211,7 @@ def test_evaluate_matches_euroc_and_tum_times(tmp_path: Path, capsys: pytest.Cap
     places = [tmp_path / name for name in ("tum.txt", "other.csv", "data.csv")]
     tum, other = numbers(capsys, *places[:2], "--truth", places[2], "--lengths", "20,50").values()
     assert tum["frames"] == other["frames"] == 65
+    assert main(["evaluate", *map(str, places[:2]), "--truth", str(places[2])]) == 0
+    assert f"Matched 65 of {len(truth)} true poses." in capsys.readouterr().out.splitlines()
     assert tum["te_percent"] == pytest.approx(0.0, abs=1e-5)
     assert other["te_percent"] == pytest.approx(10.0, rel=0.1)

@@ -15,7 +15,7 @@ from vo_lib import Sequence, open_sequence, preset, run
 from vo_lib.commands.cli import main
 from vo_lib.config import change
 from vo_lib.evaluation.kitti import SHORT_MEASURE, kitti_errors
-from vo_lib.report.sweep import Axis, Sweep, parse_axis, run_sweep, sweep_table
+from vo_lib.report.sweep import Axis, Sweep, heat_map, parse_axis, run_sweep, sweep_table
 from vo_lib.runs.jobs import run_jobs
 
 
@@ -78,6 +78,19 @@ def test_sweep_writes_table_and_heat_map(
     picture = cv2.imread(str(out / "sweep.png"))
     assert picture is not None
     assert picture.std() > 20
+
+
+@pytest.mark.parametrize(("spread", "strong"), [(0.01, True), (0.5, False)])
+def test_difference_within_the_spread_has_no_strong_colour(spread: float, strong: bool) -> None:
+    names = ("te_percent", "re_deg_per_100m")
+    records = [
+        {name: error for name in names} | {f"{name}_std": spread for name in names} for error in (1.0, 1.1)
+    ]
+    picture = cv2.imdecode(np.frombuffer(heat_map(Sweep("", (Axis("a", (1, 2)),), records)), np.uint8), 1)
+    assert picture is not None
+    darkest = (np.abs(picture - np.array([88, 29, 8])) < 3).all(axis=2)
+    # Without this colour, a cell is missing; the colour bar has it in any case.
+    assert (darkest.mean() > 0.1) == strong
 
 
 def test_sweep_of_a_short_path_has_no_errors(

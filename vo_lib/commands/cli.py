@@ -28,20 +28,6 @@ COMMANDS = {
     "data": ("scripts", "scripts that download, check, draw, import or label data, or train a detector"),
     "lab": ("lab", "open the notebooks in JupyterLab"),
 }
-# Commands and options of earlier versions, with their replacements.
-REPLACED = {
-    "compare": "vo evaluate RUN RUN",
-    "calibrate": "vo run B --variant kit --calibration A/calibration.json, where A is the folder of a run",
-    "boxes": "vo run SEQUENCE --variant kit --method moving_selection --video FILE",
-    "bench": "vo data measure_speed",
-    "lab --html": "python -m course.pages DIR, in the folder notebooks",
-    "reproduce --paper": "vo_lib/report/paper_table1.csv, the file to correct",
-    "run --view": "python -m course.view3d, in the folder notebooks",
-    "evaluate --estimate": "vo evaluate FILE … --truth FILE",
-    "evaluate --format": "vo evaluate FILE …, which detects the format",
-    "evaluate --plot": "vo evaluate RUN_OR_FILE … --out DIR",
-    "evaluate --axes": "vo data measure_axes",
-}
 
 
 def main(words: Items[str] | None = None) -> int:
@@ -55,7 +41,9 @@ def main(words: Items[str] | None = None) -> int:
         sys.stdout.reconfigure(errors="replace")  # "?" for letters that the terminal lacks
     with warnings.catch_warnings(record=True) as raised:
         try:
-            refuse_unknown(words)
+            if words[0] not in COMMANDS and not words[0].startswith("-"):
+                near = did_you_mean(words[0], COMMANDS)
+                raise DataError(f"unknown command {words[0]!r}; {near}`vo --help` lists the commands")
             namespace = argparse.Namespace(line=shlex.join(["vo", *words]))
             options = make_parser(words).parse_args(words, namespace)
             code = int(options.command(options))
@@ -65,17 +53,6 @@ def main(words: Items[str] | None = None) -> int:
     for warning in raised:
         print(f"vo: warning: {warning.message} ({warning.filename}:{warning.lineno})", file=sys.stderr)
     return code
-
-
-def refuse_unknown(words: Items[str]) -> None:
-    """Raise `DataError` for an unknown or a removed command, with the nearest command or the replacement."""
-    for name, replacement in REPLACED.items():
-        command, *option = name.split()
-        if words[0] == command and {word.partition("=")[0] for word in words}.issuperset(option):
-            raise DataError(f"`vo {name}` no longer exists; use: {replacement}")
-    if words[0] not in COMMANDS and not words[0].startswith("-"):
-        near = did_you_mean(words[0], COMMANDS)
-        raise DataError(f"unknown command {words[0]!r}; {near}`vo --help` lists the commands")
 
 
 def make_parser(words: Items[str]) -> argparse.ArgumentParser:

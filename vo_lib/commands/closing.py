@@ -63,11 +63,6 @@ def loops_csv(frames: tuple[str, ...], closed: Closed) -> str:
     return csv_text(rows)
 
 
-def loop_pairs(closed: Closed) -> list[tuple[int, int]]:
-    """Numbers of the first and the second frame of each closed loop."""
-    return list(zip(closed.loops.first.tolist(), closed.loops.second.tolist(), strict=True))
-
-
 def close_outcomes(outcomes: list[Outcome], config: LoopConfig) -> list[ReportTable]:
     """Close the loops of finished runs in their folders; return a table of errors, or none without truth.
 

@@ -7,7 +7,10 @@ import dataclasses
 import re
 from collections.abc import Iterable
 from pathlib import Path
+from statistics import fmean
 from typing import Any
+
+import numpy as np
 
 from .. import settings
 from ..config import METHODS, VARIANTS, config_class, preset
@@ -58,7 +61,7 @@ def add_part(parser: argparse.ArgumentParser) -> None:
 
 def add_config(parser: argparse.ArgumentParser) -> None:
     """Add the option for a run's settings."""
-    text = "config.json of a run: method, variant and thresholds; threshold options override the file"
+    text = "config.json of a run: method, variant and thresholds"
     parser.add_argument("--config", type=Path, metavar="FILE", help=text)
 
 
@@ -87,9 +90,13 @@ def open_with_bar(name: str, cache: Path | None, part: argparse.Namespace | None
     sequence = dataclasses.replace(sequence, masks=part.masks)
     if part.frames:
         sequence = sequence.part(*parse_frames(part.frames, len(sequence)))
-    masks = zip(sequence.mask_files(), sequence.mask_images(), strict=False)
-    if part.masks and all(mask.all() for _, mask in masks):
-        raise DataError("the mask covers every image, so there are no features", part.masks)
+    if part.masks is not None:
+        masks = zip(sequence.mask_files(), sequence.mask_images(), strict=False)
+        share = fmean(np.count_nonzero(mask) / mask.size for _, mask in masks)
+        if share == 1.0:
+            raise DataError("the mask covers every image, so there are no features", part.masks)
+        inverted = "; features on pixels that are not 0 are dropped, so the mask may be inverted"
+        tell(f"--masks: {100 * share:.0f} % of the image is masked{inverted * (share > 0.5)}")
     return sequence
 
 
@@ -174,15 +181,17 @@ def parse_delta(text: str) -> Delta:
     return delta
 
 
-def warn_without_boxes(runs: Iterable[tuple[Sequence, MethodConfig]]) -> None:
-    """Warn of sequences without boxes if a method removes features in boxes."""
+def warn_without_boxes(runs: Iterable[tuple[Sequence, MethodConfig]]) -> list[str]:
+    """Warn of sequences without boxes if a method removes features in boxes; return the warning, if any."""
     without = (s.name for s, config in runs if s.labels is None and config.filter.rule in ("all", "moving"))
-    if names := ", ".join(dict.fromkeys(without)):
-        tell(
-            f"warning: no vehicle boxes for {names}: no features are removed, so the method is equal to "
-            "solution_selection. Use `--detector street` for drawn streets, a model of `vo data "
-            "get_detector` for real images, or put label files into labels/ in the sequence's folder."
-        )
+    if not (names := ", ".join(dict.fromkeys(without))):
+        return []
+    warning = (
+        f"No vehicle boxes for {names}: no features are removed, so feature_selection is equal to "
+        "solution_selection. `--detector MODEL` detects vehicles with a model of `vo data get_detector`."
+    )
+    tell(f"warning: {warning}")
+    return [warning]
 
 
 def labelled(

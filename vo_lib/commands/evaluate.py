@@ -13,7 +13,7 @@ from ..files import write_atomic
 from ..report.paths import evaluate_paths, evaluation_tables, read_paths, write_pictures
 from ..runs.folder import run_folder
 from .common import parse_delta, parse_lengths, parse_whole
-from .console import say, show_report_table
+from .console import say, show_report_table, tell
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -63,6 +63,8 @@ def _evaluate(options: argparse.Namespace) -> int:
     for paths, result in results:
         for table in evaluation_tables(paths.name, result):
             show_report_table(table)
+        if paths.matched:
+            tell(paths.matched)
     if options.out is not None:
         say(f"written to {options.out}")
     return 0

@@ -40,7 +40,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     place.add_argument("--here", dest="copy", action="store_const", const=NOTEBOOKS, help=text)
     parser.add_argument("--teacher", action="store_true", help="also copy solutions and teaching notes")
     parser.add_argument("jupyter", nargs="*", metavar="-- …", help="options for JupyterLab")
-    parser.set_defaults(command=_lab)
+    parser.set_defaults(command=_lab, others="JupyterLab's options follow --")
 
 
 def _lab(options: argparse.Namespace) -> int:
@@ -48,6 +48,10 @@ def _lab(options: argparse.Namespace) -> int:
         raise DataError(f"no {FIRST_NOTEBOOK}: install the kit from its folder, {install()}", NOTEBOOKS)
     folder = Path(os.path.abspath(options.copy or Path.home() / COURSE))
     if folder != NOTEBOOKS:
+        if folder.is_file():
+            raise DataError("is a file: --copy needs a folder for the course", folder)
+        if folder.is_dir() and any(folder.iterdir()) and not (folder / DIGESTS_FILE).exists():
+            raise DataError("contains other files and no course: choose a new or an empty folder", folder)
         copy_course(NOTEBOOKS, folder, options.teacher)
     from jupyterlab.labapp import LabApp  # type: ignore[import-untyped]
 

@@ -39,7 +39,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     common.add_detector(parser, " in sequences without labels")
     common.add_many(parser, parser)
     closing.add_loops(parser)
-    parser.set_defaults(command=reproduce)
+    parser.set_defaults(command=reproduce, others="thresholds come from the file of --config")
 
 
 def reproduce(options: argparse.Namespace, *remarks: str) -> int:
@@ -62,7 +62,7 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
         opened = [common.open_with_bar(name, options.cache) for name in names]
         sequences = [s if s.labels else common.labelled(s, options, options.cache) for s in opened]
         jobs = plan_jobs(sequences, methods, seeds, folder, config)
-        common.warn_without_boxes((job.sequence, job.config) for job in jobs)
+        without_boxes = common.warn_without_boxes((job.sequence, job.config) for job in jobs)
         with reporting(f"{len(jobs)} runs") as report:
             outcomes = run_jobs(jobs, workers, report, options.cache, fresh=options.fresh)
         result = collect(outcomes, missing, measure)
@@ -72,7 +72,7 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
         groups = group_entries(result.entries)
         conclusions = [*results(groups), *remarks]
         origin = [options.line, f"duration {time.perf_counter() - start:.0f} s, processes: {workers}"]
-        write_table_files(folder, result, paper, conclusions, origin, closed)
+        write_table_files(folder, result, paper, [*without_boxes, *conclusions], origin, closed)
     for table in [*(table for group in groups for table in layout_tables(group, paper)), *closed]:
         show_report_table(table)
     tell("", *result.problems, *conclusions)

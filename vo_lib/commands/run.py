@@ -54,7 +54,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     text = f"film ({FILM_ENDING}) of features, boxes and path; a report includes the films in its run folders"
     option("--video", type=Path, metavar="FILE", help=text)
     closing.add_loops(parser)
-    option(SETTINGS_PAGE, action="store_true", help="list the options for the variant's thresholds")
+    option(SETTINGS_PAGE, action="store_true", help="list the threshold options, which override --config")
     for item in [*SETTINGS.values(), *DETECTOR_SETTINGS, *closing.LOOP_SETTINGS]:
         add_option(parser, item, item.name, shown=False)  # not in the short help
     parser.set_defaults(command=_run)
@@ -89,7 +89,8 @@ def _run(options: argparse.Namespace) -> int:
         if options.loops:
             compared = closing.loops_with_bar(sequence, config, loops)
             closed = closing.close_run(folder, sequence, result.poses, compared, loops)
-            paths, pairs = paths | {closing.CLOSED: closed.poses}, closing.loop_pairs(closed)
+            paths[closing.CLOSED] = closed.poses
+            pairs = list(zip(closed.loops.first.tolist(), closed.loops.second.tolist(), strict=True))
         picture = trajectories_figure({label: (sequence.truth, paths)}, pairs)
         write_atomic(folder / PICTURE, png(picture))
     _show(result, options.method, paths)

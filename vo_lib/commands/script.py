@@ -37,7 +37,7 @@ class OneLineParser(argparse.ArgumentParser):
         for word in itertools.takewhile("--".__ne__, self._words):
             name = word.partition("=")[0]
             if name.startswith("--") and not any(option.startswith(name) for option in options):
-                hint = f"; {did_you_mean(name, options)}".rstrip("; ")
+                hint = f"; {did_you_mean(name, options) or self.get_default('others') or ''}".rstrip("; ")
                 page = SETTINGS_PAGE if "." in name and SETTINGS_PAGE in options else page
                 break
         text = " ".join(message.split())

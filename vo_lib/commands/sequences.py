@@ -32,7 +32,7 @@ def _list(options: argparse.Namespace) -> int:
             rows.append([name, *[NO_NUMBER] * (len(COLUMNS) - 1)])
             problems.append(f"{name} is not usable: {error}")
     show_table("", COLUMNS, rows)
-    say(f"drawn scenes: {cache_folder()}; a scene without a size in MB is drawn on first use")
+    say("A scene without a size in MB is drawn on first use.", f"drawn scenes: {cache_folder()}")
     say(*(f"KITTI: {root / 'sequences'}" for root in kitti_roots()), *problems)
     if not any(name.startswith(KITTI) for name, *_ in rows):
         say("no KITTI sequences found; `vo check` lists the commands that download them")

@@ -34,7 +34,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     text = "Dask scheduler, tcp://host:port; its workers need the same file paths (extra [cluster])"
     where.add_argument("--dask", metavar="ADDRESS", help=text)
     option("--out", default="runs/sweep", metavar="DIR", help="folder; default %(default)s")
-    parser.set_defaults(command=_sweep)
+    parser.set_defaults(command=_sweep, others="--set gives the values of a threshold")
 
 
 def _sweep(options: argparse.Namespace) -> int:

@@ -7,6 +7,7 @@ KITTI, the first left camera). Positions are in metres, times in seconds.
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from ..geometry.types import Array
 KITTI_ROW = "12 numbers, the upper 3×4 of a pose, row by row"
 TUM_ROW = "8 numbers, t x y z qx qy qz qw"
 EUROC_ROW = "8 or more numbers separated by commas, t in ns, x y z, qw qx qy qz"
+_EMPTY, _EUROC = re.compile(r"\s*$|#"), re.compile(r"\s*\d+\s*,\s*[^\s,]+\s*,")  # rows of pose files
 # Large enough for files with three digits, small enough to detect rows in another format.
 ROTATION_TOLERANCE = 1e-2
 TIME_TOLERANCE_S = 0.01  # largest time difference between corresponding poses
@@ -71,13 +73,14 @@ def read_euroc(path: str | Path) -> tuple[Array, Array]:
 
 def read_path(path: Path) -> tuple[Array | None, Array]:
     """Times (N,) and poses (N, 4, 4) from a file in KITTI, TUM or EuRoC format; times are None for KITTI."""
-    rows = (line for line in read_text(path).splitlines() if line.strip() and not line.startswith("#"))
-    first = next(rows, "")
-    if "," in first:
+    rows = (row for row in enumerate(read_text(path).splitlines(), start=1) if not _EMPTY.match(row[1]))
+    number, first = next(rows, (1, ""))
+    if _EUROC.match(first):
         return read_euroc(path)
     columns = len(first.split())
     if columns not in (0, 8, 12):
-        raise DataError(f"{columns} columns; expected {KITTI_ROW} (KITTI), or {TUM_ROW} (TUM)", path)
+        expected = f"expected {KITTI_ROW} (KITTI), {TUM_ROW} (TUM), or {EUROC_ROW} (EuRoC)"
+        raise DataError(f"not a pose file: {columns} columns; {expected}", path, number)
     return read_tum(path) if columns == 8 else (None, read_kitti_poses(path))
 
 

@@ -6,7 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
-from ..errors import DataError
+from ..errors import DataError, did_you_mean
 from ..geometry.camera import StereoCamera
 from ..settings import Checked, setting
 
@@ -108,14 +108,7 @@ SCENES: dict[str, SceneConfig] = {
         noise=2.5,
         shake=2.0,
     ),
-    "block": SceneConfig(
-        seed=17,
-        layout="block",
-        length=354.0,
-        parked=0.5,
-        ahead=1,
-        oncoming=1.5,
-    ),
+    "block": SceneConfig(seed=17, layout="block", length=354.0, parked=0.5, ahead=1, oncoming=1.5),
 }
 # The scenes of tables and of training: streets with two ends.
 TABLE_SCENES = tuple(name for name, scene in SCENES.items() if scene.layout != "block")
@@ -124,5 +117,6 @@ TABLE_SCENES = tuple(name for name, scene in SCENES.items() if scene.layout != "
 def scene_config(name: str, **changes: Any) -> SceneConfig:
     """The settings of a named scene, with changes; `DataError` for an unknown name."""
     if name not in SCENES:
-        raise DataError(f"unknown synthetic scene {name!r}; the scenes are {', '.join(SCENES)}")
+        near = did_you_mean(name, SCENES)
+        raise DataError(f"unknown synthetic scene {name!r}; {near}the scenes are {', '.join(SCENES)}")
     return dataclasses.replace(SCENES[name], **changes)

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import platformdirs
 
-from ..errors import DataError
+from ..errors import DataError, did_you_mean
 
+DOWNLOADABLE = ("yolox-nano", "yolox-tiny", "yolox-s")  # by `vo data get_detector`
 MODELS = {"street": Path(__file__).parent / "models" / "street.onnx"}  # part of the kit
 
 
@@ -33,4 +34,7 @@ def find_model(name: str | Path, folder: Path | None = None) -> Path:
     expected = f"expected an ONNX file or one of {', '.join(files)}"
     if path.suffix or path.name != str(name):
         raise DataError(f"the model is missing: {expected}", path)
-    raise DataError(f"unknown detector {str(name)!r}: {expected}; `vo data get_detector` lists more")
+    if name in DOWNLOADABLE:
+        raise DataError(f"the detector {name} is not downloaded yet; use: vo data get_detector {name}")
+    near = did_you_mean(str(name), [*files, *DOWNLOADABLE])
+    raise DataError(f"unknown detector {str(name)!r}: {near}{expected}; `vo data get_detector` lists more")

@@ -171,7 +171,7 @@ class Film:
         legend = [("  ".join(counts), WHITE), ("new match", new), ("old", old)]
         legend += [("removed", plots.REMOVED), ("path", self._colour)]
         if self._drift is not None:
-            legend.append(("truth", TRUE_PATH_COLOUR))
+            legend += [("truth", TRUE_PATH_COLOUR), ("truth ahead", PALE)]
         if self.loops:
             closed = sum(second <= index for _, second in self.loops)
             legend.append((f"{closed} loops", LOOP_LINE_COLOUR))

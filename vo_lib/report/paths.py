@@ -33,13 +33,14 @@ GIVE_TRUTH = "give its ground truth with --truth FILE"
 class ComparedPaths:
     """The true path (N, 4, 4) of a sequence, and estimates (N, 4, 4) of this path by label.
 
-    `times` : (N,) seconds, or None if unknown.
+    `times` : (N,) seconds, or None if unknown. `matched` : a sentence, if the truth has further poses.
     """
 
     name: str
     truth: Array
     times: Array | None
     estimates: dict[str, Array]
+    matched: str = ""
 
 
 def read_paths(
@@ -121,7 +122,8 @@ def _compared(
         label = next(name for name in labels if name not in others)
         estimates[label] = poses[np.searchsorted(rows, common)]
     times = None if truth.times is None else truth.times[common]
-    return ComparedPaths(truth.name, truth.truth[common], times, estimates)
+    few = f"Matched {len(common)} of {len(truth.truth)} true poses." * (len(common) < len(truth.truth))
+    return ComparedPaths(truth.name, truth.truth[common], times, estimates, few)
 
 
 def _matched(path: Path, truth: ComparedPaths, tolerance: float) -> tuple[Index, Array]:

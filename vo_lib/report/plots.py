@@ -6,6 +6,7 @@ Matplotlib is imported only with the first figure, since the import takes half a
 from __future__ import annotations
 
 import io
+import re
 import textwrap
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -52,7 +53,8 @@ def page(title: str = "", width: float = SMALL_PAGE[0], height: float = SMALL_PA
     figure = Figure(figsize=(width, height), dpi=160, layout="constrained")
     if title:
         # Matplotlib's own wrapping interprets text between dollar signs as a formula.
-        lines = [textwrap.fill(line, int(11 * width)) for line in title.split("\n")]
+        whole = re.sub(r"(?<=\d) ", "\N{NO-BREAK SPACE}", title)  # a number keeps its unit
+        lines = [textwrap.fill(line, int(11 * width)) for line in whole.split("\n")]
         figure.suptitle("\n".join(lines), fontsize="medium")
     return figure
 
@@ -138,7 +140,8 @@ def trajectories_figure(
         labels |= {name: line for name, line in lines.items() if not name.startswith("_")}
         if truth is not None:
             draw_drift(figure.add_subplot(rows, columns, row * columns + 2), truth, estimates)
-    figure.legend(labels.values(), labels, loc="outside lower center", ncols=2 * columns)
+    # In the left half, so that a telephone shows the legend with the first panel.
+    figure.legend(labels.values(), labels, loc="outside lower left", ncols=2)
     return figure
 
 
@@ -189,8 +192,8 @@ def error_curves_figure(title: str, by: str, curves: Mapping[str, ErrorCurve]) -
 
 # BGR colours of features that are kept (blue) or removed (orange), and of boxes (white).
 KEPT, REMOVED, BOX = bgr(CYCLE[0]), bgr(CYCLE[1]), (255, 255, 255)
-# BGR colours of kept features by age, from new (blue) to old (green).
-AGE_COLOURS = [(255 - 13 * n, 90 + 11 * n, 12 * n // 2) for n in range(16)]
+# BGR colours of kept features by age, from new (pink) to old (green); no colour is that of a method.
+AGE_COLOURS = [(220 - 10 * n, 90 + 11 * n, 255 - 13 * n) for n in range(16)]
 
 
 def match_image(

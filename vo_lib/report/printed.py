@@ -38,14 +38,13 @@ REMARKS = (
 
 @dataclass(frozen=True)
 class PaperTable:
-    """Printed numbers by (row, method): TE in % and RE in deg/100 m, None for a dash."""
+    """Printed TE in % and RE in deg/100 m by (row, method); None for a dash."""
 
-    te: dict[tuple[str, str], float | None]
-    re: dict[tuple[str, str], float | None]
+    numbers: dict[tuple[str, str], tuple[float | None, float | None]]
 
     def value(self, row: str, method: str) -> tuple[float | None, float | None]:
         """TE and RE of a row ("00" … "10" or "Avg") and a method."""
-        return self.te.get((row, method)), self.re.get((row, method))
+        return self.numbers.get((row, method), (None, None))
 
 
 def gain(before: ArrayLike, after: ArrayLike) -> Array:
@@ -54,31 +53,13 @@ def gain(before: ArrayLike, after: ArrayLike) -> Array:
         return np.asarray(100.0 * (1.0 - np.asarray(after, float) / np.asarray(before, float)))
 
 
-def printed_gains(table: PaperTable, other: str) -> list[tuple[float | None, float | None]]:
-    """Gains of Feature selection over another method, in % of TE and of RE, from printed numbers.
-
-    There are three gains: from the row Avg, from the plain mean of the ten rows, and from their weighted mean
-    as in the benchmark.
-    """
-    weights = list(SUB_SEQUENCES.values())
-    gains: list[list[float | None]] = []
-    for numbers in (table.te, table.re):
-        pair = []
-        for method in (other, PROPOSAL):
-            column = [numbers.get((row, method)) for row in PAPER_ROWS]
-            average, *rows = np.array(column, float)  # None becomes NaN
-            pair.append((average, np.mean(rows), np.average(rows, weights=weights)))
-        gains.append([g if np.isfinite(g) else None for g in gain(*pair).tolist()])
-    return list(zip(*gains, strict=True))
-
-
 def read_paper_table() -> PaperTable:
     """The paper's table, read from paper_table1.csv."""
-    table = PaperTable({}, {})
+    table = PaperTable({})
     for name, *cells in _cells():
         numbers = [None if cell == "-" else float(cell) for cell in cells]
-        for method, te, re in zip(PAPER_METHODS, numbers[::2], numbers[1::2], strict=True):
-            table.te[name, method], table.re[name, method] = te, re
+        for method, pair in zip(PAPER_METHODS, zip(numbers[::2], numbers[1::2], strict=True), strict=True):
+            table.numbers[name, method] = pair
     return table
 
 

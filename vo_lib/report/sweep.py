@@ -20,7 +20,7 @@ from ..paper.settings import MethodConfig
 from ..runs.folder import read_run
 from ..runs.jobs import Job, Outcome
 from .entries import measure_runs
-from .page import NO_NUMBER, ReportTable, number, plus_minus, seeds_text, without_empty_columns
+from .page import NO_NUMBER, SPREADS, ReportTable, number, plus_minus, seeds_text, without_empty_columns
 from .plots import SMALL_PAGE, page, png
 from .table1 import ERROR_KINDS, number_fields
 
@@ -149,11 +149,15 @@ def heat_map(sweep: Sweep) -> bytes:
     width, height = max(SMALL_PAGE[0], 1.5 + 1.1 * len(columns)), 2 * (1.2 + 0.55 * len(rows)) + 0.8
     figure = page(sweep.title, width, height)
     for axis, (kind, (label, _)) in zip(figure.subplots(2), ERROR_KINDS.items(), strict=True):
-        values = np.array([record[kind] for record in sweep.records], float).reshape(len(rows), -1)
-        image = axis.imshow(values, "YlGnBu", aspect="auto")
+        pairs = np.array([(record[kind], record[f"{kind}_std"]) for record in sweep.records], float)
+        values = pairs[:, 0].reshape(len(rows), -1)
+        # A difference that does not count beyond the seeds' spread has no strong colour.
+        low, high = np.nanmin(values), np.nanmax(values)
+        margin = max(0.0, SPREADS * float(np.nan_to_num(pairs[:, 1]).mean()) - (high - low)) / 2
+        image = axis.imshow(values, "YlGnBu", aspect="auto", vmin=low - margin, vmax=high + margin)
         figure.colorbar(image, ax=axis, label=f"{label}\nlower is better", format="%.4g")
         axis.set_xticks(range(len(columns)), columns)
-        axis.set_yticks(range(len(rows)), rows)
+        axis.set_yticks(range(len(rows)) if down else [], rows if down else [])
         axis.set(xlabel=across.name, ylabel=",\n".join(axis.name for axis in down))
         for (row, column), record in zip(np.ndindex(values.shape), sweep.records, strict=True):
             text = plus_minus(record[kind], record[f"{kind}_std"])

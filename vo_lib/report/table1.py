@@ -16,7 +16,6 @@ from .printed import AVERAGE, CLAIMS, LEFT_OUT, PROPOSAL, PaperTable, gain
 VARIANT_WORDS = {"published": "the paper as published", "kit": "variant kit"}
 # Names of TE and RE in records and in tables, and the number of decimals in the paper.
 ERROR_KINDS = {"te_percent": ("TE %", 2), "re_deg_per_100m": ("RE deg/100 m", 3)}
-BOX_METHODS = ("feature_selection", "moving_selection")  # the methods that need vehicle boxes
 
 
 def table_records(groups: list[Group], paper: PaperTable) -> list[dict[str, Any]]:
@@ -103,7 +102,7 @@ def _cells(record: dict[str, Any], kind: str) -> list[str]:
 
 
 def caveats(group: Group) -> list[str]:
-    """Warnings above a table: incomplete sequences, non-standard sub-sequences, sequences without boxes."""
+    """Warnings above a table: incomplete sequences, non-standard sub-sequences."""
     notes = []
     frames = {entry.sequence: len(entry.truth) for entry in group.entries.values() if group.kitti}
     parts = {name: n for name, n in frames.items() if n != BENCHMARK_FRAMES[name]}
@@ -112,12 +111,6 @@ def caveats(group: Group) -> list[str]:
         notes.append(f"Parts of sequences, not comparable with whole sequences: {words}.")
     if group.kitti and group.measure != KITTI_MEASURE:
         notes.append(f"Sub-sequences of {group.measure.words}: not comparable with the benchmark.")
-    without = list(dict.fromkeys(e.sequence for e in group.entries.values() if not e.labels))
-    if without and any(method in group.methods for method in BOX_METHODS):
-        notes.append(
-            f"No vehicle boxes for {', '.join(without)}: feature_selection removes no features and equals "
-            "solution_selection. `--detector MODEL` detects boxes."
-        )
     return notes
 
 

@@ -98,6 +98,20 @@ def verdicts(folder: Path, paper: table1.PaperTable) -> list[ReportTable]:
     return tables
 
 
+def printed_gains(paper: table1.PaperTable, other: str) -> list[Array]:
+    """Gains of Feature selection over another method, (TE, RE) in %, from printed numbers.
+
+    Three gains: from the row Avg, from the plain mean of the ten rows, and from the benchmark's weighted
+    mean.
+    """
+    numbers = np.array(
+        [[paper.value(row, name) for row in table1.PAPER_ROWS] for name in (other, table1.PROPOSAL)], float
+    )
+    averages, rows = numbers[:, 0], numbers[:, 1:]
+    weights = list(table1.SUB_SEQUENCES.values())
+    return [table1.gain(*means) for means in (averages, rows.mean(axis=1), np.average(rows, 1, weights))]
+
+
 def table_html(table: ReportTable) -> str:
     """A table with its notes, for a notebook."""
 
