@@ -15,6 +15,7 @@ import measure_choices
 from measure.ablation import IDEAS, Idea
 from measure.axes import axes_rotation, fit_axes, turn_axes
 from measure.layout import compared, tables
+from measure.result_tables import claim_table
 from vo_lib.config import change, preset
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.poses import write_kitti_poses
@@ -122,6 +123,8 @@ def test_result_tables_compare_two_methods() -> None:
         "It lowers TE on a (1.000 → 0.500); it raises TE on b (1.000 → 1.500). In 1 of 3"
     )
     assert "lowers RE on no row" in sentences[1]
+    (row_a, *_) = claim_table({"kit": {"a": cells["b"], "a, 5 m": cells["a"]}}).rows
+    assert row_a == ["a, 5 m", "kit", "1.000 / 1.000", "0.500 / 1.000"]
     te, re, spread, _ = tables("T", cells, sentences)
     assert te.rows[0] == ["a", "=", "1.000", "0.500"]
     assert te.rows[1] == ["b", "2.000", "1.000", "1.500"]
