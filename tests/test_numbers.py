@@ -78,9 +78,9 @@ def test_choice_of_rows_in_pixels_is_quoted_as_measured() -> None:
         sequence: 100 * number(sequence, "te", "metres") / number(sequence, "te")
         for sequence in ("kitti/01", "synthetic/jam")
     }
-    says = f"the steps of the clip of 01 are {plain + longer:.1f} % too long instead of {plain:.1f} %, and TE "
-    says += f"is {worse['kitti/01']:.0f} % larger on this clip and {worse['synthetic/jam']:.0f} % larger on "
-    assert f"{says}the drawn `jam`; RE is nearly the same." in pages("paper_and_code.md")
+    says = f"the steps of the clip of 01 are {plain + longer:.1f} % too long instead of {plain:.1f} %, and "
+    says += f"TE is {worse['kitti/01']:.0f} % larger on this clip and {worse['synthetic/jam']:.0f} % larger "
+    assert f"{says}on the drawn `jam`; RE is nearly the same." in pages("paper_and_code.md")
     change = [row["re"] for (_, alternative), row in rows.items() if alternative == "metres"]
     assert max(abs(float(number or 0.0)) for number in change) < 0.1
 

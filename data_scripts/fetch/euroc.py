@@ -65,7 +65,7 @@ def read_euroc_drive(folder: Path, max_delay: float = MAX_DELAY_S) -> Drive:
 
 
 def _images(camera: Path, notes: list[str]) -> dict[int, Path]:
-    """Image files by time in nanoseconds, from the rows of data.csv above the first row without its image."""
+    """Image files by time in nanoseconds, from the rows of data.csv above the first missing image."""
     path = camera / "data.csv"
     images: dict[int, Path] = {}
     for number, cells in read_csv(path):

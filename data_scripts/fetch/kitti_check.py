@@ -104,7 +104,7 @@ def _check_sequence(root: Path, folder: Path, deep: bool) -> SequenceReport:
             first = next(number for number in numbers if number not in images)
             problems.append(f"{side}: {frames - len(inside)} images missing, the first is {first:06d}")
         if surplus := images.keys() - set(inside):
-            problems.append(f"{side}: {len(surplus)} images do not belong to it, such as {min(surplus):06d}")
+            problems.append(f"{side}: {len(surplus)} images have wrong numbers, such as {min(surplus):06d}")
         size, wrong = _look_at_images(folder / side, images) if deep else ("", [])
         problems += [f"{side}/{words}" for words in wrong]
         if len(inside) == frames:

@@ -52,7 +52,7 @@ def select_frames(
     drive : the raw drive of the members; None for the odometry benchmark.
 
     The text for a whole sequence is "". Raises `DataError` for frames outside the sequence, for a gap
-    between these frames and those of earlier calls, and for a folder with images of another source.
+    between these frames and frames of earlier calls, and for a folder with images of another source.
     """
     counts, parts, marks = dict[str, int](), dict[str, range](), dict[Path, str]()
     for target in (m.target for m in members if m.target.match("sequences/*/image_?/*.png")):

@@ -41,7 +41,7 @@ class Rig:
     Attributes
     ----------
     f, cx, cy : pixels. baseline : metres; negative if the calibration has the right camera on the left.
-    maps : two rectifying maps of `cv2.remap` per camera, or None for rectified images.
+    maps : two rectification maps for `cv2.remap` per camera, or None for rectified images.
     R1 : (3, 3) rotation from the axes of the left camera to the rectified axes.
     """
 

@@ -135,7 +135,7 @@ def write_sequence(
 
 
 def write_tables(folder: Path, rig: Rig, times: Array, poses: Array | None) -> None:
-    """Write calib.txt, times.txt from `times` (N,), seconds, and poses.txt from `poses` (N, 4, 4), if any."""
+    """Write calib.txt, times.txt with times (N,), seconds, and, if there are poses (N, 4, 4), poses.txt."""
     camera = StereoCamera(rig.f, rig.cx, rig.cy, rig.baseline)
     write_atomic(folder / "calib.txt", calibration_text(camera))
     write_atomic(folder / "times.txt", "".join(f"{seconds:.9f}\n" for seconds in times))

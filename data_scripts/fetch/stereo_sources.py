@@ -150,9 +150,9 @@ def pair_images(
 
     If the names are times (nanoseconds, or seconds with decimals), each left image is paired with the right
     image nearest in time, within `max_delay` seconds. Otherwise, images with equal names, or with equal text
-    at the star, are paired; without equal names, images are paired in the order of their numbers.
+    in place of `*`, are paired; without equal names, images are paired in the order of their numbers.
 
-    Raises `DataError` for a side without images, for unequal numbers of images without equal names, and,
+    Raises `DataError` for a side without images, for unequal numbers of images with different names, and,
     without `skip_unpaired`, for an image without a partner.
     """
     sides = [_images(place) for place in (left, right)]

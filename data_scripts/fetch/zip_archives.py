@@ -26,7 +26,7 @@ HEADER_BYTES = (
 
 @dataclass(frozen=True)
 class Member:
-    """A member of an archive, which becomes a file.
+    """A member of an archive that is extracted as a file.
 
     Attributes
     ----------

@@ -39,7 +39,7 @@ class Idea:
     Attributes
     ----------
     name : name of the idea in the table. lines : number of code lines of the idea.
-    off : mapping from a setting (dotted name), function or constant (full name) to a value without the idea.
+    off : keys are names of settings (dotted), functions or constants (full); the values turn off the idea.
     method : the method in which the idea is turned off.
     stays : reason to keep an idea that does not reduce the errors.
     """
@@ -271,7 +271,7 @@ def tables(rows: Sequence[Sequence[str]]) -> list[ReportTable]:
 
 
 def _cell(row: dict[str, str], kind: str, baselines: dict[str, str]) -> str:
-    """Text of a change ± its standard deviation, in % of the error with all ideas (length: in points)."""
+    """Text of a change ± standard deviation, in % of the error with all ideas (length: percentage points)."""
     scale, digits = (1.0, 2) if kind == "length" else (100.0 / float(baselines[kind]), 1)
     change, spread = (f"{scale * float(row[key]):.{digits}f}" for key in (kind, f"{kind}_sd"))
     signed = change if change.startswith("-") else f"+{change}"

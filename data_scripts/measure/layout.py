@@ -1,4 +1,4 @@
-"""Tables of `measure_results`: errors and standard deviations are in separate tables, below sentences."""
+"""Tables of `measure_results`, with errors and standard deviations in separate tables."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SHARE = 0.02  # a change counts if it exceeds the spread and this share of the e
 def tables(title: str, cells: Cells, sentences: list[str], name: str = "sequence") -> list[ReportTable]:
     """Tables of TE and RE and of their standard deviations, with `sentences` above the first table.
 
-    Numbers of `mesvo_f` equal to `solution_selection` are not repeated. Rows without a spread are omitted.
+    Numbers of `mesvo_f` that equal `solution_selection` are not repeated. Rows without a spread are omitted.
     """
     columns = list(next(iter(cells.values())))
     result = []

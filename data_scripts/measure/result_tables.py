@@ -211,7 +211,7 @@ def _judged(sequence: Sequence) -> str:
 
 
 def _length(sequence: Sequence, runs: list[Run]) -> float:
-    """Excess length of the path over the true path, mean over seeds, %."""
+    """Excess length of the path in % of the true length, mean over the seeds."""
     assert sequence.truth is not None
     true, *results = (trajectory_distances(T)[-1] for T in (sequence.truth, *(run.poses for run in runs)))
     return 100 * (float(np.mean(results)) / float(true) - 1)

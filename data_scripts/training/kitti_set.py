@@ -36,7 +36,7 @@ class Labelled:
 
     Attributes
     ----------
-    boxes : boxes whose class_id is an index of `NAMES`.
+    boxes : boxes whose class_id is an index into `NAMES`.
     """
 
     image: Path

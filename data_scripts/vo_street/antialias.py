@@ -26,7 +26,7 @@ def soften_edges(
     ----------
     light, inverse_depth : (H, W) brightness and 1/Z at the pixel centres.
     faces : (H, W) face of each pixel.
-    edges : (F, 4, 3) a point (x, y, 1) is inside a face if its products with all four rows are >= 0.
+    edges : (F, 4, 3) lines; a point (x, y, 1) is inside a face if its products with all four are >= 0.
     camera : camera of the image, with f, cx and cy.
     """
     height, width = faces.shape

@@ -1,6 +1,6 @@
 """An atlas of all textures at all scales, which prevents aliasing.
 
-The image of a slanted surface is compressed mainly in one direction: the road ahead along its length.
+The image of a slanted surface is compressed mainly in one direction; the road, for example, along its length.
 Each texture is therefore stored at all pairs of scales, 2^-i along its columns and 2^-j along its rows (a
 ripmap). Each pixel reads the pair of scales that fits its footprint. All textures are in one array, so that
 one remap is enough.
@@ -30,8 +30,8 @@ class Atlas:
     texels : (A, B) grey values.
     size : (T, 2) texels along s (columns) and t (rows), powers of two.
     top : (T, 2) coarsest level along s and t.
-    wrap : (T, 2) 1 where the texture repeats, 0 where it ends.
-    column, row : (T, L) position of level i: texel coordinate s is in column[i] + s / 2**i.
+    wrap : (T, 2) 1 if the texture repeats along s or t, else 0.
+    column, row : (T, L) position of level i: texel coordinate s is at column[i] + s / 2**i.
     """
 
     texels: Float32

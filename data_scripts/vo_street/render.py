@@ -59,7 +59,7 @@ class FaceTable:
     Attributes
     ----------
     lines : (9, F) coefficients of s/Z, t/Z and 1/Z as linear functions of normalised points (x, y, 1).
-    edges : (F, 4, 3) a point (x, y, 1) is inside a face if its products with all four rows are >= 0.
+    edges : (F, 4, 3) lines; a point (x, y, 1) is inside a face if its products with all four are >= 0.
     texture, instance : (F,) numbers. gain : (F,) brightness.
     """
 

@@ -54,7 +54,7 @@ def expose(
 
 @functools.lru_cache(maxsize=2)
 def noise_field(seed: int, height: int, width: int) -> Float32:
-    """White noise of deviation 1, larger than an image, so that each image can use a different part."""
+    """White noise of standard deviation 1, larger than an image, so that each image uses a different part."""
     rng = np.random.default_rng([seed, 10])
     return rng.standard_normal((height + SHIFTS, width + SHIFTS), dtype=np.float32)
 

@@ -19,7 +19,7 @@ class Shape:
     ----------
     kind : COCO class number.
     length, width : size of the vehicle, metres.
-    body : (z, height) of the upper edge of the lower body, rear to front.
+    body : points (z, height) of the upper edge of the lower body, from rear to front.
     cabin : (rear base z, rear roof z, front roof z, front base z, base height, roof height) or None.
     wheels : z of the axles.
     radius : radius of the wheels.

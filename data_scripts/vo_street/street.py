@@ -53,7 +53,7 @@ def paint_street(store: TextureSet, config: SceneConfig, rng: Rng) -> None:
 
 
 def paint_city(store: TextureSet, rng: Rng) -> None:
-    """Pavement, gardens and houses."""
+    """Paint the textures of pavement, gardens and houses."""
     along = (True, False)
     store.add("slabs", textures.slabs(rng), along)
     store.add("kerb", textures.kerb(rng), along)
@@ -121,7 +121,7 @@ def _strongest_curvature(site: Site, s: Array) -> Array:
 
 
 def build_highway(site: Site) -> None:
-    """The objects beside and between the two carriageways."""
+    """Add the objects beside and between the two carriageways."""
     rng, edge = site.rng, site.profile.road + 0.4
     for offset in (-edge, -0.25, 0.25, edge):
         add_barrier(site, offset)

@@ -1,7 +1,7 @@
 """Files of the truth: depth, instances, objects and labels, and their formats.
 
 Depth is a 16-bit PNG with the rounded code 1 + 65534 · ln(z / 0.25 m) / ln(3000 m / 0.25 m), or 0 for the
-sky; a code step is 1.4e-4 of the depth. Instances are a PNG of 8 bits (16 for many instances): 0 for street
+sky; a code step is 1.4e-4 of the depth. Instances are an 8-bit PNG (16-bit for many instances): 0 for street
 and sky, k + 1 for vehicle k, K + k + 1 for its shadow.
 """
 

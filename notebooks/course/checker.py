@@ -95,7 +95,7 @@ class Exercise:
     Parameters
     ----------
     right : a function of the inputs of a case, a value, or, for a panel, the facts that pass.
-    cases : for functions: function that returns the inputs of the calls, simple inputs first.
+    cases : if `right` is a function: function that returns the inputs of the calls, simple inputs first.
     also : other right answers.
     praise, hint : messages for right answers and for other mistakes. Format fields of `praise` are `got` and
         `right`, which are results of the first case, or names of facts.
@@ -103,7 +103,7 @@ class Exercise:
     library : functions of the library that an answer must not call.
     mistakes : wrong answers by message (fields as in `praise`). A wrong answer is a function of the inputs, a
         value or a `When`; for a panel, a function of the facts that returns True for the mistake.
-    slips : messages by name of a slip, in place of those in `SLIPS`; values are tested for these slips only.
+    slips : messages that replace messages of `SLIPS`, by slip name; for a value, only these slips are tested.
     parts : names of several results, in the order of the comparison.
     form : function that prepares results for the comparison, such as `any_order`.
     atol, rtol : absolute tolerance in the unit of the result, and relative tolerance.

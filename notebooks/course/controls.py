@@ -36,7 +36,7 @@ class Control:
 
 
 class Knob:
-    """A control. `widget` has the value, `shown` is the displayed widget, the tooltip is the sentence."""
+    """A control. `widget` has the value; `shown` is displayed, with the setting's sentence as tooltip."""
 
     def __init__(self, control: Control, setting: Setting, value: Any):
         self.setting = setting

@@ -48,7 +48,7 @@ class Memory(Generic[Value]):
         return key in self._kept
 
     def get(self, key: Hashable, make: Callable[[], Value]) -> Value:
-        """The result under `key`; if there is none, `make` computes it while other threads use the memory."""
+        """The result stored under `key`, or computed by `make` while other threads can use the memory."""
         with self._lock:
             value = self._kept.pop(key, None)
         if value is None:

@@ -33,7 +33,7 @@ def keep(function: Any, judge: Callable[[Any], Any] | None = None) -> str:
     Dependencies are imports, other functions and classes of the student (by source) and constants of the
     notebook (by value). The rest of the file does not change. Nothing is written, and the result is "", in
     folders without `00_start_here.ipynb` (folders of tests or scripts), and for functions without source (a
-    lambda, a function of a console). `judge`, the check of the exercise, then tests the saved function. Never
+    lambda, a function of a console). `judge`, the check of the exercise, also tests the saved function. Never
     raises.
     """
     if not (Path(MARK).is_file() and isinstance(function, FunctionType)):
@@ -61,7 +61,7 @@ def keep(function: Any, judge: Callable[[Any], Any] | None = None) -> str:
 def load(path: Path) -> dict[str, Any]:
     """Definitions of a file of saved functions; empty if there is no file. `DataError` if the file cannot be run.
 
-    Each section has its own names, and those of the lines before the first section.
+    A section can use its own names and the names defined above the first section.
     """
     if not path.is_file():
         return {}

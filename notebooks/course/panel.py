@@ -1,6 +1,6 @@
 """The base class of all panels: a column of controls beside a picture of fixed size, a sentence and numbers.
 
-A panel defines `title`, `controls` and `draw(state)`. The same state has the same picture. Callbacks run on
+A panel defines `title`, `controls` and `draw(state)`. Equal states have equal pictures. Callbacks run on
 another thread than cells, so this module does not use pyplot. Pictures are bytes in one `Image`, so they do
 not flicker.
 
@@ -144,7 +144,7 @@ class Panel:
         self._open(name)
 
     def draw(self, state: State) -> Drawing:
-        """The picture and the words for a state; exceptions become the error of the panel."""
+        """The picture and the words for a state; an exception is shown as the panel's error."""
         raise NotImplementedError
 
     def idle(self, state: State) -> set[str]:

@@ -62,7 +62,7 @@ class Job:
     ) -> None:
         """Run `work(progress)` on a thread, then `done(result)` or `failed(exception)` on the same thread.
 
-        `work` calls progress(done, total) at least a few times per second: Stop takes effect there.
+        `work` calls progress(done, total) at least a few times per second; Stop takes effect in these calls.
         """
         self.stop()
         self.wait()

@@ -160,7 +160,7 @@ def shown(value: Any, digits: int = DIGITS[0]) -> str:
 
 
 def compared(got: Any, expected: Any) -> str:
-    """Both numbers with enough digits to distinguish them; their difference if `DIGITS` are too few."""
+    """Text of both numbers with enough digits to distinguish them, or of their difference."""
     for digits in DIGITS:
         if shown(got, digits) != shown(expected, digits):
             return f"is {shown(got, digits)}, expected {shown(expected, digits)}"

@@ -52,7 +52,7 @@ def test_missing_and_wrong_files_are_listed(tree: Path) -> None:
     assert report.pairs == count_pairs(folder) == FRAMES - 1
     assert set(report.problems) == {
         "image_1: 1 images missing, the first is 000002",
-        "image_0: 1 images do not belong to it, such as 000009",
+        "image_0: 1 images have wrong numbers, such as 000009",
         "times.txt: 2 rows for 6 frames",
         "calib.txt: the file is missing",
         "poses/04.txt: the file is missing",

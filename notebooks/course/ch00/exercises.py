@@ -41,12 +41,12 @@ def appended(step: Callable[[Array], Array], before: bool = False) -> Callable[.
 
 
 def apart(T: Array, turned: bool = True) -> Array:
-    """Wrong inverse of a motion T (4, 4): translation -t, and rotation Rᵀ or, if not `turned`, R."""
+    """Wrong inverse of a motion T (4, 4), with translation -t. The rotation is Rᵀ if `turned`, else R."""
     return rigid(T[:3, :3].T if turned else T[:3, :3], -T[:3, 3])
 
 
 def paths() -> list[Case]:
-    """Cases with poses (N, 4, 4) of a turning camera on a rising, widening spiral: one step, then several."""
+    """Cases with poses (N, 4, 4) of a turning camera on a rising, widening spiral, with one or more steps."""
     turn, places = np.array([0.0, 0.5, 0.0]), [(np.cos(k / 2), -0.4, np.sin(k / 2)) for k in range(6)]
     path = [rigid(rotation_from_vector(k * turn), k * np.array(places[k])) for k in range(6)]
     return [(np.array(path[:2]),), (np.array(path),)]

@@ -42,7 +42,7 @@ def unsorted(gx: Array, gy: Array) -> Any:
 
 
 def stereo_pairs() -> list[Case]:
-    """Two copies of a good match and one of five other matches; then all six matches with other limits."""
+    """Cases of two copies of a good match and one of five other matches; then all six, with other limits."""
     left = np.tile([100.0, 50.0], (6, 1))
     right = np.array([[90.0, 50.4], [99.5, 51.0], [90.0, 52.0], [99.8, 50.0], [110.0, 50.0], [90.0, 48.0]])
     some = [(left[[0, 0, i]], right[[0, 0, i]], 1.0, 0.5) for i in (0, 2, 3, 4, 5)]

@@ -44,7 +44,7 @@ class Trace:
     id : (N,) numbers of the features.
     fates : possible fates of a feature, in the order of the steps; fate : (N,) fate of each feature.
     matches : the M matched features, before all checks; index : (M,) their indices in `id`.
-    kept : matches that pass the checks; chosen : kept matches that the buckets keep.
+    kept : matches that pass the checks; chosen : kept matches that are also selected by the buckets.
     """
 
     id: NDArray[np.int64]

@@ -21,13 +21,13 @@ FIRST = "rotation error of solution 1"
 
 
 def matches() -> list[Case]:
-    """Six cases: an E and one noisy match."""
+    """Six cases, each with an E and one noisy match."""
     given = random_problems(np.random.default_rng(7), 6, 1, noise_px=2.0)
     return list(zip(given.E, given.x_p[:, 0], given.x_c[:, 0], strict=True))
 
 
 def from_line(value: Callable[[float, Array], Any]) -> Callable[..., float]:
-    """Answer (E, x_p, x_c), built from a function of x_cᵀ E x_p and the line E x_p (3,)."""
+    """Answer built from a function `value` of the number x_cᵀ E x_p and of the line E x_p (3,)."""
 
     def measured(E: Array, x_p: Array, x_c: Array) -> float:
         line = E @ np.append(x_p, 1.0)
@@ -69,7 +69,7 @@ def ten(E: Array, times: float = 1.0, half: float = 0.5) -> Array:
 
 
 def up_to_scale(values: Array) -> Array:
-    """Ones if nine values equal the matrix constraints of a case up to order and scale; else the values."""
+    """Ones if nine values are a case's matrix constraints in any order and scale; else the values."""
     nine = [np.sort(np.abs(each)) for each in (values[:9], values[1:])]  # the determinant is last, or first
     right = [np.sort(np.abs(ten(E)[:9])) for (E,) in essentials()[5:]]
     alike = [np.allclose(a / a[-1], b / b[-1]) for a in nine for b in right if a[-1] > 1e-9]

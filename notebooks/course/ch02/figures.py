@@ -216,7 +216,7 @@ KINDS: dict[str, Motion] = {
 
 
 def degeneracies(noise_px: float, count: int = 200) -> tuple[list[str], list[Shape]]:
-    """For each kind of scene, a line of text and a scene of 65 points, two cameras and five points in orange.
+    """A line of text, and a drawing of 65 points (five in orange) and two cameras, for each kind of scene.
 
     The text has the number of five-point solutions that fit all 65 points, and the median errors of the best
     solution of noisy points.

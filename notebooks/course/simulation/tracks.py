@@ -60,7 +60,7 @@ class SimulatedFrame:
 
 @dataclass(frozen=True, eq=False)
 class _Features(Rows):
-    """Tracked features: points (n, 3) in the axes of their body, an object; body -1 is the street."""
+    """Tracked features: points (n, 3) in the axes of their `body`, the number of an object or -1 (street)."""
 
     point: Array
     body: IntArray
