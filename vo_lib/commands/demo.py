@@ -19,7 +19,7 @@ NEXT_STEPS = {
     "vo run PATH --out runs/mine": "a folder of your own in KITTI's layout",
     "vo check": "missing data and packages, with the commands that install them",
 }
-REMARKS = (
+CLOSING_REMARKS = (
     "In streets where all vehicles are parked, the removal costs good features and gains nothing.",
     "These numbers are means over two seeds; the table of the README has five.",
 )
@@ -39,6 +39,6 @@ def _demo(options: argparse.Namespace) -> int:
     words = [*OPTIONS, "--jobs", str(DRAWING_PROCESSES), "--out", options.out, "--fresh"]
     line = f"vo reproduce {shlex.join(words)}"
     arguments = parser.parse_args(words, argparse.Namespace(line=line, cache=options.cache))
-    code = reproduce.reproduce(arguments, *REMARKS)
+    code = reproduce.reproduce(arguments, *CLOSING_REMARKS)
     say("\nWhat next:" + steps(NEXT_STEPS))
     return code
