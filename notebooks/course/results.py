@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 import vo_lib
+from vo_lib.errors import DataError
 
 from .colours import DARK
 from .drawing import WIDTH
@@ -76,7 +77,8 @@ def outcome(answer: Any, inputs: tuple[Any, ...]) -> Any:
         own = [f.line for f in frames if not any(place in f.filename for place in NOT_OWN)]
         where = f" in the line `{own[-1]}`" if own else ""
         hint = MASKS if any(words in str(error) for words in ("truth value of an array", "'bitwise_")) else ""
-        return Unusable(False, f"the code stopped with {type(error).__name__}: {error}{where}.", hint)
+        stop = "" if isinstance(error, DataError) else f"the code stopped with {type(error).__name__}: "
+        return Unusable(False, f"{stop}{error}{where}.", hint)
 
 
 def result(outcome: Any) -> Any:

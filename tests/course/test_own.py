@@ -65,8 +65,14 @@ def test_a_drive_is_judged_and_not_what_is_said_of_it(street: Sequence) -> None:
         (..., "replace the dots"),
         (hands_over, "hands the work to `run`"),
         (lambda sequence, *_, seed: sequence.truth[:, :3], "TypeError"),  # there is none to peek at
-        (lambda *_, seed: published[str(seed)].poses[1:], "returned no path"),
+        (
+            lambda *_, seed: published[str(seed)].poses[1:],
+            "the path has shape (29, 4, 4), expected (30, 4, 4)",
+        ),
         (lambda *_, seed: published[str(seed)].poses, "more than half"),
+        (lambda *_, seed: None, "the path is missing: the function returns None"),
+        (lambda *_, seed: np.full((30, 4, 4), np.nan), "are no rotation, or NaN"),
+        (lambda *_, seed: np.array([np.eye(4)] * 30), "this is not the path of the camera"),
     ):
         assert words in ch08.better(answer, part).message
 

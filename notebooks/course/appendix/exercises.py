@@ -56,11 +56,13 @@ SEEN = float(depth_seen(40.0, E))
 far_point = Exercise(
     SEEN,
     atol=0.05,
-    praise="{right:.1f} m: far points are moved most.",
-    hint="depth to disparity, add the error, and back.",
+    praise="{right:.1f} m: the error of the depth grows with the square of the depth.",
+    hint="convert the depth to a disparity, add the error, and convert the sum to a depth.",
     line="386 / (386 / 40 + 0.5)",
     mistakes={
-        "the sign: a point with too large a disparity seems nearer.": float(depth_seen(40.0, -E)),
+        "the sign is wrong: with a larger disparity, the measured depth is smaller.": float(
+            depth_seen(40.0, -E)
+        ),
         "this is the error, not the depth.": (40.0 - SEEN, SEEN - 40.0),
         "this is the disparity in pixels, not yet the depth.": FB / 40.0 + E,
     },
@@ -73,53 +75,61 @@ step = Exercise(
     hint="the measured depth before the step minus the measured depth after the step.",
     line="fb / (fb / Z + e) - fb / (fb / (Z - 1) + e)",
     mistakes={
-        "this step goes backwards: after it the points are at Z - 1.": lambda Z, *rig: step_seen(Z + 1, *rig),
-        "this is the depth before the step alone.": depth_seen,
-        "the disparities are too small by e here; add e to the true disparity.": lambda Z, e, fb: step_seen(
+        "this step is backwards: after a step ahead, the points are at Z - 1.": lambda Z, *rig: step_seen(
+            Z + 1, *rig
+        ),
+        "this is only the depth before the step.": depth_seen,
+        "these disparities are too small by e: add e to the true disparity.": lambda Z, e, fb: step_seen(
             Z, -e, fb
         ),
         "this is right for one rig only: use the argument `fb`.": lambda Z, e, fb: step_seen(Z, e, FB),
     },
-    slips={"sign": "the sign: a step ahead makes depths smaller."},
+    slips={"sign": "the sign is wrong: a step ahead makes the depths smaller."},
 )
 
 roll = Exercise(
     fitted_roll,
     rolled,
     praise="{right:.1f} px from rows alone; no motion is needed.",
-    hint="a column of the matrix for each unknown, all three in one fit.",
+    hint="make a matrix with a column for each of the three unknowns, and fit all unknowns at once.",
     line="np.linalg.lstsq(np.column_stack([-x, np.ones_like(x), y]), rows, rcond=None)[0][0]",
     mistakes={
-        "the offset is not fitted: its error leaks into the roll.": (
+        "the offset is not fitted: the roll contains a part of the offset.": (
             partial(fitted_roll, terms=(0,)),
             partial(fitted_roll, terms=(0, 2)),
         ),
-        "the focal length is not fitted: its error leaks into the roll.": partial(fitted_roll, terms=(0, 1)),
+        "the focal length is not fitted: the roll contains a part of its error.": partial(
+            fitted_roll, terms=(0, 1)
+        ),
+        "this is the offset or the focal length: return the coefficient of the column -x.": (
+            partial(fitted_roll, terms=(1, 0, 2)),
+            partial(fitted_roll, terms=(2, 0, 1)),
+        ),
     },
-    slips={"sign": "the sign: with a roll above 0 the rows fall with x."},
+    slips={"sign": "the sign is wrong: with a roll above 0, the row differences decrease with x."},
 )
 
 shrink = Exercise(
     shrunk,
     estimates,
-    praise="a clear estimate stays nearly whole, one within its noise becomes 0.",
-    hint="noise alone gives a squared length of k, in deviations: which share of the square is more than that?",
+    praise="a clear estimate hardly changes; an estimate within its noise becomes 0.",
+    hint="compute s. Noise explains the share k / s of the square; multiply the estimate by the remaining share.",
     line="max(0, 1 - k / (estimate @ np.linalg.inv(covariance) @ estimate)) * estimate",
     also=(partial(shrunk, spare=2.0),),  # as James and Stein have it
     mistakes={
-        "an estimate within its noise has changed its sign: a factor below 0 counts as 0.": lambda e, C: (
+        "the factor of an estimate within its noise is negative: a factor below 0 counts as 0.": lambda e, C: (
             e * (1.0 - len(e) / (e @ np.linalg.solve(C, e)))
         ),
-        "each error is shrunk by its own deviation; shrink the estimate as a whole.": lambda e, C: (
+        "each error has its own factor: all errors have the same factor.": lambda e, C: (
             e * np.maximum(0.0, 1.0 - np.diag(C) / e**2)
         ),
-        "the errors are correlated: the inverse of the whole covariance, not of its diagonal.": lambda e, C: (
+        "the errors are correlated: use the inverse of the whole covariance, not of its diagonal.": lambda e, C: (
             shrunk(e, np.diag(np.diag(C)))
         ),
-        "this is the share that noise explains; the rest of the estimate is kept.": lambda e, C: (
+        "this is the share that noise explains: return the rest of the estimate.": lambda e, C: (
             e * len(e) / (e @ np.linalg.solve(C, e))
         ),
-        "this is the factor for a square of 1; noise in k errors has a square of k.": lambda e, C: (
+        "the share of the noise is 1 / s here: noise in k errors has s = k on average.": lambda e, C: (
             e * max(0.0, 1.0 - 1.0 / (e @ np.linalg.solve(C, e)))
         ),
     },

@@ -143,24 +143,26 @@ to_image = Exercise(
     line="np.clip((xyxy - (left, top) * 2) / scale, 0, (width, height) * 2) - 0.5",
     library=("to_image",),
     mistakes={
-        "the last box still hangs over the edge: cut it before the half pixel is taken off.": (
+        "the last box still extends beyond the edge: clip the box before the half pixel is subtracted.": (
             lambda xyxy, s, x, y, w, h: (xyxy - (x, y) * 2) / s - 0.5
         ),
-        "the cut comes half a pixel too late: counted from pixel centres, the edge is at width - 0.5.": (
+        "the box is clipped at the wrong place: counted from pixel centres, the edge is at width - 0.5.": (
             lambda xyxy, s, x, y, w, h: np.clip((xyxy - (x, y) * 2) / s - 0.5, 0, (w - 1, h - 1) * 2),
             lambda xyxy, s, x, y, w, h: np.clip((xyxy - (x, y) * 2) / s - 0.5, 0, (w, h) * 2),
         ),
-        "half a pixel too far right and down: the kit counts from a pixel's centre.": lambda *case: (
+        "the boxes are half a pixel too far right and down: the kit counts from the centre of a pixel.": lambda *case: (
             in_image(*case) + 0.5
         ),
-        "the border is forgotten: left and top.": (
+        "the border is not subtracted: left and top.": (
             lambda xyxy, s, x, y, *size: in_image(xyxy, s, 0, 0, *size),
             lambda xyxy, s, x, y, *size: xyxy / s - 0.5,
             lambda xyxy, s, x, y, *size: xyxy / s,
         ),
         "left and top are exchanged.": lambda xyxy, s, x, y, *size: in_image(xyxy, s, y, x, *size),
-        "multiplied by the scale: too small.": lambda xyxy, s, *case: in_image(xyxy, 1 / s, *case),
-        "boxes inside are right, one over the edge is not: cut it on all four sides.": When(
+        "the coordinates are multiplied by the scale: divide them.": lambda xyxy, s, *case: in_image(
+            xyxy, 1 / s, *case
+        ),
+        "boxes inside the image are right; a box beyond the edge is wrong: clip the box on all four sides.": When(
             lambda got, xyxy, *case: len(xyxy) == 1
         ),
     },
@@ -169,25 +171,25 @@ to_image = Exercise(
 cells = Exercise(
     yolox_cells(WIDTH, HEIGHT),
     praise="{right} candidates for an image with a dozen vehicles: most cells must have a low score.",
-    hint="columns times rows of each grid, and all three grids together.",
+    hint="multiply columns by rows for each grid, and add the three products.",
     line="sum((800 // stride) * (256 // stride) for stride in (8, 16, 32))",
     mistakes={
-        "these are the cells of stride 8 alone.": WIDTH * HEIGHT // 64,
+        "these are only the cells of stride 8.": WIDTH * HEIGHT // 64,
         "this is one row of each grid.": WIDTH // 8 + WIDTH // 16 + WIDTH // 32,
-        "these are the pixels; a cell of stride 8 covers 8 × 8 of them.": WIDTH * HEIGHT,
+        "this is the number of pixels: a cell of stride 8 covers 8 × 8 pixels.": WIDTH * HEIGHT,
     },
 )
 
 iou = Exercise(
     lambda a, b: overlap(a[None], b[None])[0, 0],
     pairs,
-    praise="{got:.3f} for two boxes 10 px apart; 1 with itself; 0 where nothing is shared.",
-    hint="where does the common part begin, and where does it end? Then the two areas, and the common one.",
+    praise="{got:.3f} for two boxes 10 px apart, 1 for a box with itself, 0 for boxes without a common part.",
+    hint="where does the common part begin, and where does it end? Divide its area by the area of the union.",
     line="sides = np.maximum(np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2]), 0)",
     library=("overlap",),
     mistakes={
-        "this is the common area in pixels, not yet divided.": common,
-        "this is not divided by the union: both areas, less what was counted twice.": (
+        "this is the common area in pixels: divide it by the union.": common,
+        "this is not divided by the union: add both areas, and subtract the common area, which was counted twice.": (
             lambda a, b: common(a, b) / (area(a) + area(b)),
             lambda a, b: common(a, b) / area(a),
             lambda a, b: common(a, b) / area(b),
@@ -202,27 +204,27 @@ iou = Exercise(
 suppress = Exercise(
     suppressed,
     heaps,
-    praise="best first, for these five boxes and also in 20 random heaps.",
-    hint="take the best, drop what overlaps it by more than `most`, repeat.",
+    praise="the same boxes in the same order as greedy suppression keeps, also for 20 random groups.",
+    hint="keep the best box, drop the boxes whose IoU with this box is above `most`, and repeat.",
     line="for k in np.argsort(-scores): if all(shared[k, other] <= most for other in kept): kept.append(k)",
     library=("best_boxes", "NMSBoxes"),
     mistakes={
-        "the worse of two boxes on one car stays: go through them with the best first.": When(
+        "the worse of two boxes on one car stays: begin with the best box.": When(
             lambda got, corners, *case: len(corners) == 5 and 0 in got and 1 not in got
         ),
-        "boxes that overlap only a little go as well: compare with `most`, not with 0.": When(
+        "boxes with a small overlap are dropped, too: compare with `most`, not with 0.": When(
             lambda got, corners, *case: len(corners) == 5 and not {2, 4} <= set(got.ravel())
         ),
-        "a box whose IoU is exactly `most` goes here; only larger ones go.": lambda b, s, most: suppressed(
-            b, s, most - 1e-12
+        "a box whose IoU is exactly `most` is dropped: drop boxes with a larger IoU only.": lambda b, s, most: (
+            suppressed(b, s, most - 1e-12)
         ),
-        "right for five boxes, wrong for another threshold: use `most`.": lambda b, s, _: suppressed(
-            b, s, 0.5
+        "the result is right for five boxes and wrong for another threshold: use `most`.": lambda b, s, _: (
+            suppressed(b, s, 0.5)
         ),
-        "compared with all better boxes: one that has gone itself drops no others.": lambda b, s, most: (
+        "each box is compared with all better boxes: a dropped box must not drop other boxes.": lambda b, s, most: (
             suppressed(b, s, most, None)
         ),
-        "compared with one kept box only: a box has to be free of all that stay.": (
+        "each box is compared with one kept box only: compare with all kept boxes.": (
             lambda b, s, most: suppressed(b, s, most, slice(-1, None)),
             lambda b, s, most: suppressed(b, s, most, slice(1)),
         ),
@@ -231,22 +233,22 @@ suppress = Exercise(
             When(lambda got, corners, *case: len(got) == len(corners)),
         ),
     },
-    slips={"order": "the right boxes in another order; the best comes first."},
+    slips={"order": "these are the right boxes in another order: the best box is the first."},
 )
 
 keep_outside = Exercise(
     outside,
     features,
-    praise="the same matches as `on_vehicles` leaves.",
-    hint="when is a point in one box? When in any? And a match has two points.",
+    praise="`on_vehicles` of the library keeps the same matches.",
+    hint="when is a point in one box, and when in any box? A match has two points.",
     line="((uv[:, None] >= boxes[:, :2]) & (uv[:, None] <= boxes[:, 2:])).all(axis=2).any(axis=1)",
     library=("inside", "in_boxes", "on_vehicles"),
     mistakes={
-        "the boxes of one image are not used; either point may be in a box.": (
+        "the boxes of one image are not used: a match is removed if either point is in a box.": (
             lambda uv_p, uv_c, boxes_p, boxes_c: ~inside(uv_p, boxes_p).any(axis=1),
             lambda uv_p, uv_c, boxes_p, boxes_c: ~inside(uv_c, boxes_c).any(axis=1),
         ),
-        "a match goes only when both points are in a box; one is enough.": lambda p, c, *boxes: (
+        "a match is removed only if both points are in a box: one point is enough.": lambda p, c, *boxes: (
             ~(inside(p, boxes[0]).any(axis=1) & inside(c, boxes[1]).any(axis=1))
         ),
         "the boxes of the two images are exchanged, or mixed: uv_p belongs to boxes_p alone.": (
@@ -259,28 +261,28 @@ keep_outside = Exercise(
         "u and v are exchanged: boxes begin with their u.": lambda p, c, *boxes: outside(
             p[:, ::-1], c[:, ::-1], *boxes
         ),
-        "without any box some matches go.": When(lambda got, uv_p, uv_c, *boxes: not len(boxes[0])),
+        "without any box, some matches are removed.": When(lambda got, uv_p, uv_c, *boxes: not len(boxes[0])),
     },
-    slips={"inverted": "the mask is upside down: it marks those to be removed."},
+    slips={"inverted": "the mask is inverted: True marks the matches to keep."},
 )
 
 box_moves = Exercise(
     judged(middle),
     driven,
-    praise="parked, driving ahead, crossing, half hidden, far: the answer is right for each box.",
-    hint="where is a standing feature now? The median of what is left over is the step of the box.",
+    praise="the answer is right for boxes of parked, leading, crossing, hidden and far vehicles.",
+    hint="compute the place of each feature as if it stood still. The median difference is the step of the box.",
     line="step = np.median(X_c - (X_p @ T_cp[:3, :3].T + T_cp[:3, 3]), axis=0)",
     library=("point_steps", "box_steps", "states"),
     mistakes={
-        "the camera's motion is still in these steps: a standing feature is at R_cp X_p + t_cp now.": (
+        "these steps contain the motion of the camera: a standing feature is at R_cp X_p + t_cp now.": (
             judged(middle, lambda X_p, X_c, T_cp: X_c - X_p),
             judged(middle, lambda X_p, X_c, T_cp: left_over(X_c, X_p, T_cp)),
         ),
-        "one wrong match makes a parked box move: a mean, or a single feature, decides here.": (
+        "one wrong match moves a parked box: the result depends on a mean or on a single feature.": (
             judged(lambda steps: np.linalg.norm(steps.mean(axis=0))),
             judged(lambda steps: np.linalg.norm(steps, axis=1).max()),
         ),
-        "noise has a length too: take the median of the steps first, then its length.": judged(
+        "the length of noise is positive: compute the median of the steps first, then its length.": judged(
             lambda steps: np.median(np.linalg.norm(steps, axis=1))
         ),
         "vehicles move to the side and ahead: a step has three coordinates.": (

@@ -192,7 +192,7 @@ yaw_on_a_straight = Exercise(
     rtol=0.03,
     praise="{right:.2f} %: ½ · 0.0698 · 400 m = 14 m to the side. For 100 m it would be 0.87 %.",
     hint="the estimate is an arc. How far to the side is its end, with the angle there in radians?",
-    slips={"share": "this is the fraction: times 100."},
+    slips={"share": "this is a fraction: multiply by 100."},
     line="100 * 0.5 * np.radians(4)",
     mistakes={
         "the heading is not 4° wrong all the way: its error grows from 0 to 4°.": 100.0 * ANGLE,

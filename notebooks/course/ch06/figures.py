@@ -93,7 +93,8 @@ def part_figure(truth: Array, estimate: Array, first: int, last: int, number: in
     part.plot(*piece[:, [0, 2], 3].T, color=FIFTH, linewidth=5, alpha=0.7, label="truth")
     part.plot(*moved[:, [0, 2], 3].T, color=GOOD, linewidth=1.5, label="estimate, moved")
     ends = np.stack([piece[-1, [0, 2], 3], moved[-1, [0, 2], 3]])
-    part.plot(*ends.T, color=BAD, linewidth=2, label="error at the end")
+    apart = np.linalg.norm(moved[-1, :3, 3] - piece[-1, :3, 3])
+    part.plot(*ends.T, color=BAD, linewidth=2, label=f"error at the end: {apart:.2f} m")
     size = 0.12 * float(np.ptp(piece[:, [0, 2], 3], axis=0).max() + 1e-9)
     for pose, colour in ((piece[-1], FIFTH), (moved[-1], GOOD)):
         tip = pose[[0, 2], 3] + size * pose[[0, 2], 2]

@@ -67,19 +67,21 @@ paper_average = Exercise(
         ({"00": None, "01": None, "03": 4.0, "05": 0.5},),
         ({"01": 3.0, "06": 2.5, "07": 1.5, "08": 8.0, "09": 2.0},),
     ],
-    praise="the plain mean of the rows with a number, without 01.",
-    hint="in the first case three rows are left: 1, 2 and 6.",
+    praise="this is the plain mean of the rows with a number, without 01.",
+    hint="in the first case three rows remain, with TE 1, 2 and 6.",
     line="np.mean([v for name, v in te.items() if name != '01' and v is not None])",
     mistakes={
-        "divided by more rows than have a number. In the first case three rows are left: 1, 2 and 6.": (
+        "the sum is divided by too many rows. In the first case three rows remain, with TE 1, 2 and 6.": (
             lambda te: sum(rows(te)) / 10,
             lambda te: sum(rows(te)) / 11,
             lambda te: sum(rows(te)) / len(te),
         ),
         "this is the median; *Avg* is a mean.": lambda te: np.median(rows(te)),
-        "01 is in it, which has dashes in the paper's table.": lambda te: np.mean(rows(te, without="")),
+        "the mean includes row 01, which has dashes in the paper's table.": lambda te: np.mean(
+            rows(te, without="")
+        ),
         "None was counted as 0.": lambda te: np.mean(rows(te, none=0.0)),
-        "this is the sum: divide by the number of rows.": lambda te: sum(rows(te)),
+        "this is the sum: divide the sum by the number of rows.": lambda te: sum(rows(te)),
         "None cannot be added: leave None out of the mean.": (
             lambda te: sum(te.values()),
             lambda te: sum(value for name, value in te.items() if name != "01") / 10,
@@ -91,9 +93,9 @@ true_rotation_error = Exercise(
     TRUE / USED,
     atol=2e-3,
     praise="{right:.4f}: the printed number is 3 % too low.",
-    hint="divide by the factor that was used: that is rad/m. Then multiply by 100 · 180/π.",
+    hint="dividing by 5555.6 gives rad/m. Then multiply by 100 · 180/π.",
     line="1.000 / 5555.6 * 100 * 180 / np.pi",
-    slips={"inverse": "this is the other way round: printed / 5555.6 is in rad/m."},
+    slips={"inverse": "the factors are exchanged: printed / 5555.6 is in rad/m."},
     mistakes={
         "this is the difference, not the RE.": When(
             lambda got: abs(got - 0.0313) < 1e-3 or abs(got - 3.1) < 0.1
@@ -111,8 +113,8 @@ gain = Exercise(
     ],
     also=(lambda before, after: change(before, after, np.std(after - before, ddof=1)),),
     parts=("mean", "spread"),
-    praise="{got[0]:+.2f} ± {got[1]:.2f}, and each method alone ± 0.3: chance that affects both alike has cancelled.",
-    hint="one change for each seed; then the mean and the deviation of these changes.",
+    praise="{got[0]:+.2f} ± {got[1]:.2f}; each method alone has ± 0.3. Random effects on both methods cancel.",
+    hint="compute the change of each seed, then the mean and the standard deviation of these changes.",
     line="np.mean(after - before), np.std(after - before)",
     mistakes={
         "this is the spread of one method; compute the spread of after - before.": (
@@ -123,11 +125,11 @@ gain = Exercise(
             lambda before, after: change(before, after, np.hypot(before.std(), after.std())),
             lambda before, after: change(before, after, abs(after.std() - before.std())),
         ),
-        "this is the standard error of the mean, the deviation by √S; return the deviation of the change.": (
+        "this is the standard error of the mean, the deviation divided by √S: return the deviation of the change.": (
             lambda before, after: change(before, after, np.std(after - before, ddof=1) / len(before) ** 0.5),
             lambda before, after: change(before, after, np.std(after - before) / np.sqrt(len(before))),
         ),
-        "this is the change relative to `before`; return the change in the unit of `before`.": lambda before, after: (
+        "this change is relative to `before`: return the change in the unit of `before`.": lambda before, after: (
             change(0 * after + 1, after / before)
         ),
     },
@@ -138,14 +140,14 @@ sweep = Exercise(
     lambda sequence, matches, values: errors_of_sets()[0],
     lambda: [(*simulated(), VALUES)],
     also=(lambda *case: errors_of_sets("kit")[0],),
-    praise="TE by sets: 8: {right[0]:.2f} %, 16: {right[1]:.2f} %, 100: {right[2]:.2f} %. The matches were "
-    "found once, only the back end ran again.",
+    praise="TE is {right[0]:.2f} % with 8 sets, {right[1]:.2f} % with 16 and {right[2]:.2f} % with 100. Only the "
+    "back end ran again, on the same matches.",
     hint="for each value make a new configuration of `solution_selection`, run it, and take TE of its poses over 20 m.",
     line='config = replace(preset("solution_selection"), "selection.sets", value)',
     mistakes={
         "this is RE: take `.te` of the result of `kitti_errors`.": lambda *case: errors_of_sets()[1],
         "a TE is None: the path has 29 m, so take lengths=(20,) and step=1.": lambda *case: [None] * 3,
-        "all values give the same TE: the setting has not changed; `replace` gives a new configuration.": When(
+        "all values give the same TE: the setting has not changed. `replace` returns a new configuration.": When(
             lambda got, *case: np.ptp(got) < 1e-12
         ),
     },

@@ -10,7 +10,6 @@ import numpy as np
 
 from vo_lib import preset
 from vo_lib.data.sequence import Sequence
-from vo_lib.errors import DataError
 from vo_lib.evaluation.kitti import kitti_errors
 from vo_lib.geometry.types import Array
 from vo_lib.runs.drive import run_methods, single_threaded
@@ -18,9 +17,9 @@ from vo_lib.runs.matches import CachedMatches
 
 from ..ch00.exercises import beeline, way
 from ..checker import NO_ANSWER, Exercise
-from ..frames import true_poses
+from ..frames import lacks, true_poses
 from ..keep import handed_back
-from ..results import Unusable, Verdict, outcome
+from ..results import Verdict, outcome, result, unusable
 
 SEEDS = (0, 1, 2)
 
@@ -54,21 +53,21 @@ all_yours = Exercise(
 drift = Exercise(
     drift_of,
     rtol=2e-3,
-    praise="{right:.2f} % of the path. Over a longer path the share grows: a wrong heading displaces all that follows.",
+    praise="{right:.2f} % of the path. On a longer path the share is larger: a wrong heading displaces all later positions.",
     hint="estimates start at the identity, this truth does not: take the true motion from the first to the last pose. "
     "Divide the distance of the last positions by the length of the true path.",
-    slips={"share": "this is the fraction: times 100."},
+    slips={"share": "this is a fraction: multiply by 100."},
     line="100 * np.linalg.norm(yours[-1][:3, 3] - true[:3, 3]) / trajectory_distances(street.truth)[-1]",
     mistakes={
         "{got:.3g} m is the distance; the answer is in % of the true path.": away,
         "the starts differ: the truth of this part does not begin at the identity.": lambda poses, sequence: (
             100 * np.linalg.norm((poses - true_poses(sequence))[-1, :3, 3]) / way(true_poses(sequence))
         ),
-        "divided by the number of frames; a step is not a metre.": (
+        "this is divided by the number of frames: a step is not a metre.": (
             lambda poses, sequence: 100 * away(poses, sequence) / len(poses),
             lambda poses, sequence: 100 * away(poses, sequence) / (len(poses) - 1),
         ),
-        "divided by the straight distance from start to end; the road has a bend.": lambda poses, sequence: (
+        "this is divided by the straight distance from start to end: the road has a bend.": lambda poses, sequence: (
             100 * away(poses, sequence) / beeline(true_poses(sequence))
         ),
     },
@@ -78,13 +77,13 @@ te_and_re = Exercise(
     measured,
     parts=("te", "re"),
     atol=6e-4,
-    slips={"share": "TE is a fraction: times 100.", "radians": "this is in radians; RE is in degrees."},
+    slips={"share": "TE is a fraction: multiply by 100.", "radians": "this is in radians; RE is in degrees."},
     praise="TE {right[0]:.3f} %, RE {right[1]:.3f} deg/100 m.",
     hint="call your own `all_errors` with one length and a step of two frames.",
     line="te_re = mine.all_errors(street.truth, yours, (10,), 2)",
     mistakes={
-        "these pieces start at other frames; the step is 2.": partial(measured, step=1),
-        "these pieces have other lengths than 10 m.": (
+        "these sub-sequences start at other frames: the step is 2.": partial(measured, step=1),
+        "these sub-sequences have other lengths than 10 m.": (
             partial(measured, lengths=(20.0,)),
             partial(measured, lengths=(20.0,), step=1),
         ),
@@ -96,8 +95,12 @@ less_luck = Exercise(
     praise="RE {RE:.3f} against {RE published:.3f} deg/100 m, means over three seeds. A gain on the "
     "frames that were used to choose the setting proves nothing: try other frames.",
     mistakes={
-        "RE is not a number: `drive` returns poses (N, 4, 4), one for each frame, the first the identity.": (
-            lambda now: not np.isfinite(now["RE"] + now["RE published"])
+        "RE is not a number: no sub-sequence of 20 m fits into this path.": lambda now: (
+            not np.isfinite(now["RE"] + now["RE published"])
+        ),
+        "RE {RE:.0f} against {RE published:.3f} deg/100 m: this is not the path of the camera. Are the poses the "
+        "chain of all motions, from the camera to the world (chapter 0)?": lambda now: (
+            now["RE"] > 10 * now["RE published"]
         ),
         "RE {RE:.3f} against {RE published:.3f} deg/100 m is more than half. The winner fits five noisy matches "
         "only: refine it on its inliers (chapter 3).": lambda now: now["RE"] > 0.5 * now["RE published"],
@@ -109,6 +112,8 @@ def better(drive: Any, sequence: Sequence) -> Verdict:
     """The verdict on `drive(sequence, matches, seed=…)`, run with `SEEDS` on a sequence without truth."""
     if drive is ...:
         return NO_ANSWER
+    if lacking := lacks(sequence):
+        return Verdict(False, lacking)
     if not callable(drive):
         return Verdict(False, f"expected your function `drive`, got {type(drive).__name__}.")
     if name := handed_back(drive, ("run", "run_methods", "make_odometry")):
@@ -117,16 +122,14 @@ def better(drive: Any, sequence: Sequence) -> Verdict:
     matches = list(CachedMatches(sequence, kit))
     with single_threaded():
         paths = [outcome(partial(drive, seed=seed), (unseen, matches)) for seed in SEEDS]
-    stopped = next((path for path in paths if isinstance(path, Unusable)), None)
-    if stopped is not None:
-        return stopped
+    for T in map(result, paths):
+        if fault := unusable(T, true_poses(sequence), "the path", "return poses (N, 4, 4), one per frame."):
+            return fault
+        if not np.allclose(T[:, :3, :3] @ T[:, :3, :3].transpose(0, 2, 1), np.eye(3), atol=1e-3):
+            return Verdict(False, "in some poses the first three rows and columns are no rotation, or NaN.")
     configs = {str(seed): preset("feature_selection", variant="published", seed=seed) for seed in SEEDS}
     paper = [run.poses for run in run_methods(sequence, configs).values()]
-    try:
-        mine, theirs = (
-            np.mean([measured(np.asarray(p), sequence, (20.0,), 1)[1] for p in each])
-            for each in (paths, paper)
-        )
-    except (DataError, ValueError, TypeError) as error:
-        return Verdict(False, f"`drive` returned no path: {error}.", "return poses (N, 4, 4), one per frame.")
+    mine, theirs = (
+        np.mean([measured(np.asarray(p), sequence, (20.0,), 1)[1] for p in each]) for each in (paths, paper)
+    )
     return less_luck({"RE": float(mine), "RE published": float(theirs)})

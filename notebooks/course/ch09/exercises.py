@@ -87,16 +87,18 @@ def loop_residuals() -> list[Case]:
 candidates = Exercise(
     nearest_earlier,
     similar_places,
-    praise="for each place its nearest neighbour in the past; the frames just before do not count.",
-    hint="place k may be compared with the places 0 … k - gap; without any the answer is -1.",
+    praise="each place has its most similar earlier place; the places just before do not count.",
+    hint="compare place k with the places 0 … k - gap. If there is no such place, the answer is -1.",
     line="int(S[k, : k - gap + 1].argmax()) if k >= gap else -1",
     mistakes={
-        "without the gap each place is most like the one just before.": lambda S, gap: nearest_earlier(S, 1),
-        "each place is most like itself: the gap is missing.": lambda S, gap: S.argmax(axis=1),
-        "where no place is early enough, the answer is -1, not place 0.": lambda S, gap: np.maximum(
+        "without the gap, each place is most similar to the place just before.": lambda S, gap: (
+            nearest_earlier(S, 1)
+        ),
+        "each place is most similar to itself: the gap is missing.": lambda S, gap: S.argmax(axis=1),
+        "if no place is early enough, the answer is -1, not place 0.": lambda S, gap: np.maximum(
             nearest_earlier(S, gap), 0
         ),
-        "the last allowed place, k - gap, is left out.": lambda S, gap: nearest_earlier(S, gap + 1),
+        "the last allowed place, k - gap, is missing.": lambda S, gap: nearest_earlier(S, gap + 1),
         "later places are among the answers: only earlier places count.": lambda S, gap: np.where(
             np.abs(np.subtract.outer(np.arange(len(S)), np.arange(len(S)))) >= gap, S, -1.0
         ).argmax(axis=1),
@@ -106,14 +108,14 @@ candidates = Exercise(
 residual = Exercise(
     edge_residual,
     plane_edges,
-    praise="zero where the poses agree with the edge; metres in the axes of pose i, then radians.",
-    hint="what pose i sees of pose j: the difference of the places, turned into the axes of pose i.",
+    praise="the residual is 0 if the poses agree with the edge. It has metres in the axes of pose i, and radians.",
+    hint="rotate the difference of the two positions into the axes of pose i, then subtract z.",
     line="place = turn(p_i[2]).T @ (p_j[:2] - p_i[:2]) - z[:2]; angle = (d + np.pi) % (2 * np.pi) - np.pi",
     mistakes={
-        "the difference of the places is in the world's axes; turn it into those of pose i.": lambda p_i, p_j, z: (
+        "the difference of the positions is in the axes of the world: rotate it into the axes of pose i.": lambda p_i, p_j, z: (
             np.array([*(p_j[:2] - p_i[:2] - z[:2]), _wrapped(p_j[2] - p_i[2] - z[2])])
         ),
-        "turned the other way: the axes of pose i are the columns of turn(heading).": lambda p_i, p_j, z: (
+        "the rotation is inverted: the axes of pose i are the columns of turn(heading).": lambda p_i, p_j, z: (
             np.array([*(turn(p_i[2]) @ (p_j[:2] - p_i[:2]) - z[:2]), _wrapped(p_j[2] - p_i[2] - z[2])])
         ),
         "poses i and j are exchanged.": lambda p_i, p_j, z: edge_residual(p_j, p_i, z),
@@ -133,13 +135,13 @@ residual = Exercise(
 
 gauge = Exercise(
     3,
-    praise="3: the whole path may shift in x and z and turn, and no residual changes. One fixed pose takes them away.",
-    hint="which motions of the whole path leave all residuals as they are?",
+    praise="3: if the whole path is shifted in x and z and turned, no residual changes. A fixed pose prevents this.",
+    hint="which motions of the whole path change no residual?",
     line="np.count_nonzero(np.linalg.eigvalsh(J.T @ J) < 1e-9)",
     mistakes={
         "this is the number in space: three shifts and three turns. In the plane there are fewer.": 6,
-        "two shifts are not all: the whole path may turn as well.": 2,
-        "an edge measures the motion between two poses; where does it say where the world begins?": 0,
+        "these are the two shifts: the whole path may also turn.": 2,
+        "an edge measures only the motion between two poses: the origin of the world is free.": 0,
     },
 )
 
@@ -147,8 +149,8 @@ step = Exercise(
     gauss_newton,
     linear_problems,
     atol=1e-5,  # single precision is enough
-    praise="the normal equations of all poses but the first.",
-    hint="leave the first three columns of J out, solve the normal equations of the others, put zeros in front.",
+    praise="these are the normal equations of all poses but the first.",
+    hint="remove the first three columns of J, solve the normal equations, and put three zeros in front.",
     line="delta[3:] = np.linalg.solve(J[:, 3:].T @ J[:, 3:], -J[:, 3:].T @ r)",
     mistakes={
         "the first pose moves: this is the shortest of many steps. Leave its three columns out.": lambda J, r: (
@@ -171,8 +173,8 @@ step = Exercise(
 weights = Exercise(
     loop_weights,
     loop_residuals,
-    praise="1 for a perfect loop, ½ at c standard deviations, next to nothing for a false loop.",
-    hint="metres and radians are put together in standard deviations: divide first, then take the norm.",
+    praise="1 for a residual of 0, ½ at c standard deviations, almost 0 for a false loop.",
+    hint="metres and radians are comparable in standard deviations: divide first, then take the norm.",
     line="1 / (1 + np.sum((r / sigma) ** 2, axis=1) / c**2)",
     mistakes={
         "metres and radians are added: divide each by its standard deviation.": lambda r, sigma, c: (
@@ -183,7 +185,7 @@ weights = Exercise(
             1 / (1 + np.sum((r / sigma) ** 2, axis=0) / c**2)
         ),
         "the norm is not squared.": lambda r, sigma, c: 1 / (1 + np.linalg.norm(r / sigma, axis=1) / c),
-        "each component has a weight of its own; a loop has one.": lambda r, sigma, c: (
+        "each component has its own weight: a loop has one weight.": lambda r, sigma, c: (
             1 / (1 + (r / sigma / c) ** 2)
         ),
     },
@@ -197,9 +199,9 @@ bends = Exercise(
         "the number of false loops is {false loops:.0f}: raise it to three or more.": lambda now: (
             now["false loops"] < 3
         ),
-        "every loop is believed: switch `robust weights` on.": lambda now: now["robust"] == 0,
-        "{ATE before:.2f} m before, {ATE after:.2f} m after: are the loops closed, and is there a drift to take "
-        "out?": lambda now: now["ATE after"] > 0.5 * now["ATE before"],
+        "all loops have full weight: switch `robust weights` on.": lambda now: now["robust"] == 0,
+        "{ATE before:.2f} m before, {ATE after:.2f} m after: are the loops closed, and is there a drift to "
+        "remove?": lambda now: now["ATE after"] > 0.5 * now["ATE before"],
         "a true loop has the weight {smallest weight, true:.2f} only: which control gives it 0.95?": lambda now: (
             now["smallest weight, true"] < 0.95
         ),
