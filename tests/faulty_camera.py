@@ -26,7 +26,7 @@ def none(x: Array, y: Array) -> Array:
 
 @dataclass(frozen=True)
 class Faults:
-    """Errors in pixels: disparity and row as functions of (x, y), half in each camera, and lens errors."""
+    """Errors in pixels: functions of (x, y) for disparity and row, half in each camera; lens errors."""
 
     disparities: Field = none
     rows: Field = none

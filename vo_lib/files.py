@@ -112,7 +112,7 @@ def only_process(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def writing(path: str | Path) -> Iterator[BinaryIO]:
-    """A binary file for writing under a temporary name in the folder of `path`; at the end it is renamed.
+    """A binary file for writing. It has a temporary name in the folder of `path` until the context ends.
 
     `path` always has the complete old or the complete new content. Raises `DataError` if the folder is
     missing, not writable or full.

@@ -45,7 +45,7 @@ def waves(seed: int, shift: float) -> Array:
 
 
 def window_pane(slip: float) -> list[Pair]:
-    """Two pairs of a camera at standstill: a wall behind a window pane with a reflection.
+    """Two stereo pairs of a camera at standstill: a wall behind a window pane with a reflection.
 
     The reflection is faint in the first right image, the wall in the second left image. Matching from right
     to right therefore follows the wall, and matching within the second pair follows the reflection. Wall and

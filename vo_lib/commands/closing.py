@@ -1,4 +1,4 @@
-"""The option --loops of `vo run` and `vo reproduce`: closing the loops of finished runs (not the paper's)."""
+"""The option --loops of `vo run` and `vo reproduce`: the closing of loops (not in the paper)."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ class FrameResult:
     Attributes
     ----------
     T_cp : (4, 4) motion from the previous to the current left camera, metres.
-    matches, removed, used : numbers of matches: all, those removed in boxes, and those after bucketing.
+    matches, removed, used : numbers of all matches, of removed matches and of matches after bucketing.
     inliers : number of used matches that agree with the epipolar geometry.
     prior_angle : angle to the previous essential vector, degrees; NaN without a previous vector.
     flags : remarks on unusual frames.

@@ -19,8 +19,8 @@ disparity errors and again the lens errors: disparities must agree with parallax
 lines. A single frame contributes little, so a Kalman filter combines all frames.
 
 For a good rig, a correction by noisy estimates would do harm. The correction therefore uses shrunk estimates
-(empirical Bayes, James and Stein 1961, positive part): the part of a squared estimate that its variance
-explains counts as noise.
+(empirical Bayes, James and Stein 1961, positive part): the part of a squared estimate that is due to
+the estimate's variance counts as noise.
 """
 
 from __future__ import annotations

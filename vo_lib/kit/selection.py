@@ -57,8 +57,8 @@ def choose_candidate(
 def guarded(errors: Array, kept: BoolArray, ratio: float) -> tuple[int, bool]:
     """Index of the winner, and whether the prior is rejected. errors, kept : (M,).
 
-    The winner is the best kept candidate, or the best of all if the prior is rejected: if the smallest error
-    times `ratio` is less than the best kept error, as in a sharp turn or after a wrong essential vector.
+    The winner is the best kept candidate, or the best of all if the prior is rejected. This is so if the best
+    kept error exceeds `ratio` times the smallest error, as in a sharp turn or after a wrong essential vector.
     """
     winner, choice = int(np.argmin(errors)), int(np.argmin(np.where(kept, errors, np.inf)))
     dropped = bool(errors[choice] > ratio * errors[winner])

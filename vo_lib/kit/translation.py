@@ -2,8 +2,8 @@
 
 With known R, a feature at x = (u - cx) / f, y = (v - cy) / f gives two rows in each image: (x e3 - e1)ᵀ P = 0
 and (y e3 - e2)ᵀ P = 0 in a left image; (x e3 - e1)ᵀ P = -b in a right image, where P = Q in the previous pair
-and P = R Q + t in the current pair: eight rows, six unknowns (Q, t). The paper has Q in the current frame,
-and P is its projection matrix.
+and P = R Q + t in the current pair: eight rows, six unknowns (Q, t). In the paper, Q is in the current
+frame, and P is the projection matrix.
 
 Four rows give the point in the previous pair, four the point in the current pair, so one feature gives t = P
 - R Q. All features together, with each Q eliminated, give the normal equations Σ W_i t = Σ W_i (P_i - R Q_i),

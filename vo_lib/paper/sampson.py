@@ -66,7 +66,7 @@ def denominator_forms(E: Array) -> Array:
 
 
 def candidate_terms(E: Array, dtype: DTypeLike = np.float64) -> MatchTerms:
-    """Coefficients of the monomials of matches: vec(E) (9, M) and `denominator_forms` (11, M)."""
+    """Coefficients of the monomials in `match_terms`: vec(E) (9, M) and `denominator_forms` (11, M)."""
     return MatchTerms(
         np.ascontiguousarray(E.reshape(-1, 9).T, dtype), np.ascontiguousarray(denominator_forms(E).T, dtype)
     )

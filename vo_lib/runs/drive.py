@@ -70,7 +70,7 @@ class Run:
 
 
 class MethodRun:
-    """The odometry of one method on a sequence, and its motions so far."""
+    """The odometry of one method on a sequence, and the motions computed so far."""
 
     def __init__(self, sequence: Sequence, config: MethodConfig, calibration: Calibration | None = None):
         self.sequence = sequence
