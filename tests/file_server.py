@@ -79,7 +79,7 @@ class FileServer:
         self._thread.start()
 
     def count(self, name: str) -> bool:
-        """Count a GET request; returns whether its connection is closed early."""
+        """Count a GET request, and return whether its connection is closed early."""
         with self._lock:
             self.gets[name] += 1
             number = sum(self.gets.values())

@@ -63,7 +63,7 @@ def preset(method: str, *, variant: str, seed: int = 0) -> MethodConfig: ...
 def preset(method: str, *, variant: str = "published", seed: int = 0) -> MethodConfig:
     """Configuration of a method of Table 1 with a seed. The variant is `published` (the paper) or `kit`.
 
-    An unknown name raises `DataError`, which has the nearest valid name.
+    An unknown name raises `DataError` with the nearest valid name.
     """
     config_class(variant)
     methods = VARIANTS[variant]

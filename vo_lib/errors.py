@@ -22,7 +22,7 @@ class DataError(Exception):
 
 
 def did_you_mean(name: str, names: Iterable[str]) -> str:
-    """The question "did you mean NAME? " with the valid name nearest to `name`; "" if no name is near."""
+    """A question for an error message, with the valid name nearest to `name`; "" if no name is near."""
     for earlier, new in RENAMED.items():
         name = name.replace(earlier, new)
     words = {valid.removeprefix("--"): valid for valid in names}  # two short options would be near by "--"

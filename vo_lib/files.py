@@ -80,7 +80,7 @@ def read_csv(path: str | Path) -> list[tuple[int, list[str]]]:
 
 
 def read_arrays(data: bytes) -> dict[str, NDArray[Any]]:
-    """The arrays in an npz file, of which `data` is the content. Other content raises `ValueError`."""
+    """The arrays of an npz file with the content `data`. Invalid content raises `ValueError`."""
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
@@ -112,7 +112,7 @@ def only_process(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def writing(path: str | Path) -> Iterator[BinaryIO]:
-    """A binary file for writing. It has a temporary name in the folder of `path` until the context ends.
+    """A binary file for writing, with a temporary name in the folder of `path` until the context ends.
 
     `path` always has the complete old or the complete new content. Raises `DataError` if the folder is
     missing, not writable or full.

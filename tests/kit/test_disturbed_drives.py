@@ -53,7 +53,7 @@ def both(change: Callable[[Image], NDArray[Any]], number: int = FRAMES) -> Fault
 
 
 def taken_from(left: Callable[[int], int], right: Callable[[int], int] | None = None) -> Fault:
-    """A fault that shows other frames, by frame number; `right` is for a different frame on the right."""
+    """A fault that shows images of other frames, whose numbers are left(i) and right(i) in frame i."""
     of_right = right or left
     return Fault(lambda drive, i: (drive[left(i)][0], drive[of_right(i)][1]), left)
 

@@ -25,7 +25,7 @@ def off_essential(E: Array) -> Array:
 
 
 def error_of_best(result: Candidates, truth: Array) -> Array:
-    """Distance (S,) of each set's nearest candidate to the truth (S, 3, 3); infinite without candidates."""
+    """Distance (S,) between the truth (S, 3, 3) and the nearest candidate of each set; infinite if none."""
     error = np.full(len(truth), np.inf)
     np.minimum.at(error, result.set_index, distance(result.E, truth[result.set_index]))
     return error

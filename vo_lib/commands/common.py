@@ -128,7 +128,7 @@ def read_settings(options: argparse.Namespace) -> MethodConfig:
 def parse_methods(text: str | None, variant: str | None) -> dict[str, list[str]]:
     """For each variant, the methods in a comma-separated list, each once; without a list, all methods.
 
-    Raises `DataError` for a name that is in none of the variants.
+    Raises `DataError` for a name that no variant has.
     """
     variants = list(VARIANTS) if variant in (None, BOTH) else [str(variant)]
     if text is None:
@@ -140,7 +140,7 @@ def parse_methods(text: str | None, variant: str | None) -> dict[str, list[str]]
 
 
 def parse_whole(name: str, text: str, least: int = 1, most: int = 1_000_000) -> int:
-    """A whole number from `least` to `most`; a `DataError` names the option."""
+    """A whole number from `least` to `most`, or a `DataError` with the name of the option."""
     try:
         number = int(text)
     except ValueError:

@@ -56,7 +56,7 @@ def read_kitti_poses(path: str | Path) -> Array:
 
 
 def read_tum(path: str | Path) -> tuple[Array, Array]:
-    """Times (N,), seconds, increasing, and poses T_w_c (N, 4, 4), metres, N >= 1, of a file in TUM's format.
+    """Increasing times (N,) in seconds and poses T_w_c (N, 4, 4) in metres, N >= 1, from a TUM file.
 
     Lines that start with # are comments. Raises `DataError` with file and line if a row is not a time and a
     pose, or if the time does not increase.

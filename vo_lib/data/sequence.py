@@ -36,8 +36,8 @@ class Sequence:
     times : (N,) seconds.
     truth : (N, 4, 4) ground-truth poses T_w_c, or None.
     labels : folder of YOLO label files, or None.
-    masks : PNG image, or folder with one image per frame, or None. Features of the left images on pixels
-        that are not 0 are ignored.
+    masks : PNG image, or folder with one image per frame, or None. Features of the left images are ignored
+        on non-zero pixels of the mask.
     """
 
     name: str
@@ -94,7 +94,7 @@ class Sequence:
 
 
 def require_frames(start: int, stop: int, count: int, name: str) -> None:
-    """`DataError` unless start … stop - 1 are two or more of the `count` frames of a sequence."""
+    """Raise `DataError` unless start … stop - 1 are two or more of the `count` frames of a sequence."""
     if not 0 <= start < stop - 1 < count:
         raise DataError(f"frames {start}:{stop}: expected two or more frames of {name}, which has 0:{count}")
 
@@ -107,7 +107,7 @@ def at_pixels(picture: NDArray[Any], uv: Array) -> NDArray[Any]:
 
 
 def open_folder(folder: Path, name: str, labels: str | Path | None = None) -> Sequence:
-    """The sequence in a folder in KITTI's layout. Of the images, only the first is read.
+    """The sequence in a folder in KITTI's layout. Only the first image is read.
 
     labels : folder of YOLO label files; by default `labels` in the sequence's folder, if it exists.
 

@@ -31,7 +31,7 @@ class Truth:
     folder : the sequence's folder.
     config : the scene's settings.
     poses : (N, 4, 4) T_w_c of the left camera; the world is the first left camera.
-    objects : (N, K, 4, 4) T_w_o. Vehicle axes: x right, y down, z forward, origin on the ground.
+    objects : (N, K, 4, 4) vehicle poses T_w_o. Axes: x right, y down, z forward, origin on the ground.
     """
 
     folder: Path

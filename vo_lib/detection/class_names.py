@@ -55,7 +55,7 @@ def class_numbers(names: Sequence[str]) -> IntArray:
 
 
 def choose_classes(words: Sequence[str], names: Sequence[str]) -> BoolArray:
-    """Mask (C,) of the classes in `words`, as numbers or names (the model's or COCO's); all if it is empty.
+    """Mask (C,) of the classes with a number or name in `words`; all classes if `words` is empty.
 
     Raises `DataError` for a name that neither the model nor COCO has.
     """

@@ -119,10 +119,10 @@ def _corners(centre: Array, size: Array) -> Array:
 def best_boxes(
     corners: Array, scores: Array, score: float, nms: float, class_mask: BoolArray | None = None
 ) -> Boxes:
-    """Boxes after non-maximum suppression, best first, with the best class of each and at least `score`.
+    """Boxes after non-maximum suppression, best first. A box has the class with its highest score.
 
     The IoU limit of the suppression is `nms` within a class and `ONE_OBJECT_IOU` between classes. Boxes with
-    numbers that are not finite are ignored.
+    a score below `score` or with numbers that are not finite are ignored.
 
     corners : (N, 4) x0, y0, x1, y1. scores : (N, C); `class_id` is the column. class_mask : (C,) mask of the
     classes to return; by default all.

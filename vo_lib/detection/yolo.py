@@ -35,7 +35,7 @@ class NetworkOutput:
 
     Attributes
     ----------
-    letterbox : place in the network's image. width, height : size of the original image, pixels.
+    letterbox : place of the image in the network's image. width, height : size of the original image, pixels.
     corners : (N, 4) x0, y0, x1, y1 in the network's image, pixels; scores : (N, C) of the classes.
     """
 

@@ -70,7 +70,7 @@ def evaluate(
 ) -> Evaluation:
     """KITTI errors, ATE and RPE of triples (name, truth, estimate) with poses (N, 4, 4).
 
-    `times` : for the name of a triple, the times (N,) of its frames in seconds; may lack names.
+    `times` : mapping from the name of a triple to the times (N,) of its frames, seconds; may be empty.
     `delta` : interval of the RPE.
 
     Raises

@@ -1,8 +1,8 @@
 """Rigid motions, rotations and the essential matrix.
 
-Conventions of the kit: `X_c = R_cp X_p + t_cp` transforms a point from the previous left camera (p) to the
-current one (c); `T_cp` is the 4×4 matrix of the same motion; `T_w_c` is the pose of camera c in the world.
-Metres and radians.
+Conventions of the kit: `X_c = R_cp X_p + t_cp` transforms a point from the previous left camera p to the
+current left camera c; `T_cp` is the 4×4 matrix of the same motion; `T_w_c` is the pose of camera c in the
+world. Metres and radians.
 """
 
 from __future__ import annotations

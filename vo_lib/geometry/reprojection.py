@@ -68,7 +68,7 @@ def fit_motion(
 def linearise(
     camera: StereoCamera, rotated: Array, t_cp: Array, measured: Array
 ) -> tuple[Array, Array, Array]:
-    """Reprojection residuals of points and their derivatives, for one motion or a batch.
+    """Reprojection residuals of points, and their derivatives, for one motion or a batch of motions.
 
     Parameters
     ----------

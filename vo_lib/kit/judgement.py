@@ -87,7 +87,7 @@ class BoxMotionClassifier:
     def _measure_steps(
         self, matches: StereoMatches, current: Boxes, outside: BoolArray
     ) -> tuple[BoxSteps, BoolArray]:
-        """Displacements of the boxes, and a mask (N,) of the moving matches in boxes."""
+        """Displacements of the boxes, and a mask (N,) of the non-static matches inside boxes."""
         disagrees = np.zeros(len(matches), np.bool_)
         if self._motion is None:
             return no_steps(len(current)), disagrees

@@ -160,7 +160,7 @@ def _inside(uv: Array, image: Image) -> BoolArray:
 
 
 def _in_right_image(coarse: CoarseDisparity, uv: Array) -> tuple[Array, BoolArray]:
-    """Coarse positions (N, 2) in the right image for left pixels (N, 2), and a mask (N,) of valid ones."""
+    """Coarse positions (N, 2) in the right image for left pixels (N, 2), and a mask (N,) of validity."""
     column, row = np.clip(np.rint(uv / 2).astype(int), 0, np.array(coarse.shape[::-1]) - 1).T
     disparity = coarse[row, column].astype(np.float64)
     return uv - np.stack([disparity, np.zeros_like(disparity)], axis=1), disparity > 0

@@ -1,22 +1,22 @@
 """Estimation of calibration errors that remain in calib.txt (chapters 3 and 4, not in the paper).
 
 In a rectified pair both images of a point are in one row, and the columns differ by f b / Z. In a real pair
-rows and disparities have errors, a smooth field of some tenths of a pixel. These errors make
-depths and steps wrong, on the KITTI highway by 5 %. The field is a polynomial for the disparities and one for
-the rows, in the normalised position x, y. The two polynomials are correlated, since each fault of a rig has a
-shape in both (`RIG_FAULTS`). A model with too few terms is worse than no model: the rest of the field is then
-absorbed by the constant, which determines the length of the steps. Half of the field is attributed to the
-left camera at x_l, half to the right camera at x_r = x_l - D / f, where D is a point's disparity: this fits
-the flow on KITTI better than the whole field in the right camera.
+rows and disparities have errors, a smooth field of some tenths of a pixel. These errors make depths and steps
+wrong, on the KITTI highway by 5 %. The field has a polynomial for the disparities and another for the rows,
+in the normalised position x, y. The two polynomials are correlated, since each fault of a rig has a shape in
+both (`RIG_FAULTS`). A model with too few terms is worse than no model: the rest of the field is then absorbed
+by the constant, which determines the length of the steps. Half of the field is attributed to the left camera
+at x_l, half to the right camera at x_r = x_l - D / f, where D is a point's disparity: this fits the flow on
+KITTI better than the whole field in the right camera.
 
 The two lenses have equal errors, Brown's decentering and radial terms with r² = x² + y²,
 
     (2 p1 x y + p2 (r² + 2 x²),  p1 (r² + 2 y²) + 2 p2 x y)   and   (k1 r² + k2 r⁴) (x, y).
 
-Stereo matches measure the row errors directly, and so roll and focal length, which a moving camera cannot
-separate from a longer step. Near and far points on one row measure the lens errors. The motion measures the
-disparity errors and again the lens errors: disparities must agree with parallax, and flow with epipolar
-lines. A single frame contributes little, so a Kalman filter combines all frames.
+Stereo matches measure the row errors directly. These errors contain roll and focal length, which a moving
+camera cannot separate from a longer step. Near and far points on one row measure the lens errors. The motion
+measures the disparity errors and again the lens errors: disparities must agree with parallax, and flow with
+epipolar lines. A single frame contributes little, so a Kalman filter combines all frames.
 
 For a good rig, a correction by noisy estimates would do harm. The correction therefore uses shrunk estimates
 (empirical Bayes, James and Stein 1961, positive part): the part of a squared estimate that is due to
@@ -198,7 +198,7 @@ def powers(x: Array, y: Array) -> Array:
 
 
 def lens_shapes(points: Array) -> Array:
-    """Displacements (4, 2, N) of normalised points (2, N), one for each term of `LENS_PX` of size 1."""
+    """Displacements (4, 2, N) of normalised points (2, N), for each term of `LENS_PX` with size 1."""
     x, y = points
     r2, xy = x * x + y * y, 2.0 * x * y
     radial = r2 * points

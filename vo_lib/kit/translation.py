@@ -122,12 +122,12 @@ def stereo_points(camera: StereoCamera, left: Array, right: Array) -> StereoPoin
 
 
 class EliminatedPoints:
-    """The eight rows of N features, divided by their depths (N,), metres, with every point eliminated.
+    """The eight rows of N features, divided by the features' depths, after the elimination of each point.
 
     Attributes
     ----------
     before : points of the previous pair, in the axes of the current pair; now : points of the current pair.
-    apart : (3, N) differences, points now minus points before.
+    apart : (3, N) differences `now` minus `before`, metres.
     C_p : (6, N) covariances of the points in `before`; W : (6, N) inverse covariances of `apart`.
     residual_floor : (N,) squared residual that does not depend on t.
     """
@@ -154,10 +154,11 @@ class EliminatedPoints:
 
 
 def robust_start(system: EliminatedPoints, limit: float) -> Array:
-    """The best of many translations from three features each, a start that is robust to wrong matches.
+    """A start that is robust to wrong matches: the best of many translations, each from three features.
 
-    The indices of a triple differ by a third of the features, so every feature is used once and the result
-    is deterministic. The best translation has the smallest sum of squared residuals, truncated at `limit`.
+    The indices of a triple are a third of the number of features apart, so each feature is used once; the
+    result is deterministic. The best translation has the smallest sum of squared residuals, truncated at
+    `limit`.
     """
     H, g = system.W, system.right_sides()
     third = H.shape[1] // 3

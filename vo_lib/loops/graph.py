@@ -1,7 +1,7 @@
 """The pose graph: least squares over measured motions between poses, by Gauss-Newton.
 
 An edge measures the pose Z of its second camera relative to its first. The residual is the twist of Z⁻¹ T_i⁻¹
-T_j (Grisetti et al., "A tutorial on graph-based SLAM", 2010). A loop may be false, so it has Cauchy's weight.
+T_j (Grisetti et al., "A tutorial on graph-based SLAM", 2010). Loops may be false and have Cauchy weights.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ def close_path(poses: Array, loops: Loops, config: LoopConfig) -> Closed:
 
 
 def carried_along(poses: Array, frames: IntArray, moved: Array) -> Array:
-    """Poses (N, 4, 4) of all frames when those of `frames` (K,), from frame 0 on, become `moved` (K, 4, 4).
+    """Poses (N, 4, 4) after the replacement of those of `frames` (K,) by `moved` (K, 4, 4); frames[0] = 0.
 
     Between two such frames, the change is distributed evenly, as a twist.
     """

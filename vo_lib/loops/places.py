@@ -83,7 +83,7 @@ def uncovered(sequence: Sequence, frame: int, uv: Array, method: MethodConfig) -
 
 
 def candidates(similarity: Array, frames: IntArray, config: LoopConfig) -> IntArray:
-    """Pairs (M, 2), earlier place first, of each place and the most similar places at least a gap earlier."""
+    """Pairs (M, 2) of an earlier place and a place, similar and at least `config.gap` frames apart."""
     allowed = np.where(frames[:, None] - frames >= config.gap, similarity, -np.inf)
     best = np.argsort(-allowed, axis=1, kind="stable")[:, : config.candidates]
     later, rank = np.nonzero(np.take_along_axis(allowed, best, axis=1) >= config.similarity)

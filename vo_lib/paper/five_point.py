@@ -141,8 +141,8 @@ def null_space(rows: Array) -> tuple[Array, BoolArray]:
     are orthogonal to all five rows. The second result is a mask (S,) of the sets with independent rows.
 
     The order of the matrices matters. Row i of Q is near the unit vector i, so the four rows are near the
-    entries E22, E21, E20, E12. The last two, with the factors z and w, are components of the translation, in
-    which solutions differ; E22 is small in all solutions.
+    entries E22, E21, E20, E12. The last two entries, with the factors z and w, are components of the
+    translation, in which solutions differ; E22 is small in all solutions.
     """
     sets = rows.shape[-1]
     identity = np.broadcast_to(np.eye(9)[..., None], (9, 9, sets))
@@ -183,7 +183,7 @@ def hidden_variable_matrix(rows: Array, z: Array, w: Array) -> Array:
 
 
 def determinant(rows: Array) -> Array:
-    """Coefficients (11, S) of z¹⁰, z⁹w, …, w¹⁰ in det C, computed from values of det C at the `NODES`."""
+    """Coefficients (11, S) of z¹⁰, z⁹w, …, w¹⁰ in det C(z), from the values of det C(z) at the `NODES`."""
     C = hidden_variable_matrix(rows[:, :, None], *NODES[..., None])
     R = householder(C.reshape(6, 6, -1), 3)
     values = R[0, 0] * R[1, 1] * R[2, 2] * _det_3x3(R[3:, 3:])
@@ -192,7 +192,7 @@ def determinant(rows: Array) -> Array:
 
 @DEGENERATE_SETS
 def back_substitute(rows: Array, z: Array, w: Array, index: Index) -> Array:
-    """Solutions (4, M) of norm 1 from the roots (z, w): (x², y², xy, x, y, 1) spans the null space of C."""
+    """Solutions (4, M) of norm 1 from roots (z, w): (x², y², xy, x, y, 1) spans the null space of C(z)."""
     R = householder(hidden_variable_matrix(rows.take(index, axis=-1), z, w), 3)
     x, y, one = _longest_column(_cofactors(R[3:, 3:].swapaxes(0, 1)))
     return _unit(np.stack([x, y, z * one, w * one]))
@@ -200,9 +200,9 @@ def back_substitute(rows: Array, z: Array, w: Array, index: Index) -> Array:
 
 @DEGENERATE_SETS
 def polish(basis: Array, v: Array, index: Index) -> tuple[Array, BoolArray]:
-    """Solutions v (4, M) refined by Newton steps on the constraints, and a mask (M,) of success.
+    """Solutions v (4, M) refined by Newton steps, and a mask (M,) of the converged solutions.
 
-    The constraints are more precise than the polynomial. Most candidates need one step.
+    The steps use the constraints, which are more precise than the polynomial. Most candidates need one step.
     """
     v, converged, todo = v.copy(), np.zeros(v.shape[1], dtype=bool), np.arange(v.shape[1])
     N, old = basis.take(index, axis=-1), v.copy()

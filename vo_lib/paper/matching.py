@@ -3,7 +3,7 @@
     left previous -> right previous -> right current -> left current -> left previous
 
 Each step takes the most similar feature of the same kind; the loop must end at its start. The result is in
-whole pixels; Lucas-Kanade then refines it to a fraction of a pixel.
+whole pixels; Lucas-Kanade then refines the positions.
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ class Rotation(NamedTuple):
 class Odometry:
     """The paper's method on a sequence, frame by frame.
 
-    Flags: `standstill`; `few_matches` and `no_motion`, with which a frame has the motion of the frame before.
+    Flags: `standstill`; `few_matches` or `no_motion`, if the motion of the previous frame is repeated.
 
     Attributes
     ----------
@@ -151,7 +151,7 @@ class Odometry:
 
     @property
     def threshold(self) -> float:
-        """Largest Sampson distance of an inlier, in normalised points."""
+        """Largest Sampson distance of an inlier, in the unit of normalised points."""
         return self.config.selection.threshold / self.camera.f
 
 

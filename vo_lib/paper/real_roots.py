@@ -59,7 +59,8 @@ def isolate_roots(polynomials: Array) -> tuple[Intervals, Intervals]:
     The number of roots in an interval is at most the number of sign changes among the Bernstein coefficients
     there (Descartes): no change means no root, one change means one root. Other intervals are cut into parts.
     In the intervals of the second result, the number of roots is uncertain: either the signs change several
-    times and all coefficients are below the rounding noise, or the signs never change and one is below.
+    times and all coefficients are below the rounding noise, or the signs never change and the smallest
+    coefficient is below the noise.
     """
     size = np.max(np.abs(polynomials), axis=0)
     noise = np.maximum(ROUNDING_ERROR[0] * size, ROUNDING_ERROR[1])
@@ -117,7 +118,7 @@ def real_roots(polynomials: Array) -> tuple[Array, Array, Index, BoolArray]:
 
 
 def _newton(c: Array, interval: Intervals) -> Array:
-    """The root of each polynomial in c (11, K) in its interval, by Newton steps or, outside, by bisection."""
+    """The root of each polynomial in c (11, K) in its interval, by Newton steps safeguarded by bisection."""
     low, high, positive = interval.low, interval.low + interval.width, interval.b >= 0.0
     # Start where the polygon of Bernstein coefficients crosses zero.
     k = np.sum((positive == positive[0]).view(np.int8), axis=0, dtype=np.int8) - 1

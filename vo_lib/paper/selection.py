@@ -22,7 +22,7 @@ def draw_sets(rng: np.random.Generator, number: int, sets: int) -> Index:
 
 
 def truncated_errors(E: Array, x_p: Array, x_c: Array, threshold: float) -> Array:
-    """Mean truncated squared Sampson distance of all matches for each candidate, (M,).
+    """For each candidate, the mean over all matches of the truncated squared Sampson distance, (M,).
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def truncated_errors(E: Array, x_p: Array, x_c: Array, threshold: float) -> Arra
 
 
 def outlier_shares(E: Array, x_p: Array, x_c: Array, threshold: float) -> Array:
-    """Share (M,) of the matches that are outliers of each candidate; parameters as in `truncated_errors`.
+    """For each candidate, the share (M,) of outliers; parameters as in `truncated_errors`.
 
     The candidate with the smallest share has the most inliers; RANSAC selects it.
     """

@@ -64,7 +64,7 @@ class MatchingConfig(StereoLimits):
 
 @dataclass(frozen=True)
 class BucketConfig(Checked):
-    """Bucketing: each square keeps its oldest features, of equal age the strongest (chapter 1)."""
+    """Bucketing: each square keeps its oldest features; of equal age, the strongest (chapter 1)."""
 
     size: int = setting(50, "side of a bucket", unit="px", low=10, high=500)
     features: int = setting(3, "features kept per bucket", low=1, high=100)

@@ -98,8 +98,8 @@ def solve_translation(
 ) -> tuple[Array, BoolArray] | None:
     """One translation for all features: equation (3) stacked and solved by the pseudo-inverse.
 
-    Each feature alone gives a translation; the median of these is the start. Features whose rows do not fit
-    are removed from the stacked system. The solution is the start of a second pass.
+    Each feature alone gives a translation; the median of these translations is the start. Features whose rows
+    do not fit are removed from the stacked system. The solution is the start of a second pass.
 
     Parameters
     ----------

@@ -76,7 +76,7 @@ def ransac_motion(
 def refit_motion(
     camera: StereoCamera, matches: StereoMatches, R_cp: Array, t_cp: Array, config: ReprojectionConfig
 ) -> tuple[Array, Array]:
-    """Rotation (3, 3) and translation (3,) by least squares from R_cp, t_cp, a motion near the solution."""
+    """Rotation (3, 3) and translation (3,) by least squares; R_cp and t_cp are a start near the solution."""
     X_p, measured, weight = observed(camera, matches, config)
     data = X_p[None], measured[None], weight[None]
     R, t = _gauss_newton(camera, *data, R_cp[None], t_cp[None], config.iterations, CONVERGED_STEP)

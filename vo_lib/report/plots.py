@@ -126,7 +126,7 @@ def draw_loops(axis: Axes, poses: Array, loops: Sequence[tuple[int, int]]) -> No
 def trajectories_figure(
     panels: Mapping[str, tuple[Array | None, dict[str, Array]]], loops: Sequence[tuple[int, int]] = ()
 ) -> Figure:
-    """One row per panel (title, truth, named estimates): paths from above and, with truth, distances."""
+    """One row per panel (title, truth, named estimates): paths from above, and distances from truth."""
     rows, columns = len(panels), 1 + any(truth is not None for truth, _ in panels.values())
     width, height = SMALL_PAGE
     figure = page(width=width * columns, height=(height - 1.0) * rows + 1.0)
@@ -205,7 +205,7 @@ def match_image(
     words: Sequence[str] = (),
     by_age: bool = False,
 ) -> Image:
-    """The current left image in BGR (H, W, 3), with matches: lines from the previous position to a dot.
+    """The current left image in BGR (H, W, 3); a match is a line from the previous to the current position.
 
     Kept matches are blue (`by_age`: greener with age), removed matches orange. With the boxes' `state` (K,)
     from `kit.judgement`, moving boxes have a thick solid line, parked boxes a dashed line, unknown boxes a

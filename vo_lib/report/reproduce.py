@@ -164,7 +164,7 @@ def write_table_files(
 
 
 def _pictures(folder: Path, result: Reproduction, groups: list[Group]) -> list[Picture]:
-    """The picture of the first path, then errors, then other paths, with Figure 4 if it has a sequence."""
+    """Pictures: the first path, errors, the other paths, and Figure 4 if one of its sequences was run."""
     bars, paths = list[Picture](), list[Picture]()
     for variant in dict.fromkeys(variant for variant, _ in result.paths):
         words = VARIANT_WORDS[variant]

@@ -139,7 +139,7 @@ def sweep_table(sweep: Sweep) -> ReportTable:
 
 
 def heat_map(sweep: Sweep) -> bytes:
-    """PNG of TE and RE on a grid; the last setting is horizontal, dark is large, a cross is no result."""
+    """PNG of TE and RE; the last setting is the horizontal axis, dark means large, a cross no result."""
     *down, across = sweep.axes
     columns = [settings.as_typed(value) for value in across.values]
     rows = [

@@ -143,7 +143,7 @@ def matches_identity(sequence: Sequence, config: MethodConfig) -> dict[str, Any]
 def run_identity(
     sequence: Sequence, config: MethodConfig, method: str, calibration: Calibration | None = None
 ) -> dict[str, Any]:
-    """All inputs that determine the poses of a run, and its names, in the form returned by a JSON reader.
+    """All inputs that determine the poses of a run, and the run's names, as returned by a JSON reader.
 
     Runs with equal identities have byte-identical poses.
     """

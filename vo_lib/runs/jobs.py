@@ -45,7 +45,7 @@ def run_once(
     """The run with its files in `folder`, and whether the run was read from these files, not computed.
 
     Files are written after the last frame. A run that is killed and repeated gives the same bytes. `matches`,
-    `calibration` and `progress` are those of `run_methods`; `method` is the name written into the folder.
+    `calibration` and `progress` are as in `run_methods`; `method` is the name written into the folder.
     `fresh` computes the run in any case; new files replace the finished files at the end.
 
     Raises `DataError` if the folder is missing, not writable, in use by another process, or contains another
