@@ -23,7 +23,7 @@ ON_CLIPS = pytest.mark.skipif(not CLIPS.is_dir(), reason="../shared/data/kitti_c
 
 @pytest.fixture
 def road(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """43 frames, 21 m: enough for sub-sequences of 20 m. The caches are in a temporary folder."""
+    """The first 43 frames, 21 m, for sub-sequences of 20 m. The caches are in a temporary folder."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     return write_bands(tmp_path / "bands", 43)
 

@@ -49,7 +49,7 @@ def test_exact_matches_of_standing_points_are_on_their_lines_and_moving_ones_are
 
 
 class Detector:
-    """Two boxes on the labelled vehicle (the low-scored box is exact), and one without a vehicle."""
+    """A detector with two boxes on the labelled vehicle (the low-scored box is exact) and a false box."""
 
     path = Path("made.onnx")
 

@@ -32,7 +32,7 @@ def traffic(kind: str, config: SceneConfig = SCENE) -> tuple[World, list[Vehicle
 
 
 def steps(poses: Array) -> Array:
-    """Displacements (N - 1, 3) of bodies from frame to frame."""
+    """Displacements (N - 1, 3) of vehicles from frame to frame."""
     return np.asarray(np.diff(poses[:, :3, 3], axis=0))
 
 

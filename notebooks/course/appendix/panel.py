@@ -104,7 +104,7 @@ def learn(
 def third_frame(
     camera: StereoCamera, tracks: list[SimulatedFrame], true: Array, config: TranslationConfig
 ) -> dict[str, Array]:
-    """Ratios (N,) of step lengths of variant `published` to true step lengths, by two or three frames.
+    """Ratios (N,) of step lengths of variant `published` to true step lengths, from two or three frames.
 
     `true` : errors (ERROR_COUNT,) of the rig; the rotations are the true rotations.
     """
@@ -152,7 +152,7 @@ def field_maps(image: Image, camera: StereoCamera, fields: dict[str, Array]) -> 
 
 
 def arrows_figure(camera: StereoCamera, moved: dict[str, tuple[Array, ...]], height: int = 130) -> Figure:
-    """Displacements of the points of `image_grid`, by title: arrows (2, N); the last arrows are blue."""
+    """Displacements (2, N) of the points of `image_grid` as arrows, by title; the last are blue."""
     points, lines, width = image_grid(camera), -(-len(moved) // 4), min(len(moved), 4)
     made = Figure(figsize=(WIDTH / DPI, lines * height / DPI), dpi=DPI, layout="constrained")
     for axis, (title, parts) in zip(made.subplots(lines, width).flat, moved.items(), strict=True):
@@ -177,7 +177,7 @@ def faults_figure(camera: StereoCamera) -> Figure:
 
 
 def lens_figure(camera: StereoCamera) -> Figure:
-    """Displacements by Brown's p1, p2, k1 and k2; blue: across epipolar lines of a drive straight ahead."""
+    """Displacements by Brown's p1, p2, k1 and k2; blue: the part across the epipolar lines of a straight drive."""
     points = image_grid(camera).T
     across = points[::-1] * [[1], [-1]] / np.maximum(np.linalg.norm(points, axis=0), 1e-6)
     moved: dict[str, tuple[Array, ...]] = {}

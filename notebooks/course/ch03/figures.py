@@ -133,9 +133,9 @@ def errors_figure(
 
 
 def turns_figure(angle: Array, turn: Array) -> Figure:
-    """The change of the motion along a path, and the rotation of its steps, degrees.
+    """Angles between successive essential vectors of a path, and rotations of the steps, both in degrees.
 
-    angle : (N - 2,) between successive essential vectors; NaN at a standstill. turn : (N - 1,) of the steps.
+    angle : (N - 2,) angles, NaN at a standstill. turn : (N - 1,) rotations.
     """
     made, (axis,) = figure(220)
     frames = 2 + np.arange(len(angle))

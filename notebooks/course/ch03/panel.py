@@ -121,7 +121,7 @@ def field_of(
     config: SelectionConfig,
     focal: float,
 ) -> Field:
-    """Angles, errors and winners of a frame's candidates; without a true rotation, its errors are NaN."""
+    """Angles, errors and winners of a frame's candidates; without a true rotation, the rotation errors are NaN."""
     nothing = np.full(len(candidates.E), np.nan)
     angle = nothing if e_prev is None else np.degrees(essential_angle(essential_vector(candidates.E), e_prev))
     errors = truncated_errors(candidates.E, points.x_p, points.x_c, config.threshold / focal)

@@ -28,7 +28,7 @@ def exact_matches(count: int, seed: int, noise: float = 0.0) -> StereoMatches:
 
 
 def one_match() -> list[Case]:
-    """The four normalised points of a match, the rotation and the baseline."""
+    """One case with the four normalised points of a match, the rotation and the baseline."""
     m = exact_matches(1, 3)
     x = [CAMERA.normalise(uv)[0] for uv in (m.prev_left, m.prev_right, m.cur_left, m.cur_right)]
     return [(*x, R_CP, CAMERA.baseline)]
@@ -37,7 +37,7 @@ def one_match() -> list[Case]:
 def eight_rows(
     x_pl: Array, x_pr: Array, x_cl: Array, x_cr: Array, R_cp: Array, b: float
 ) -> tuple[Array, Array]:
-    """M (8, 6) and c (8,) of one feature: x and y in previous left and right, then in current left and right."""
+    """M (8, 6) and c (8,) of one feature; rows: x, y of previous left and right, current left and right."""
     M, c = np.zeros((8, 6)), np.array([0.0, 0, -b, 0, 0, 0, -b, 0])
     for view, x in enumerate((x_pl, x_pr, x_cl, x_cr)):
         rows = np.outer(x, [0, 0, 1]) - np.eye(3)[:2]

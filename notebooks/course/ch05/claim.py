@@ -112,7 +112,7 @@ def by_threshold(path: Path = CHOICES) -> dict[tuple[str, str], Array]:
 
     Returns
     -------
-    (K, 3) each: threshold in pixels, mean RE and its standard deviation over seeds, deg/100 m.
+    Arrays (K, 3): threshold, pixels; mean RE and standard deviation of RE over the seeds, deg/100 m.
     """
     measured = defaultdict(list)
     with path.open(encoding="utf-8", newline="") as lines:

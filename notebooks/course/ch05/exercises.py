@@ -50,7 +50,7 @@ def area(box: Array) -> float:
 
 
 def pairs() -> list[Case]:
-    """Pairs of boxes: of one car, equal, and, in both orders, disjoint in columns, in rows or in both."""
+    """Cases of two boxes: of one car, equal, or disjoint in columns, rows or both (these in both orders)."""
     a, b = CORNERS[:2]
     apart = [a + shift for shift in ([300.0, 10, 300, 10], [10.0, 95, 10, 95], [150.0, 95, 150, 95])]
     return [(a, b), (a, a.copy()), *((a, far) for far in apart), *((far, a) for far in apart)]
@@ -70,7 +70,7 @@ def suppressed(corners: Array, scores: Array, most: float, rivals: slice | None 
 
 
 def heaps() -> list[Case]:
-    """Five boxes; two boxes with exactly the allowed overlap; twenty random groups with different thresholds."""
+    """Cases: five boxes; two boxes with exactly the allowed overlap; random groups with other limits."""
     half = np.array([[0.0, 0, 10, 10], [0.0, 0, 10, 5]])
     cases: list[Case] = [(CORNERS, SCORES, 0.5), (half, np.array([0.8, 0.9]), 0.5)]
     for seed in range(20):
@@ -130,7 +130,7 @@ def middle(steps: Array) -> Any:
 def judged(
     length: Callable[[Array], Any], steps: Callable[..., Array] = left_over, few: Any = None, fewest: int = 3
 ) -> Callable[..., Any]:
-    """Answer that tests if `length(steps)` exceeds `least`; for under `fewest` features, it returns `few`."""
+    """Answer: whether `length(steps)` exceeds `least`, or `few` if there are fewer than `fewest` features."""
     return lambda X_p, X_c, T_cp, least: length(steps(X_p, X_c, T_cp)) > least if len(X_p) >= fewest else few
 
 

@@ -21,7 +21,7 @@ TE = 100.0 * float(np.hypot(1.0 - np.sin(ANGLE) / ANGLE, (1.0 - np.cos(ANGLE)) /
 
 
 def paths() -> list[Case]:
-    """A path with unequal steps, with starts and lengths; the last length is longer than the path."""
+    """Cases of a path with unequal steps, a first frame and a length; the last length exceeds the path."""
     path = np.array([0.0, 1.5, 3.5, 6.0, 6.0, 7.0, 9.5, 12.0])
     return [(path, *case) for case in ((0, 5.0), (0, 3.5), (2, 2.5), (1, 8.0), (3, 5.0), (4, 100.0))]
 

@@ -20,7 +20,7 @@ from ..drawing import FONT_SIZE, figure, finish, room, say
 def paths_chart(
     axis: Axes, truth: Array, estimate: Array | None, title: str, part: tuple[int, int] | None = None
 ) -> None:
-    """Truth and estimate from above; `part`, first and last frame, is marked on the truth."""
+    """Truth and estimate from above; `part` (first and last frame) is marked on the truth."""
     lines = [("truth", truth, DARK, 2.5, 1.0)]
     if part is not None:
         lines.append(("sub-sequence", truth[part[0] : part[1] + 1], FIFTH, 5.0, 0.7))

@@ -142,7 +142,7 @@ class EvaluationPanel(Panel):
 
 
 def longest_from(truth: Array, estimate: Array, lengths: tuple[float, ...], first: int) -> KittiErrors:
-    """The longest sub-sequence of these lengths that starts at a frame; empty where the path is too short."""
+    """The sub-sequence from frame `first` with the greatest of `lengths` that fits; empty if none fits."""
     errors = kitti_errors(truth[first:], estimate[first:], lengths, len(truth))
     longest = errors[np.argsort(errors.length)[-1:]]
     return replace(longest, first=longest.first + first, last=longest.last + first)

@@ -28,7 +28,7 @@ _poses: Memory[Array] = Memory(400)
 
 
 def _key(sequence: Sequence, *others: Hashable) -> tuple[Hashable, ...]:
-    """Inputs of a result on a sequence."""
+    """Key of a result on a sequence, from all inputs."""
     return sequence.folder, sequence.labels, sequence.frames[0], len(sequence), *others
 
 
@@ -57,7 +57,7 @@ class Plan:
 
     @property
     def key(self) -> tuple[Hashable, ...]:
-        """Inputs of the result."""
+        """Key of the result, from all inputs."""
         return _key(self.sequence, self.methods, self.seeds, self.variant)
 
     @property
@@ -77,7 +77,7 @@ def part_of(sequence: Sequence, frames: int, first: int | None = None) -> Sequen
 def clip(
     frames: int, detector: str = "", progress: Progress | None = None, first: int | None = None
 ) -> Sequence:
-    """`WHOLE` if available, or a part of the first KITTI sequence with truth and 100 m, or of the street.
+    """`WHOLE` if available, else a part of the first KITTI sequence with truth and 100 m, else of the street.
 
     `first` : first frame of the part, as in `part_of`.
 
@@ -98,7 +98,7 @@ def clip(
 def run_plan(plan: Plan, progress: Progress | None = None) -> list[Entry]:
     """Errors of each method, all run on the same matches.
 
-    The errors are those of KITTI's sub-sequences, or of shorter sub-sequences on a short path.
+    The errors are over KITTI's sub-sequences or, on a short path, over shorter sub-sequences.
     """
 
     def run() -> list[Entry]:

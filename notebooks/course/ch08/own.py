@@ -109,15 +109,15 @@ def watched(matches: Iterable[TimedMatches], report: Progress, frames: int) -> I
 
 
 def kept_by(run: Run, matches: Iterable[TimedMatches]) -> list[TimedMatches]:
-    """The matches of each frame that remain after the box rule of a finished run of variant `kit`."""
+    """The matches of each frame that the box rule kept in a finished run of variant `kit`."""
     given = list(matches)
     return [given[0], *((shown.matches[shown.keep], {}) for shown in film_frames(run, given))]
 
 
 def solve_sets(mine: Joined, x_p: Array, x_c: Array) -> tuple[Array, IntArray]:
-    """Essential matrices (M, 3, 3) of S sets of five (S, 5, 2), and the set (M,) of each matrix.
+    """Essential matrices (M, 3, 3) of S five-point sets x_p, x_c (S, 5, 2), and the index (M,) of their sets.
 
-    Your solver gets the sets one by one; the library's solves all sets at once, much faster.
+    Your solver gets the sets one by one; the library's solver gets all sets at once and is much faster.
     """
     if mine.whose["solve_five"] != "yours":
         solved = five_point(x_p, x_c)

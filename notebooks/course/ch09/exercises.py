@@ -15,7 +15,7 @@ def nearest_earlier(S: Array, gap: int) -> IntArray:
 
 
 def similar_places() -> list[Case]:
-    """Similarity matrices (N, N) with a gap."""
+    """Cases with a similarity matrix (N, N) and a gap."""
     rng, cases = np.random.default_rng(4), []
     for count in (5, 12):
         S = rng.uniform(0.0, 0.6, (count, count))
@@ -40,7 +40,7 @@ def edge_residual(p_i: Array, p_j: Array, z: Array) -> Array:
 
 
 def plane_edges() -> list[Case]:
-    """Two poses and the measured pose of the second in the first."""
+    """Cases with two poses and the measured pose of the second pose relative to the first."""
     first = np.array([3.0, 1.0, 0.4]), np.array([4.0, 5.0, 0.6])
     second = np.array([-2.0, 7.0, 3.0]), np.array([-6.0, 7.5, -3.1])
     third = np.array([0.0, 0.0, 1.5]), np.array([2.0, 1.0, -1.6])
@@ -56,7 +56,7 @@ def gauss_newton(J: Array, r: Array) -> Array:
 
 
 def linear_problems() -> list[Case]:
-    """Derivatives (3M, 3N) and residuals (3M,) of small graphs in the plane with a free gauge."""
+    """Cases with derivatives (3M, 3N) and residuals (3M,) of a small graph in the plane with a free gauge."""
     rng, cases = np.random.default_rng(2), []
     axes = np.eye(3) + rng.normal(0.0, 0.2, (5, 3, 3))  # the gauge changes each pose in a different way
     for edges in ([(0, 1), (1, 2), (0, 2)], [(0, 1), (1, 2), (2, 3), (3, 4), (0, 4)]):
@@ -75,7 +75,7 @@ def loop_weights(r: Array, sigma: Array, c: float) -> Array:
 
 
 def loop_residuals() -> list[Case]:
-    """Residuals (N, 3), standard deviations (3,) and the scale."""
+    """Cases with residuals (N, 3), their standard deviations (3,) and a scale."""
     sigma = np.array([0.05, 0.05, 0.001])
     rng = np.random.default_rng(6)
     return [
