@@ -115,9 +115,9 @@ def close_path(poses: Array, loops: Loops, config: LoopConfig) -> Closed:
 
 
 def carried_along(poses: Array, frames: IntArray, moved: Array) -> Array:
-    """Poses (N, 4, 4) after the replacement of those of `frames` (K,) by `moved` (K, 4, 4); frames[0] = 0.
+    """Poses (N, 4, 4) of all frames after the poses of some `frames` (K,) are moved to `moved` (K, 4, 4).
 
-    Between two such frames, the change is distributed evenly, as a twist.
+    The first of these frames is 0. Between two of them, the change is distributed evenly, as a twist.
     """
     correction = moved @ inverse(poses[frames])
     position = np.interp(np.arange(len(poses)), frames, np.arange(len(frames)))

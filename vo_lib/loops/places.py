@@ -46,7 +46,7 @@ def learn_words(images: list[Described], config: LoopConfig, seed: int) -> Array
 
 
 def histogram(image: Described, words: Array, width: int, columns: int) -> Array:
-    """Numbers of features (columns, kinds, words) in equal columns of an image with this width in pixels."""
+    """Numbers (columns, kinds, words) of features in the columns of an image that is `width` pixels wide."""
     nearest = (words[image.kind] @ image.descriptor[:, :, None])[..., 0].argmax(axis=1)
     column = (image.uv[:, 0] * columns // width).astype(np.int64)
     counts = np.zeros((columns, *words.shape[:2]))
@@ -83,7 +83,7 @@ def uncovered(sequence: Sequence, frame: int, uv: Array, method: MethodConfig) -
 
 
 def candidates(similarity: Array, frames: IntArray, config: LoopConfig) -> IntArray:
-    """Pairs (M, 2) of an earlier place and a place, similar and at least `config.gap` frames apart."""
+    """Pairs (M, 2) of similar places, the earlier place first, at least `config.gap` frames apart."""
     allowed = np.where(frames[:, None] - frames >= config.gap, similarity, -np.inf)
     best = np.argsort(-allowed, axis=1, kind="stable")[:, : config.candidates]
     later, rank = np.nonzero(np.take_along_axis(allowed, best, axis=1) >= config.similarity)
