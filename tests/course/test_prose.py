@@ -7,7 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
 import nbformat
+import numpy as np
 import pytest
 
 from course.ch01 import MatchingPanel
@@ -17,7 +19,11 @@ from course.ch04 import TranslationPanel
 from course.ch04 import exercises as ch04
 from course.ch05 import LorryPanel
 from course.ch06 import EvaluationPanel
+from course.frames import frame_points
+from vo_lib.config import preset
 from vo_lib.data.sequence import Sequence
+from vo_lib.paper.viso2 import ransac_motion
+from vo_lib.settings import replace
 
 FOLDER = Path(__file__).resolve().parents[2] / "notebooks"
 PANELS = {
@@ -147,6 +153,30 @@ def test_a_wrong_rotation_slips_by_the_depth_times_the_angle(look: Look) -> None
     near, _, _ = look("04", "Use only features nearer than 15 m", view__turn=0.2, translation__max_depth=15)
     assert near["error in x / rotation error"] < 0.7 * far["error in x / rotation error"]
     assert ch04.turned_sideways(near).passed
+
+
+def test_the_weights_of_viso2_are_worse_on_a_perfect_rig(look: Look, street: Sequence) -> None:
+    text = r"the weight is (\d+) times as large as at the border.* move less than half as far"
+    _, _, (ratio,) = look("04", text)
+    settings = preset("solution_selection")
+    weights = settings.reprojection
+    assert (1 + weights.centre) / weights.centre == pytest.approx(ratio)
+    camera, errors = street.camera, []
+    for frame in (35, 50, 60, 70):
+        points = frame_points(street, frame, settings)
+        matches, T_cp = points.matches, points.T_cp
+        assert T_cp is not None
+        flow = np.linalg.norm(matches.cur_left - matches.prev_left, axis=1)
+        middle = np.abs(matches.cur_left[:, 0] - camera.cx) < 0.2 * camera.cx
+        assert 2 * np.median(flow[middle]) < np.median(flow[~middle])
+        near = points.X_p[:, 2] < 100
+        given = points.X_p[near], matches.cur_left[near], camera.K
+        answers = [cv2.solvePnPRansac(*given, None, reprojectionError=1.0)[2].ravel()]
+        for each in (weights, replace(weights, "centre", 100.0)):
+            answers.append(ransac_motion(camera, matches, np.random.default_rng(0), each)[1])
+        errors.append([float(np.linalg.norm(t - T_cp[:3, 3])) for t in answers])
+    pnp, viso2, equal = np.median(errors, axis=0)
+    assert viso2 > 2 * pnp > equal
 
 
 def test_the_lorry_wins_the_vote_and_the_street_wins_it_again(look: Look) -> None:

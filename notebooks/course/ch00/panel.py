@@ -25,10 +25,11 @@ from vo_lib.settings import Checked, setting
 from ..ch02.figures import polynomial_chart, polynomial_of
 from ..ch03.figures import features_picture, field_figure
 from ..ch03.panel import field_of, previous_vector
+from ..ch04.figures import by_depth_figure
 from ..ch04.weightings import METHOD, solve_by
 from ..colours import BAD, GOOD, PALE, THIRD, bgr
 from ..controls import Control
-from ..drawing import COARSE, HALF_HEIGHT, WIDTH, beside, caption, figure, finish, log_axis, photo, stack
+from ..drawing import HALF_HEIGHT, WIDTH, beside, caption, figure, photo, stack
 from ..frames import disparity_map, frame_matches, frame_points, stereo, true_poses, truth
 from ..lessons import candidates_of, motion_of
 from ..panel import Drawing, Panel, State
@@ -44,7 +45,6 @@ const at = box.querySelector('img').getBoundingClientRect();
 field.value = [(event.clientX - at.x) / at.width, (event.clientY - at.y) / at.height];
 field.dispatchEvent(new Event('change', {bubbles: true}))"></div>"""
 RAYS, RAYS_END = 14, 15.0  # number of rays; largest distance of their points, metres
-DEPTHS, ERRORS = (3.0, 100.0), (0.01, 100.0)  # metres shown
 
 
 @dataclass(frozen=True)
@@ -180,17 +180,11 @@ def poses_view(sequence: Sequence, every: int = 10) -> View:
 
 def depth_figure(camera: StereoCamera, measured: Array, true: Array) -> Figure:
     """Errors of measured depths (N,) by true depth, metres, and σ_Z for the median disparity error."""
-    made, (axis,) = figure(260)
     good = np.isfinite(measured) & np.isfinite(true)
-    measured, true = measured[good], true[good]
-    error, fb, Z = np.abs(measured - true), camera.f * camera.baseline, np.array(DEPTHS)
+    measured, true, fb = measured[good], true[good], camera.f * camera.baseline
     sigma = float(np.median(np.abs(fb / measured - fb / true)))
-    axis.plot(true, np.clip(error, *ERRORS), ".", color=GOOD, markersize=4, label=f"{len(true)} matches")
-    axis.plot(Z, Z**2 / fb * sigma, color=BAD, label=f"Z² / (f b) · {sigma:.2f} px")
-    log_axis(axis.xaxis, *DEPTHS, COARSE)
-    log_axis(axis.yaxis, *ERRORS)
-    finish(axis, "error of the depth", "true depth Z [m]", "error [m]", "upper left")
-    return made
+    labels = f"{len(true)} matches", f"Z² / (f b) · {sigma:.2f} px"
+    return by_depth_figure(true, np.abs(measured - true), sigma / fb, labels, "error of the depth")
 
 
 def method_stages(sequence: Sequence, frame: int) -> dict[str, Image | Figure]:

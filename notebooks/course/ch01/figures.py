@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from vo_lib.data.sequence import Sequence
@@ -14,7 +15,7 @@ from vo_lib.paper.features import DESCRIPTOR_OFFSETS
 
 from ..ch02.figures import draw_dot, draw_flow
 from ..colours import BAD, CYCLE, DARK, FIFTH, FOURTH, GOOD, PALE, THIRD, bgr
-from ..drawing import FONT_SIZE, WIDTH, caption, figure, finish, log_axis, photo, raster, room, say
+from ..drawing import FONT_SIZE, WIDTH, caption, figure, finish, log_axis, photo, raster, room
 from ..frames import stereo
 from .exercises import eigenvalues
 from .trace import CHECKS, CHOSEN, LOST, OPEN, SURPLUS, Trace
@@ -25,6 +26,7 @@ FATES = {OPEN: "#D8D8D8", LOST: PALE, **dict(zip(CHECKS, (FOURTH, THIRD, FIFTH, 
 FATES |= {SURPLUS: "#56B4E9", CHOSEN: GOOD}
 SIDES = ("previous left", "previous right", "current right", "current left")
 LEAST, MOST = 0.01, 100.0  # pixels shown of an error
+RIGHT = 1.0  # pixels; a match is right whose places in the other three images are this near to the truth
 NAMES = 0.055  # of a figure's width, for the names of the fates
 
 
@@ -164,17 +166,24 @@ def by_fate(trace: Trace, error: Array) -> dict[str, Array]:
     return {"kept": error[fate == CHOSEN], "dropped": error[~np.isin(fate, (CHOSEN, SURPLUS))]}
 
 
+def step_figure(trace: Trace, error: Array, height: int = 290) -> Figure:
+    """Number of features by fate and, with truth, the errors (M,) of all matches, pixels; NaN: unknown."""
+    with_truth = bool(np.isfinite(error).any())
+    made, (left, *right) = figure(height, 1 + with_truth)
+    fates_chart(left, trace, error > RIGHT if with_truth else None)
+    if with_truth:
+        errors_chart(right[0], by_fate(trace, error))
+    return made
+
+
 def errors_chart(axis: Axes, errors: dict[str, Array], title: str = "errors of the matches") -> None:
     """Cumulative distributions of errors, pixels, by name; an error is NaN if the truth is unknown."""
-    if not any(np.isfinite(values).any() for values in errors.values()):
-        say(axis, "this sequence has no truth for single matches")
-        return
     for (name, values), colour in zip(errors.items(), CYCLE, strict=False):
         finite = np.sort(values[np.isfinite(values)])
         share = 100 * np.arange(1, len(finite) + 1) / max(len(finite), 1)
         words = f"{name}: median {np.median(finite):.2f} px" if len(finite) else name
         axis.plot(np.clip(finite, LEAST, MOST), share, color=colour, label=words)
-    axis.axvline(1.0, color=DARK, linewidth=1, linestyle=":")
+    axis.axvline(RIGHT, color=DARK, linewidth=1, linestyle=":")
     log_axis(axis.xaxis, LEAST, MOST)
     axis.set_ylim(0, 102)
     finish(axis, title, "error [px]", "share of matches [%]", "upper left")

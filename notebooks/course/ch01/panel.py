@@ -8,16 +8,15 @@ from vo_lib.config import preset
 from vo_lib.errors import DataError
 
 from ..controls import Control
-from ..drawing import figure, stack
+from ..drawing import stack
 from ..frames import stereo, truth
 from ..panel import Drawing, Panel, State
 from ..results import Fact
 from ..simulation.truth import match_errors
-from .figures import by_fate, errors_chart, fates_chart, fates_picture
+from .figures import RIGHT, by_fate, fates_picture, step_figure
 from .trace import trace
 
 PHOTO_HEIGHT, CHART_HEIGHT = 298, 290
-RIGHT = 1.0  # pixels; a match is right whose places in the other three images are this near to the truth
 
 
 class MatchingPanel(Panel):
@@ -47,12 +46,9 @@ class MatchingPanel(Panel):
         if len(traced.id) == 0:
             raise DataError(f"frame {frame - 1} has no features: lower the threshold")
         error = match_errors(ground_truth, traced.matches, frame)
-        wrong = error > RIGHT  # false where the truth is not known
         by_name = by_fate(traced, error)
-        chart, (left, right) = figure(CHART_HEIGHT, 2)
-        fates_chart(left, traced, None if ground_truth is None else wrong)
-        errors_chart(right, by_name)
         words = f"frame {frame}: kept blue, others in the colour of the failed check; rings: wrong, but kept"
+        wrong = error > RIGHT  # false where the truth is not known
         picture = fates_picture(stereo(sequence, frame)[0], traced, wrong, words)
         exact = by_name["kept"][np.isfinite(by_name["kept"])]
         facts = [Fact("features", len(traced.id)), Fact("kept", len(traced.chosen))]
@@ -68,4 +64,5 @@ class MatchingPanel(Panel):
             f"matched in all four images. The checks remove {len(traced.matches) - len(traced.kept)} of these, the "
             f"buckets {surplus}; {len(traced.chosen)} are kept."
         )
+        chart = step_figure(traced, error, CHART_HEIGHT)
         return Drawing(stack([picture, chart], self.height), sentence, tuple(facts))

@@ -66,13 +66,15 @@ def draw_line(picture: Image, line: Array, colour: str, thickness: int = 1) -> N
 
 
 def draw_dot(picture: Image, uv: Array, colour: str, radius: float, words: str = "") -> None:
-    """Draw a disc at a sub-pixel position of a BGR picture, in place, with words beside the disc."""
+    """Draw a disc at a sub-pixel position of a BGR picture, in place, with words in a black box beside the disc."""
     u, v = np.rint(np.asarray(uv) * 16).astype(int).tolist()
     cv2.circle(picture, (u, v), round(radius * 16), bgr(colour), -1, cv2.LINE_AA, shift=4)
     if words:
-        place = (u // 16 + 7, max(v // 16 - 6, 14))
-        for shade, width in ((bgr("#000000"), 4), (bgr("#FFFFFF"), 1)):
-            cv2.putText(picture, words, place, cv2.FONT_HERSHEY_SIMPLEX, 0.5, shade, width, cv2.LINE_AA)
+        font, white = (cv2.FONT_HERSHEY_SIMPLEX, 0.5), (255, 255, 255)
+        (w, h), _ = cv2.getTextSize(words, *font, 1)
+        x, y = min(u // 16 + 9, picture.shape[1] - w - 3), max(v // 16 - 6, h + 3)
+        cv2.rectangle(picture, (x - 2, y - h - 3), (x + w + 2, y + 3), (0, 0, 0), -1)
+        cv2.putText(picture, words, (x, y), *font, white, 1, cv2.LINE_AA)
 
 
 def draw_flow(picture: Image, start: Array, end: Array, colours: Sequence[str], radius: float) -> None:

@@ -14,7 +14,7 @@ from vo_lib.geometry.types import Array, BoolArray, Image
 
 from ..ch02.figures import draw_flow
 from ..colours import BAD, DARK, FIFTH, GOOD, PALE, bgr
-from ..drawing import WIDTH, caption, figure, finish, log_axis, photo, say
+from ..drawing import WIDTH, caption, figure, finish, log_axis, photo
 
 PHOTO_HEIGHT = 298
 LEAST, MOST = 1e-3, 180.0  # degrees shown of a rotation error
@@ -65,15 +65,16 @@ def features_picture(
 
 
 def field_figure(field: Field, result: float | None = None, height: int = 260) -> Figure:
-    """Image error of each candidate by angle to the previous vector, and by rotation error.
+    """Image error of each candidate by angle to the previous vector and, with truth, by rotation error.
 
     A mark on the right shows `result`, degrees: the error of the frame's final rotation.
     """
-    made, (by_angle, by_error) = figure(height, 2)
     with_truth = bool(np.isfinite(field.rotation_error).any())
-    named = by_error if with_truth else by_angle  # one legend is enough
+    made, axes = figure(height, 1 + with_truth)
+    by_angle, named = axes[0], axes[-1]  # one legend is enough
     nearest = "every solution" if field.kept.all() else "nearest k of a set"
-    for axis, x in ((by_angle, field.angle), (by_error, np.clip(field.rotation_error, LEAST, MOST))):
+    places = field.angle, np.clip(field.rotation_error, LEAST, MOST)
+    for axis, x in zip(axes, places, strict=False):
         for chosen, colour, marker, size, words in (
             (~field.kept, PALE, ".", 4.5, "left out"),
             (field.kept, GOOD, ".", 4.5, nearest),
@@ -88,15 +89,12 @@ def field_figure(field: Field, result: float | None = None, height: int = 260) -
     by_angle.set_xlim(0, 90)
     x_name = "angle to the previous essential vector [deg]"
     finish(by_angle, "the solutions of all sets", x_name, "image error", "lower right", boxed=True)
-    if not with_truth:
-        by_error.clear()
-        say(by_error, "no ground truth: the rotation error of a solution is unknown")
-        return made
-    if result is not None:
-        by_error.axvline(max(result, LEAST), color=BAD, linewidth=0.8, label="rotation of the frame")
-    log_axis(by_error.xaxis, LEAST, MOST)
-    title = "image error and rotation error"
-    finish(by_error, title, "rotation error [deg]", "image error", "upper left", boxed=True)
+    if with_truth:
+        if result is not None:
+            named.axvline(max(result, LEAST), color=BAD, linewidth=0.8, label="rotation of the frame")
+        log_axis(named.xaxis, LEAST, MOST)
+        title = "image error and rotation error"
+        finish(named, title, "rotation error [deg]", "image error", "upper left", boxed=True)
     return made
 
 

@@ -272,6 +272,7 @@ turned_sideways = Exercise(
     praise="{error in x:.0f} mm by {rotation error:.2f}°, a mean depth of {error in x / rotation error:.0f} m: near "
     "features slip less, so the rotation error has to be larger than with all features.",
     mistakes={
+        "there is no ground truth: choose another sequence.": lambda now: np.isnan(now["error in x"]),
         "the rotation is exact, so this error has another cause: move `rotation error`.": lambda now: (
             not abs(now["rotation error"]) > 0
         ),

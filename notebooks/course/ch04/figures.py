@@ -13,7 +13,7 @@ from vo_lib.geometry.types import Array
 from ..colours import BAD, DARK, FIFTH, GOOD, PALE
 from ..drawing import COARSE, FONT_SIZE, figure, finish, log_axis, room
 
-DEPTHS = 2.0, 200.0  # metres shown
+DEPTHS, DISTANCES = (2.0, 200.0), (1e-3, 100.0)  # metres shown
 LEAST, MOST = 0.01, 100.0  # pixels shown of a residual
 MILLI = 1e3
 
@@ -67,18 +67,25 @@ def ellipse_chart(
     finish(axis, "t_cp relative to the cross, from above", "x, right [mm]", "z, forward [mm]", boxed=True)
 
 
-def spread_figure(depth: Array, error: Array) -> Figure:
-    """Chart of the errors (N,) of t from single features, metres, by the depth (N,) of the feature."""
-    made, (axis,) = figure(260)
-    axis.plot(depth, np.clip(MILLI * error, 0.1, None), ".", color=GOOD, markersize=4, label="one feature")
+def spread_figure(depth: Array, distance: Array) -> Figure:
+    """Distances (N,) of t of single features from the reference, metres, by the depth (N,) of the feature."""
     near = (depth > 5) & (depth < 80)
-    factor = np.median(error[near] / depth[near] ** 2) if near.any() else 1e-4
-    line = np.array([4.0, 150.0])
-    axis.plot(line, MILLI * factor * line**2, color=BAD, linewidth=1.5, label="grows with Z²")
+    factor = float(np.median(distance[near] / depth[near] ** 2)) if near.any() else 1e-4
+    labels = "one feature", "grows with Z²"
+    return by_depth_figure(depth, distance, factor, labels, "t of one feature: distance from the reference")
+
+
+def by_depth_figure(
+    depth: Array, distance: Array, factor: float, labels: tuple[str, str], title: str
+) -> Figure:
+    """Distances (N,) over depths (N,), metres, as dots on logarithmic axes, and the line `factor` · Z²."""
+    made, (axis,) = figure(260)
+    Z = np.array(DEPTHS)
+    axis.plot(depth, np.clip(distance, *DISTANCES), ".", color=GOOD, markersize=4, label=labels[0])
+    axis.plot(Z, factor * Z**2, color=BAD, linewidth=1.5, label=labels[1])
     log_axis(axis.xaxis, *DEPTHS, COARSE)
-    axis.set_yscale("log")
-    axis.minorticks_off()
-    finish(axis, "t of one feature: distance from the reference [mm]", "depth Z [m]")
+    log_axis(axis.yaxis, *DISTANCES)
+    finish(axis, title, "depth Z [m]", "[m]", "upper left")
     return made
 
 

@@ -31,7 +31,12 @@ from .weightings import METHOD, WEIGHTINGS, alone, solve_by
 
 CHART_HEIGHT = 290
 GROUPS = 10  # of features that are solved separately
-TRUE, RECORDED, UNDISTURBED = "the truth", "the recorded truth", "the undisturbed published answer"
+TRUE, RECORDED, ESTIMATE = "the truth", "the recorded truth", "the published estimate"
+ABOUT = {
+    TRUE: "",
+    RECORDED: " In one frame an error of the calibration looks like one of the recorded truth.",
+    ESTIMATE: " Without ground truth, the reference is the result of variant `published` for undisturbed matches.",
+}
 
 
 @dataclass(frozen=True)
@@ -73,7 +78,7 @@ def reference(sequence: Sequence, points: Points, R_cp: Array) -> tuple[Array, s
     solved = solve_translation(sequence.camera, points.matches, R_cp, TranslationConfig())
     if solved is None:
         raise DataError("the matches of this frame give no translation")
-    return solved[0], UNDISTURBED
+    return solved[0], ESTIMATE
 
 
 def covariance(
@@ -143,16 +148,16 @@ class TranslationPanel(Panel):
         slip = abs(float(error[0]) / MILLI / np.radians(view.turn)) if view.turn else np.nan
         sentence = f"t_cp = ({t[0]:.3f}, {t[1]:.3f}, {t[2]:.3f}) m, compared with {name}. "
         sentence += f"The length of the step, {step:.2f} m, is off by {round(length, 3) + 0.0:+.1%}."
-        if name == RECORDED:
-            sentence += " In one frame an error of the calibration looks like one of the recorded truth."
+        sentence += ABOUT[name]
+        what = "difference" if name == ESTIMATE else "error"
         facts = (
-            Fact("error", float(np.linalg.norm(error)), "mm", 1),
-            Fact("error in x", float(error[0]), "mm", 1),
-            Fact("error in z", float(error[2]), "mm", 1),
+            Fact(what, float(np.linalg.norm(error)), "mm", 1),
+            Fact(f"{what} in x", float(error[0]), "mm", 1),
+            Fact(f"{what} in z", float(error[2]), "mm", 1),
             Fact("σ in x", MILLI * float(np.sqrt(C[0, 0])), "mm", 1),
             Fact("σ in z", MILLI * float(np.sqrt(C[2, 2])), "mm", 1),
             Fact("features used", int(used.sum())),
-            Fact("error in x / rotation error", slip, "m", 1),
+            Fact(f"{what} in x / rotation error", slip, "m", 1),
             Fact("depth limit", config.max_depth, "m"),
             Fact("rotation error", view.turn, "°", 2),
             Fact("wrong share", 100 * view.wrong, "%"),
