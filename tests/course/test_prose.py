@@ -173,7 +173,9 @@ def test_the_weights_of_viso2_are_worse_on_a_perfect_rig(look: Look, street: Seq
         given = points.X_p[near], matches.cur_left[near], camera.K
         answers = [cv2.solvePnPRansac(*given, None, reprojectionError=1.0)[2].ravel()]
         for each in (weights, replace(weights, "centre", 100.0)):
-            answers.append(ransac_motion(camera, matches, np.random.default_rng(0), each)[1])
+            solved = ransac_motion(camera, matches, np.random.default_rng(0), each)
+            assert solved is not None
+            answers.append(solved[1])
         errors.append([float(np.linalg.norm(t - T_cp[:3, 3])) for t in answers])
     pnp, viso2, equal = np.median(errors, axis=0)
     assert viso2 > 2 * pnp > equal
