@@ -94,7 +94,7 @@ def _table(errors: dict[tuple[str, str, str], list[list[float]]]) -> ReportTable
         count, *means = np.mean(of_seeds, axis=0)
         changes = [f"{number(means[k])} → {number(means[k + 3])}" for k in range(3)]
         rows.append([", ".join(key), number(count, 1), *changes])
-    note = "Means over the seeds, of each run before → after its loops were closed; ATE with SE3 alignment."
+    note = "Means over the seeds, before → after the closing of loops; ATE with SE3 alignment."
     columns = ["sequence, variant, method", "loops", "ATE m", "TE %", "RE deg/100 m"]
     title = "Not in the paper: loops closed by a pose graph"
     return ReportTable(title, columns, rows, [note])

@@ -23,7 +23,7 @@ class SceneConfig(Checked):
     layout: str = setting("city", "Kind of street.", choices=("city", "highway", "block"))
     length: float = setting(260.0, "Length of the camera's path.", unit="m", low=2, high=20000)
     speed: float = setting(10.0, "Mean speed of the camera.", unit="m/s", low=0.5, high=40)
-    speed_change: float = setting(0.15, "Amplitude of the speed, as a share of the mean.", low=0, high=0.95)
+    speed_change: float = setting(0.15, "Amplitude of speed changes, share of the mean.", low=0, high=0.95)
     rate: float = setting(10.0, "Frame rate of the stereo pairs.", unit="Hz", low=1, high=100)
     bends: float = setting(35.0, "Largest change of heading in one bend.", unit="deg", low=0, high=60)
     sharp_turn: bool = setting(False, "A right-angled turn half-way.")

@@ -58,7 +58,7 @@ class Reproduction:
         sentences = [f"Not found, so not run: {', '.join(self.missing)}."] if self.missing else []
         if bare := sorted({name for (_, name), (truth, _) in self.paths.items() if truth is None}):
             sentences.append(
-                f"No ground truth, so poses in the folder runs, but no errors: {', '.join(bare)}."
+                f"No errors, since there is no ground truth; poses are in the folder runs: {', '.join(bare)}."
             )
         if short := dict.fromkeys(e.sequence for e in self.entries if not np.isfinite(e.errors).any()):
             sentences.append(f"Shorter than every sub-sequence, so no errors: {', '.join(short)}.")

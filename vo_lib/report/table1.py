@@ -89,7 +89,7 @@ def layout_tables(group: Group, paper: PaperTable) -> list[ReportTable]:
     seeds = seeds_text(max(record["seeds"] for record in records)).capitalize()
     notes = [f"{seeds}; removed %: share of the features that the box rule removes."]
     mean = "Avg and mean, without 01" if group.kitti else "mean"
-    weights = f"{mean}: sequences weigh the same; pooled: sub-sequences do, as on KITTI's server."
+    weights = f"{mean}: all sequences have equal weight; pooled: all sub-sequences, as on KITTI's server."
     tables[-1].notes.extend([*notes, *[weights] * several])
     return tables
 
