@@ -104,7 +104,6 @@ def browser() -> Iterator[BrowserContext]:
 
 
 @pytest.mark.slow
-@pytest.mark.xdist_group("browser")
 @pytest.mark.usefixtures("street")
 @pytest.mark.parametrize(("lab", "path"), CASES, indirect=["lab"], ids=lambda each: Path(each).stem)
 def test_notebook_runs_in_a_browser(path: Path, lab: str, browser: BrowserContext) -> None:
@@ -142,7 +141,6 @@ def test_notebook_runs_in_a_browser(path: Path, lab: str, browser: BrowserContex
 
 
 @pytest.mark.slow
-@pytest.mark.xdist_group("browser")
 @pytest.mark.parametrize("lab", [""], indirect=True)
 def test_lab_opens_the_course_without_dialogs(lab: str, browser: BrowserContext) -> None:
     page = browser.new_page()

@@ -81,7 +81,6 @@ def student(street: Sequence, tmp_path_factory: pytest.TempPathFactory) -> tuple
 
 
 @pytest.mark.slow
-@pytest.mark.xdist_group("student")
 @pytest.mark.parametrize("path", SOLUTIONS, ids=name)
 def test_solutions_are_right(path: Path, student: tuple[Path, dict[Path, Any]]) -> None:
     notebook = student[1][path]
@@ -92,7 +91,6 @@ def test_solutions_are_right(path: Path, student: tuple[Path, dict[Path, Any]]) 
 
 
 @pytest.mark.slow
-@pytest.mark.xdist_group("student")
 def test_saved_answers_form_an_odometry_in_chapter_8(student: tuple[Path, dict[Path, Any]]) -> None:
     folder = student[0]
     notebook = execute(CHAPTERS[8], folder)
