@@ -96,7 +96,7 @@ def trajectory_distances(T: Array) -> Array:
 def _devkit_distances(T: Array) -> NDArray[np.float32]:
     """Path length to each pose, (N,), metres, with the devkit's rounding.
 
-    Squares and their sum are in single precision, the root and each addition in double, each total in single.
+    Squares, their sum and each total are in single precision; the root and each addition are in double.
     """
     steps = _norm(np.diff(T[:, :3, 3], axis=0).astype(np.float32)).tolist()
     return np.array([*accumulate(steps, lambda a, b: float(np.float32(a + b)), initial=0.0)], np.float32)

@@ -113,8 +113,8 @@ def track_warped(
 
     Returns
     -------
-    Positions (N, 2), pixels, and mean absolute differences (N,) of the windows, grey levels,
-    infinite for a lost feature or a refinement larger than MAX_REFINEMENT_PX.
+    Positions (N, 2), pixels, and mean absolute differences (N,) of the windows, grey levels;
+    these are infinite for a lost feature or a refinement larger than MAX_REFINEMENT_PX.
     """
     if len(uv) == 0:
         return np.zeros((0, 2)), np.zeros(0)

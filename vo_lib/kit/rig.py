@@ -85,8 +85,8 @@ class Rig:
     covariance : (19, 19) covariance of the estimate.
     errors : (19,) shrunk errors, used in `correct`. Lens errors are shrunk one after the other. A lens error
         is zero until its variance is at most half of the prior's, since slow driving in a jam gives little
-        and one-sided information. Each shrunk lens error then conditions the errors after it. Finally, the
-        whole field is shrunk.
+        and one-sided information. The errors after a lens error are conditioned on its shrunk value.
+        Finally, the whole field is shrunk.
     """
 
     def __init__(self, camera: StereoCamera, config: CalibrationConfig):

@@ -117,7 +117,7 @@ def close_loop(before: DescribedPair, pair: DescribedPair, radius: int) -> tuple
 def subpixel_matches(
     before: DescribedPair, pair: DescribedPair, matches: StereoMatches, config: MatchingConfig
 ) -> StereoMatches:
-    """The matches in whole pixels that pass the checks, with sub-pixel positions.
+    """The matches that pass the checks, with sub-pixel positions instead of whole pixels.
 
     The position in the previous left image is kept. Lucas-Kanade tracks this position to the previous right
     and to the current left image, and from both to the current right image, where the two positions must
@@ -135,7 +135,7 @@ def subpixel_matches(
 
 
 def is_stereo(left: Array, right: Array, config: StereoLimits) -> BoolArray:
-    """Mask (N,) of possible stereo matches (N, 2): equal rows, and a sufficient disparity."""
+    """Mask (N,) of the pixel pairs (N, 2) that can be stereo matches: equal rows, sufficient disparity."""
     disparity, row = (left - right).T
     return np.asarray((disparity >= config.min_disparity) & (np.abs(row) <= config.row_tolerance))
 

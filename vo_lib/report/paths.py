@@ -33,7 +33,7 @@ GIVE_TRUTH = "give its ground truth with --truth FILE"
 class ComparedPaths:
     """The true path (N, 4, 4) of a sequence, and estimates (N, 4, 4) of this path by label.
 
-    `times` : (N,) seconds, or None if unknown. `matched` : a sentence, if the truth has further poses.
+    `times` : (N,) seconds, or None if unknown. `matched` : a sentence if not all true poses matched.
     """
 
     name: str
@@ -182,7 +182,7 @@ def evaluation_tables(name: str, result: Evaluation) -> list[ReportTable]:
 
 
 def write_pictures(folder: Path, paths: ComparedPaths, result: Evaluation) -> None:
-    """Write figures of the paths with the truth, aligned as for the ATE, and of error curves."""
+    """Write figures of the paths and the truth, aligned as for the ATE, and figures of error curves."""
     file, alignment = slug(paths.name), result.sequences[0].ate.alignment
     # The axes of the first camera, in which the path can be seen from above.
     to_start = np.linalg.inv(paths.truth[0])
