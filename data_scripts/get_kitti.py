@@ -45,7 +45,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     which.add_argument("--sequences", metavar="S,S-S,…", help="00 … 21; 00-10 have ground truth")
     which.add_argument("--raw", metavar="DRIVE", help="a drive of the raw data")
     parser.add_argument("--frames", metavar="A:B", default=ALL, help="frames A … B-1 only, counted from 0")
-    parser.add_argument("--color", action="store_true", help="add colour images, better for detectors")
+    parser.add_argument("--color", action="store_true", help="also download the colour images, for detectors")
     parser.add_argument("--root", type=Path, metavar="DIR", help=f"KITTI folder; default {kitti_root()}")
     parser.add_argument("--from-zip", type=Path, nargs="+", metavar="FILE", help="archives on disk")
     parser.add_argument("--link", type=Path, metavar="DIR", help="link an existing KITTI folder instead")

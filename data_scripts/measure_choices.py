@@ -88,7 +88,7 @@ def with_shifted_places(camera: Any, matches: Any, before: Any) -> Any:
 
 
 def mean_of_best_tenth(odometry: Any, E: Array, set_index: Any, x_p: Array, x_c: Array) -> int:
-    """Replacement of `Odometry.select`: the winner is the principal vector of the best tenth of all."""
+    """Replacement of `Odometry.select`: the principal vector of the best tenth of the candidates wins."""
     errors = truncated_errors(E, x_p, x_c, odometry.threshold)
     compete = competing(E, set_index, odometry.e_prev, odometry.config.selection)
     errors = np.where(compete, errors, np.inf)

@@ -26,7 +26,7 @@ from vo_lib.detection.yolo import PROVIDERS
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Options of the script, one for every setting of the detector."""
     parser.add_argument("sequence", help="a name from `vo list`, or a folder in KITTI's layout")
-    parser.add_argument("--model", required=True, help="street, a downloaded model, or an ONNX file")
+    parser.add_argument("--model", required=True, help="`street`, a downloaded model, or an ONNX file")
     text = "label folder; default: labels in the sequence's folder"
     parser.add_argument("--out", type=Path, metavar="DIR", help=text)
     parser.add_argument("--replace", action="store_true", help="replace labels of another detector")

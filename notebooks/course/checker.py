@@ -101,8 +101,8 @@ class Exercise:
         `right`, which are results of the first case, or names of facts.
     line : the code of a right answer, shown after the third different failure; by default the hint.
     library : functions of the library that an answer must not call.
-    mistakes : wrong answers by message (fields as in `praise`). A wrong answer is a function of the inputs, a
-        value or a `When`; for a panel, a function of the facts that returns True for the mistake.
+    mistakes : messages (with fields as in `praise`) and their wrong answers. A wrong answer is a function of the
+        inputs, a value or a `When`; for a panel, a function of the facts that returns True for the mistake.
     slips : messages that replace messages of `SLIPS`, by slip name; for a value, only these slips are tested.
     parts : names of several results, in the order of the comparison.
     form : function that prepares results for the comparison, such as `any_order`.

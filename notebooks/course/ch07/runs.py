@@ -77,7 +77,7 @@ def part_of(sequence: Sequence, frames: int, first: int | None = None) -> Sequen
 def clip(
     frames: int, detector: str = "", progress: Progress | None = None, first: int | None = None
 ) -> Sequence:
-    """`WHOLE` if available, else a part of the first KITTI sequence with truth and 100 m, else of the street.
+    """`WHOLE` if available, else a part of a KITTI sequence with truth over 100 m, else a part of the street.
 
     `first` : first frame of the part, as in `part_of`.
 
