@@ -6,8 +6,8 @@ calibration, times and truth. If file names are times (nanoseconds, or seconds
 with decimals), left and right images are paired by time. The calibration is
 given by --focal, --centre and --baseline for rectified images, or by OpenCV
 YAML files: with K1 D1 K2 D2 R T, the script rectifies the images; with P1 P2
-alone, the images must already be rectified. A sample of pairs is checked for exchanged images,
-unequal rows and a wrong baseline.
+alone, the images must already be rectified. A sample of pairs is checked for
+exchanged images, unequal rows and a wrong baseline.
 
 examples:
   vo data from_folder --left L --right R --out data/mine \\

@@ -46,7 +46,7 @@ DRAWN_FRAMES = 100  # the first frames of a drawn scene; all frames would take a
 
 
 def measured(sequence: Sequence, idea: Idea, cache: Any) -> Array:
-    """TE, RE, excess length and ms per frame for each seed, (S, 4), without ms for unchanged matches."""
+    """TE, RE, excess length and ms per frame for each seed, (S, 4). The ms exclude unchanged matching."""
     config = preset(idea.method, variant="kit")
     with ExitStack() as patches:
         patches.enter_context(single_threaded())

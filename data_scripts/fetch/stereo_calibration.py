@@ -135,8 +135,8 @@ def rig_from_matrices(
 ) -> Rig:
     """The rig with the given calibration matrices.
 
-    The rectification is computed from K, D of both cameras and from R, T (`cv2.stereoRectify`, only pixels
-    of both cameras), or is given by R1, P1, R2, P2. With P1 and P2 alone, the images must already be rectified.
+    The rectification is computed from K, D of both cameras and from R, T (`cv2.stereoRectify`, only pixels of
+    both cameras), or is given by R1, P1, R2, P2. With P1 and P2 alone, the images must already be rectified.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The route of the street, and the drive of the camera along it.
+"""The route of the street, and the drive of the camera along the route.
 
 Street frame: x right, y down, z forward at the start of the street, origin on the road's centre line;
 the road is the plane y = 0. Arc length s and lateral offset (positive to the right) are street coordinates.

@@ -100,7 +100,7 @@ class MeshBuilder:
 
 
 def prism(base: Array, top: Array) -> Array:
-    """Side faces (n, 4, 3) between two rings of n corners each (n, 3)."""
+    """Side faces (n, 4, 3) between two rings, each with n corners (n, 3)."""
     return np.stack([base, top, np.roll(top, -1, axis=0), np.roll(base, -1, axis=0)], axis=1)
 
 

@@ -101,7 +101,7 @@ class Exercise:
         `right`, which are results of the first case, or names of facts.
     line : the code of a right answer, shown after the third different failure; by default the hint.
     library : functions of the library that an answer must not call.
-    mistakes : messages (with fields as in `praise`) and their wrong answers. A wrong answer is a function of the
+    mistakes : messages (fields as in `praise`) and their wrong answers. A wrong answer is a function of the
         inputs, a value or a `When`; for a panel, a function of the facts that returns True for the mistake.
     slips : messages that replace messages of `SLIPS`, by slip name; for a value, only these slips are tested.
     parts : names of several results, in the order of the comparison.

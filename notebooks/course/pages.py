@@ -148,7 +148,7 @@ def with_mathml(markdown: str) -> str:
 
 
 def _announced(markdown: str) -> str:
-    """Description of the picture below a text: the last line if it ends with a colon, else the last heading."""
+    """Description of a picture: the last line of the text above if it ends with a colon, else the heading."""
     plain = re.sub(r"[*`$]|\[|\]\([^)]*\)", "", markdown).strip()
     last = plain.split("\n")[-1]
     if last.endswith(":"):

@@ -85,8 +85,8 @@ class Panel:
     Class attributes
     ----------------
     title : a line above the controls.
-    controls : controls from top to bottom. Their settings are in `start` or `kit` or, with the prefix "view.",
-        in `view`.
+    controls : controls from top to bottom. Their settings are in `start` or `kit`, or, with the prefix
+        "view.", in `view`.
     view : class of the settings of the panel itself, declared with `setting`.
     start : configuration with the first values of the controls.
     kit : configuration for the switch "published | kit"; if None, there is no switch.

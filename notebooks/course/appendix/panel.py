@@ -152,7 +152,7 @@ def field_maps(image: Image, camera: StereoCamera, fields: dict[str, Array]) -> 
 
 
 def arrows_figure(camera: StereoCamera, moved: dict[str, tuple[Array, ...]], height: int = 130) -> Figure:
-    """Displacements (2, N) of the points of `image_grid` as arrows, by title; the last are blue."""
+    """Charts by title of displacements (2, N) of the points of `image_grid`; the last arrows are blue."""
     points, lines, width = image_grid(camera), -(-len(moved) // 4), min(len(moved), 4)
     made = Figure(figsize=(WIDTH / DPI, lines * height / DPI), dpi=DPI, layout="constrained")
     for axis, (title, parts) in zip(made.subplots(lines, width).flat, moved.items(), strict=True):

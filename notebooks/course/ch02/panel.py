@@ -69,7 +69,7 @@ def with_noise(points: Points, noise: float, focal: float) -> Points:
 def rotation_errors(E: Array, R_true: Array) -> Array:
     """Angle between the rotation of each E (M, 3, 3) and the true rotation, (M,) degrees.
 
-    E has two rotations; the error is that of the nearer rotation. The other rotation differs by 180° about t,
+    E has two rotations; the result is the error of the nearer one. The other rotation differs by 180° about t,
     and the depths of the points exclude this rotation.
     """
     R, _ = decompose_essential(E)

@@ -109,7 +109,7 @@ def in_list(E: Array, set_index: Any, errors: Array, e_prev: Array, k: int) -> i
 
 
 def within_sets(E: Array, set_index: Any, errors: Array, e_prev: Array, k: int) -> int:
-    """Wrong answer: indices of the nearest within each set, used as indices of all candidates."""
+    """Wrong answer: indices within a set are used as indices into all candidates."""
     sets = (np.flatnonzero(set_index == s) for s in np.unique(set_index))
     kept = np.concatenate([np.argsort(angles(E[members], e_prev), kind="stable")[:k] for members in sets])
     return int(kept[np.argmin(errors[kept])])

@@ -60,7 +60,7 @@ def line_distances(sequence: Sequence, matches: StereoMatches, T_cp: Array) -> A
 
 
 def distance_lines(sequence: Sequence, frame: int, matches: StereoMatches, distances: Array) -> str:
-    """Median distance of the features outside all boxes and, for each box from left to right, inside."""
+    """Median distances of the features outside all boxes, and inside each box, from left to right."""
     xyxy = sequence.boxes(frame).xyxy
     xyxy = xyxy[np.argsort(xyxy[:, 0])]
     within = inside(matches.cur_left, xyxy).T

@@ -1,4 +1,4 @@
-"""Chapter 7: the part of a sequence that is run, and runs of several methods and seeds on it."""
+"""Chapter 7: the part of a sequence that is run, and the runs of several methods and seeds on this part."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def clip(
 
 
 def run_plan(plan: Plan, progress: Progress | None = None) -> list[Entry]:
-    """Errors of each method, all run on the same matches.
+    """Errors of each method; all methods are run on the same matches.
 
     The errors are over KITTI's sub-sequences or, on a short path, over shorter sub-sequences.
     """

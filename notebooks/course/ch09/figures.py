@@ -20,7 +20,7 @@ GREEN_BGR, RED_BGR = (90, 160, 0), (60, 60, 220)
 
 
 def similarity_figure(similarity: Array, frames: IntArray) -> Figure:
-    """The similarity (N, N) of places, by their frames."""
+    """The similarity (N, N) of places, with frame numbers on both axes."""
     page, (axis,) = figure(380, width=520)
     extent = (frames[0], frames[-1], frames[-1], frames[0])
     page.colorbar(axis.imshow(similarity, cmap="magma", vmin=0.0, vmax=0.5, extent=extent), ax=axis)
