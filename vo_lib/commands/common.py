@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from .. import settings
-from ..config import METHODS, VARIANTS, config_class, preset
+from ..config import METHODS, VARIANTS, preset
 from ..data.catalogue import SYNTHETIC, open_sequence
 from ..data.drawn import cache_folder
 from ..data.poses import MAX_COORDINATE_M
@@ -22,8 +21,8 @@ from ..detection.labels import labelled_sequence
 from ..detection.settings import DetectorConfig
 from ..errors import DataError
 from ..evaluation.ate_rpe import Delta
-from ..files import read_mapping
 from ..paper.settings import MethodConfig
+from ..runs.folder import read_config, settings_in
 from .console import reporting, tell
 
 BOTH = "both"
@@ -110,19 +109,13 @@ def read_settings(options: argparse.Namespace) -> MethodConfig:
         options.variant = options.variant or DEFAULT_VARIANT
         config: MethodConfig = preset(options.method, variant=options.variant)
         return config
-    expected = "the settings of a run, as written by `vo run`"
-    data = read_mapping(options.config, expected)
+    data = read_config(options.config)
     for name in ("method", "variant"):
         option, value = getattr(options, name, None), data.get(name)
         if option not in (None, value):
             raise DataError(f"is a run of {name} {value}, not {option}: omit --{name}", options.config)
         setattr(options, name, value)
-    try:
-        config = settings.from_dict(config_class(data["variant"]), data["settings"])
-    except (DataError, KeyError, TypeError) as error:
-        page = f"see vo run --variant {options.variant} --help-settings"
-        raise DataError(f"expected {expected} ({error}; {page})", options.config) from None
-    return config
+    return settings_in(data, options.config)
 
 
 def parse_methods(text: str | None, variant: str | None) -> dict[str, list[str]]:

@@ -16,7 +16,6 @@ import cv2
 import numpy as np
 
 from ..data.poses import from_first
-from ..errors import DataError
 from ..evaluation.kitti import trajectory_distances
 from ..geometry.boxes import MOVING, PARKED, Boxes
 from ..geometry.matches import StereoMatches
@@ -42,14 +41,9 @@ LINE_WIDTHS = {PROPOSAL: 4.0, TRUTH: 0.9}  # points; other lines have widths bet
 
 
 def page(title: str = "", width: float = SMALL_PAGE[0], height: float = SMALL_PAGE[1]) -> Figure:
-    """An empty figure of a size in inches, with constrained layout; a long title is wrapped.
+    """An empty figure of a size in inches, with constrained layout; a long title is wrapped."""
+    from matplotlib.figure import Figure
 
-    Raises `DataError` if the environment sets an unknown Matplotlib backend.
-    """
-    try:
-        from matplotlib.figure import Figure
-    except ValueError as error:
-        raise DataError(f"Matplotlib: {error}") from None
     figure = Figure(figsize=(width, height), dpi=160, layout="constrained")
     if title:
         # Matplotlib's own wrapping interprets text between dollar signs as a formula.
@@ -192,8 +186,8 @@ def error_curves_figure(title: str, by: str, curves: Mapping[str, ErrorCurve]) -
 
 # BGR colours of features that are kept (blue) or removed (orange), and of boxes (white).
 KEPT, REMOVED, BOX = bgr(CYCLE[0]), bgr(CYCLE[1]), (255, 255, 255)
-# BGR colours of kept features by age, from new (pink) to old (green); no colour is that of a method.
-AGE_COLOURS = [(220 - 10 * n, 90 + 11 * n, 255 - 13 * n) for n in range(16)]
+# BGR colours of kept features by age, from new (cyan) over green to old (yellow).
+AGE_COLOURS = [(255 - 17 * n, 220, 17 * n) for n in range(16)]
 
 
 def match_image(
@@ -207,7 +201,7 @@ def match_image(
 ) -> Image:
     """The current left image in BGR (H, W, 3); a match is a line from the previous to the current position.
 
-    Kept matches are blue (`by_age`: greener with age), removed matches orange. With the boxes' `state` (K,)
+    Kept matches are blue (`by_age`: from cyan to yellow), removed matches orange. With the boxes' `state` (K,)
     from `kit.judgement`, moving boxes have a thick solid line, parked boxes a dashed line, unknown boxes a
     dotted line. `words` are written above the boxes.
     """

@@ -23,6 +23,7 @@ from ..files import DRAFT, LOCK, csv_text, read_csv, read_mapping, write_atomic
 from ..geometry.motion import inverse
 from ..geometry.result import MAX_MISSING_FRAMES, Flag, FrameResult
 from ..geometry.types import Array
+from ..paper.settings import MethodConfig
 from .drive import Run
 from .identity import surroundings
 
@@ -140,13 +141,22 @@ def timing(result: Run) -> dict[str, Any]:
     return {"ms_per_frame": result.ms_per_frame, "ms_per_frame_of": mean}
 
 
-def read_config(folder: Path) -> dict[str, Any]:
-    """The content of config.json of a finished run; `DataError` if the file is missing or invalid."""
-    expected = "the settings of a run, as written by `vo run`"
-    data = read_mapping(folder / CONFIG, expected)
+def read_config(path: Path) -> dict[str, Any]:
+    """The content of config.json, by its path or its folder; `DataError` if it is missing or invalid."""
+    path, expected = path / CONFIG if path.is_dir() else path, "the settings of a run, as written by `vo run`"
+    data = read_mapping(path, expected)
     if not isinstance(data.get("settings"), dict):
-        raise DataError(f"expected {expected}", folder / CONFIG)
+        raise DataError(f"expected {expected}", path)
     return data
+
+
+def settings_in(data: dict[str, Any], path: Path) -> MethodConfig:
+    """The settings in the content of config.json; a `DataError` names the file."""
+    try:
+        config: MethodConfig = settings.from_dict(config_class(str(data.get("variant"))), data["settings"])
+    except DataError as error:
+        raise DataError(str(error), path) from None
+    return config
 
 
 def is_finished(folder: Path) -> bool:
@@ -159,11 +169,7 @@ def read_run(folder: Path, sequence: Sequence) -> Run:
 
     Raises `DataError` if a file is missing or invalid, or does not have one row per frame.
     """
-    data = read_config(folder)
-    try:
-        config = settings.from_dict(config_class(str(data.get("variant"))), data["settings"])
-    except DataError as error:
-        raise DataError(str(error), folder / CONFIG) from None
+    config = settings_in(read_config(folder), folder / CONFIG)
     poses = read_kitti_poses(folder / POSES)
     path = folder / LOG
     (_, heading), *lines = read_csv(path) or [(1, [])]
