@@ -48,7 +48,8 @@ def run(options: argparse.Namespace) -> int:
             for name, path in local.items()
             if name not in FETCHABLE
         ]
-        show_table(f"detectors in {folder}", ["name", "size", "about", "state"], rows, numbers=False)
+        say(f"detectors in {folder}")
+        show_table(["name", "size", "about", "state"], rows, numbers=False)
     elif options.source is not None:
         say(f"registered as {register_detector(options.name, options.source, folder)}")
     elif options.name.startswith("yolov8"):

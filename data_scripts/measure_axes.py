@@ -19,7 +19,7 @@ from pathlib import Path
 
 from measure.axes import MAX_ANGLE_DEG, fit_axes
 from vo_lib.commands.common import parse_lengths, parse_whole
-from vo_lib.commands.console import show_table
+from vo_lib.commands.console import say, show_table
 from vo_lib.commands.scripts import run_script
 from vo_lib.data.poses import read_kitti_poses
 from vo_lib.errors import DataError
@@ -58,8 +58,8 @@ def run(options: argparse.Namespace) -> int:
             number(turned.kitti.re),
         ],
     ]
-    title = f"{len(measured)} sub-sequences; angles up to {MAX_ANGLE_DEG:g} deg"
-    show_table(title, ["", "pitch deg", "yaw deg", "TE %", "RE deg/100 m"], rows)
+    say(f"{len(measured)} sub-sequences; angles up to {MAX_ANGLE_DEG:g} deg")
+    show_table(["", "pitch deg", "yaw deg", "TE %", "RE deg/100 m"], rows)
     return 0
 
 

@@ -57,11 +57,8 @@ def run(options: argparse.Namespace) -> int:
     for name, ms in (("wall", wall), ("processor", processor)):
         rows.append([f"whole run, {name} time", f"{ms:.2f} ms, {ms / decoding:.1f} times the decoding"])
     size = f"{camera.width}×{camera.height} px"
-    show_table(
-        f"{sequence.name}, {len(sequence)} frames, {size}, {METHOD}, {config.variant}",
-        ["stage", "time per frame"],
-        rows,
-    )
+    say(f"{sequence.name}, {len(sequence)} frames, {size}, {METHOD}, {config.variant}")
+    show_table(["stage", "time per frame"], rows)
     return 0
 
 

@@ -58,10 +58,8 @@ def tell(*sentences: str) -> None:
         Console().print(sentence, highlight=False, markup=False)
 
 
-def show_table(title: str, columns: list[str], rows: list[list[str]], numbers: bool = True) -> None:
+def show_table(columns: list[str], rows: list[list[str]], numbers: bool = True) -> None:
     """Print a table; the first column has the names of the rows, and numbers are aligned to the right."""
-    if title:
-        say(title)  # not as the table's own title, which a narrow table wraps
     table = Table()
     for place, name in enumerate(columns):
         justify: JustifyMethod = "right" if numbers and place else "left"
@@ -75,5 +73,5 @@ def show_table(title: str, columns: list[str], rows: list[list[str]], numbers: b
 def show_report_table(table: ReportTable) -> None:
     """Print a table of a report with its title, introduction and notes, after a blank line."""
     tell("", table.title, *table.head)
-    show_table("", table.columns, table.rows)
+    show_table(table.columns, table.rows)
     tell(*table.notes)

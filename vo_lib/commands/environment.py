@@ -26,7 +26,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def _check(options: argparse.Namespace) -> int:
     findings = [_packages(), _kitti(), _detectors(), _caches()]
-    show_table("", ["subject", "state", "facts"], [[*finding[:3]] for finding in findings], numbers=False)
+    show_table(["subject", "state", "facts"], [[*finding[:3]] for finding in findings], numbers=False)
     say(*(f"{subject}: {remedy}" for subject, _, _, remedy in findings if remedy))
     return int(any(state == "problem" for _, state, _, _ in findings))
 

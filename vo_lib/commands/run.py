@@ -129,7 +129,7 @@ def _show(result: Run, method: str, estimates: dict[str, Array]) -> None:
         errors = result.calibration.in_words(result.config.calibration)
         rows.append(["calibration errors (± one σ)", errors.replace("; ", "\n")])
     rows.append(["time per frame", f"{result.ms_per_frame:.1f} ms"])
-    show_table("", ["quantity", "value"], rows)
+    show_table(["quantity", "value"], rows)
     if path_lost(result):
         missing = [motion.measured for motion in motions].count(False)
         tell(f"Tracking was lost: {missing} of {len(motions)} frames have no motion; see frames.csv.")

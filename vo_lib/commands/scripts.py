@@ -29,7 +29,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 def _data(options: argparse.Namespace) -> int:
     purposes = scripts()
     if options.name is None:
-        show_table("", ["script", "purpose"], [[*row] for row in purposes.items()], numbers=False)
+        show_table(["script", "purpose"], [[*row] for row in purposes.items()], numbers=False)
         say("vo data NAME --help: options and examples of a script")
         return 0
     if options.name not in purposes:

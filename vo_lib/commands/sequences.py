@@ -31,7 +31,7 @@ def _list(options: argparse.Namespace) -> int:
         except DataError as error:
             rows.append([name, *[NO_NUMBER] * (len(COLUMNS) - 1)])
             problems.append(f"{name} is not usable: {error}")
-    show_table("", COLUMNS, rows)
+    show_table(COLUMNS, rows)
     say("A scene without a size in MB is drawn on first use.", f"drawn scenes: {cache_folder()}")
     say(*(f"KITTI: {root / 'sequences'}" for root in kitti_roots()), *problems)
     if not any(name.startswith(KITTI) for name, *_ in rows):

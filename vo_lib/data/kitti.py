@@ -64,8 +64,6 @@ def _read_projections(path: Path) -> list[tuple[Array, int]]:
         name, _, rest = line.partition(":")
         if (name := name.strip()) not in ("P0", "P1"):
             continue
-        if name in matrices:
-            raise DataError(f"{name} is defined twice", path, number)
         try:
             values = np.array([float(word) for word in rest.split()])
         except ValueError:
