@@ -188,6 +188,8 @@ def with_frame_rate(video: bytes, frames: int) -> bytes:
 
     Only header numbers change: time units per second, and durations (ISO 14496-12, boxes of version 0).
     """
+    if not frames:
+        return video
     data, header = bytearray(video), video.rindex(b"moov")
 
     def change(box: bytes, offset: int, new: Callable[[int], int]) -> None:
