@@ -46,7 +46,10 @@ DRAWN_FRAMES = 100  # the first frames of a drawn scene; all frames would take a
 
 
 def measured(sequence: Sequence, idea: Idea, cache: Any) -> Array:
-    """TE, RE, excess length and ms per frame for each seed, (S, 4). The ms exclude unchanged matching."""
+    """TE, RE, excess length and ms per frame for each seed, (S, 4).
+
+    The time includes the matching if the idea changes the matches.
+    """
     config = preset(idea.method, variant="kit")
     with ExitStack() as patches:
         patches.enter_context(single_threaded())

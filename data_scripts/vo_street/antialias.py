@@ -59,8 +59,7 @@ def soften_edges(
 
 
 def _way_out(edges: Array, at: tuple[Array, Array], axis: int, step: float) -> Array:
-    """Position (N,) of the end of a face, as a fraction of the step to the next pixel; infinite if the face
-    does not end.
+    """Position (N,) of a face's end, as a fraction of the step to the next pixel; infinite without an end.
 
     An edge is used only along the axis closer to its normal, so that no edge is smoothed twice. The result
     for the other axis is NaN.

@@ -51,7 +51,7 @@ def simulated() -> tuple[Sequence, list[TimedMatches]]:
 
 @functools.cache
 def errors_of_sets(variant: str = "published") -> tuple[Array, Array]:
-    """TE and RE of `solution_selection` on the simulated frames by number of sets, (len(VALUES),) each."""
+    """TE and RE, (len(VALUES),) each, of `solution_selection` on the simulated frames, by number of sets."""
     sequence, matches = simulated()
     method = preset("solution_selection", variant=variant)
     configs = {str(value): replace(method, "selection.sets", value) for value in VALUES}
