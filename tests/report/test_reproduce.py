@@ -226,7 +226,7 @@ def test_reproduce_writes_all_files(tree: Path, capsys: pytest.CaptureFixture[st
     assert list(dict.fromkeys(row["variant"] for row in table)) == ["published", "kit"]
     assert 0 < float(table[1]["te_percent"]) < 5
     page = (out / "report.html").read_text(encoding="utf-8")
-    assert "but no errors: kitti/11." in page
+    assert "poses are in the folder runs: kitti/11." in page
     assert "kitti/08" in page
     assert page.count("<img") == page.count("data:image/png;base64,") == len(figures) + 2  # errors
 
