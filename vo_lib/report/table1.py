@@ -125,15 +125,19 @@ def results(groups: list[Group]) -> list[str]:
 
 def _comparison(group: Group, other: str) -> list[str]:
     """A sentence on the mean errors of the proposal and of another method; none without boxes or errors."""
-    means = [[mean_and_spread(e)[0] for e in group.mean(method)] for method in (other, PROPOSAL)]
+    errors = [[mean_and_spread(e) for e in group.mean(method)] for method in (other, PROPOSAL)]
+    means, deviations = np.moveaxis(np.array(errors), 2, 0)
     if not np.isfinite(means).all() or not any(entry.labels for entry in group.of_method(PROPOSAL)):
         return []
     parts = []
-    for (kind, _), claim, before, after in zip(ERROR_KINDS.values(), CLAIMS[other], *means, strict=True):
+    columns = zip(ERROR_KINDS.values(), CLAIMS[other], *means, deviations.max(axis=0), strict=True)
+    for (kind, _), claim, before, after, deviation in columns:
         less, (name, unit) = float(gain(before, after)), kind.split(" ", 1)
         if np.isfinite(less) and less != 0.0:
-            change = f"{signed(-less, 1)} %" + (f", in the paper −{claim:g} %" if group.is_papers else "")
-            verb = "lowers" if less > 0 else "raises"
+            verb, change = "lowers" if less > 0 else "raises", f"{signed(-less, 1)} %"
+            if abs(after - before) < deviation:
+                verb, change = "changes", "less than the standard deviation over the seeds"
+            change += f", in the paper −{claim:g} %" if group.is_papers else ""
             parts.append(f"{verb} {name} from {number(before)} to {number(after)} {unit} ({change})")
     rows, changes = group.averaged, " and ".join(parts) or "changes neither TE nor RE"
     where = rows[0] if len(rows) == 1 else f"Mean of {len(rows)} sequences"
