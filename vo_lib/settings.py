@@ -117,7 +117,7 @@ class Checked:
                 item.check(getattr(self, item.name))
 
 
-_hints = functools.cache(typing.get_type_hints)  # a call takes a millisecond, and every option makes one
+_hints = functools.cache(typing.get_type_hints)  # a call takes a millisecond; each option needs a call
 
 
 def declared(cls: type, prefix: str = "") -> tuple[Setting, ...]:

@@ -133,7 +133,7 @@ def recall_precision(
         tall = truth.xyxy[:, 3] - truth.xyxy[:, 1] >= min_height
         iou, free = overlap(boxes, truth.xyxy), np.ones(len(truth), np.bool_)
         for box, row in zip(boxes, iou, strict=True):
-            # A true box that counts goes before one that does not, then the larger overlap.
+            # True boxes that count go first; among these, the larger overlap.
             score = np.where(free & (row >= min_iou), row + tall, 0.0)
             if score.any():
                 best = int(score.argmax())

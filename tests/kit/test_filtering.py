@@ -38,8 +38,8 @@ def going(*steps: tuple[Point, Point]) -> StereoMatches:
 # Whether a match is kept when the box moves from LEFT to MIDDLE.
 STEPS = {
     (IN_LEFT, IN_MIDDLE): False,  # on the car
-    (IN_LEFT, AWAY): False,  # on the old position of the car, which it covered then
-    (AWAY, IN_MIDDLE): False,  # on the new position of the car, which it covers now
+    (IN_LEFT, AWAY): False,  # on the old position of the car, covered by the car then
+    (AWAY, IN_MIDDLE): False,  # on the new position of the car, covered by the car now
     (IN_MIDDLE, AWAY): True,  # where the car was not yet
     (AWAY, IN_LEFT): True,  # where the car no longer is
     (AWAY, AWAY): True,

@@ -14,7 +14,7 @@ from vo_lib.paper.sampson import match_terms, sampson_distance
 
 FOCAL = 700.0
 DIRECTION = np.array([0.1, -0.05, -1.0]) / np.linalg.norm([0.1, -0.05, -1.0])
-# Rotations about each axis and about a mixed one, larger than those of a car.
+# Rotations about each axis and about a mixed one, larger than a car's rotations.
 AXES = {"pitch": (1, 0, 0), "yaw": (0, 1, 0), "roll": (0, 0, 1), "mixed": (0.6, -0.7, 0.4)}
 
 

@@ -45,7 +45,7 @@ def test_near_points_outweigh_far_points() -> None:
     R_cp = rotation_from_vector(np.array([0.01, -0.05, 0.02]))
     z = np.concatenate([rng.uniform(4, 10, 40), rng.uniform(400, 800, 40)])
     X_p = np.stack([rng.uniform(-0.6, 0.6, 80) * z, rng.uniform(-0.2, 0.2, 80) * z, z], axis=1)
-    # A far point has little information on a step: the far ones have the opposite motion, 30 times as long.
+    # A far point has little information on a step: the far points have the opposite motion, 30 times as long.
     X_c = X_p @ R_cp.T + np.where(z > 100, -30.0, 1.0)[:, None] * t_cp
     x_p, x_c = (X[:, :2] / X[:, 2:] for X in (X_p, X_c))
     R, direction = resolve_by_depth(essential_from_motion(R_cp, t_cp), x_p, x_c, X_p)

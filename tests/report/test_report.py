@@ -27,7 +27,7 @@ def test_report_escapes_text() -> None:
     assert "a &amp; b" in text
     assert "solution_<wbr>selection &lt;TE&gt;</th>" in text
     assert "kitti/07, &lt;script&gt; a_<wbr>b</th>" in text
-    # A scrolling box has a name, and the keyboard reaches it.
+    # A scrolling box has a name and can be reached by the keyboard.
     assert '<div class="scroll" tabindex="0" role="region" aria-label="&lt;b&gt;"><table' in text
 
 

@@ -87,7 +87,7 @@ def test_errors_on_00_are_within_bounds(clips: Path) -> None:
     seeds = {str(seed): preset("feature_selection", seed=seed, variant="kit") for seed in range(5)}
     assert sequence.truth is not None
     for result in run_methods(sequence, seeds).values():
-        # KITTI's truth is slightly rotated. A wrong principal point has the same effect, so TE is also judged
+        # KITTI's truth is slightly rotated. A wrong principal point has the same effect, so TE is also tested
         # without this rotation.
         for length, te, turned, re in ((100.0, 1.20, 0.70, 1.17), (50.0, 1.65, 1.45, 1.7)):
             errors = kitti_errors(sequence.truth, result.poses, [length], 1)

@@ -57,7 +57,7 @@ def _lab(options: argparse.Namespace) -> int:
 
     say(f"The course is in {folder}. JupyterLab opens {FIRST_NOTEBOOK}; press Ctrl-C twice to quit.")
     LabApp.serverapp_config = {"tornado_settings": {"page_config_hook": _without_news}}
-    # A workspace of its own: the tabs of the reader's other work stay closed.
+    # A separate workspace: the tabs of the reader's other work stay closed.
     url = f"--LabApp.default_url=/lab/workspaces/{COURSE}/tree/{FIRST_NOTEBOOK}"
     LabApp.launch_instance([f"--ServerApp.root_dir={folder}", url, *options.jupyter])
     return 0

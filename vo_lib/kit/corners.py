@@ -43,7 +43,7 @@ def detect_corners(strength: NDArray[np.float32], config: KitFeatureConfig) -> t
     border = -(-config.border // 2)
     peaks[:border], peaks[-border:], peaks[:, :border], peaks[:, -border:] = False, False, False, False
     v, u = np.divmod(np.flatnonzero(peaks), strength.shape[1])
-    # The centre of a pixel at half size is between the four pixels of the full image that it averages.
+    # A pixel at half size is the mean of four pixels of the full image; its centre is between the four.
     uv, value = 2.0 * np.stack([u, v], axis=1) + 0.5, strength[v, u].astype(np.float64)
     one_per_cell = BucketConfig(size=config.cell, features=1)
     best = select_by_bucket(uv, np.zeros(len(uv), np.int64), value, one_per_cell)

@@ -1,8 +1,8 @@
 """All real roots of many polynomials of degree 10 at once, for the five-point solver.
 
-The polynomials are homogeneous in (z, w). Each is solved for z/w and for w/z in [-1, 1], so no root is at
-infinity. The sign changes of Bernstein coefficients give intervals with one root each (Descartes' rule), and
-Newton's method gives the roots. The last axis of the arrays is the axis of the polynomials.
+The polynomials are homogeneous in (z, w). Each polynomial is solved for z/w and for w/z in [-1, 1], so no
+root is at infinity. The sign changes of Bernstein coefficients give intervals with one root each (Descartes'
+rule), and Newton's method gives the roots. The last axis of the arrays is the axis of the polynomials.
 """
 
 from __future__ import annotations
