@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import re
 from datetime import date
+from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
+from conftest import find_browser
+from playwright.sync_api import sync_playwright
 
 from vo_lib.report.page import Picture, ReportTable, render_report
 
@@ -47,3 +51,22 @@ def test_problems_follow_the_first_pictures() -> None:
     assert 'class="problems"' not in page()
     text = page(("Not found: <07>",))
     assert text.index("<img") < text.index("Not found: &lt;07&gt;") < text.index("<table")
+
+
+def test_telephone_shows_all_columns_and_one_panel(tmp_path: Path) -> None:
+    browser = find_browser()
+    if browser is None:
+        pytest.skip("no Chromium or Chrome is installed")
+    cells = ["feature_selection", "10.505 ± 0.041", "10.477 ± 0.023", "31.6"]
+    table = ReportTable("synthetic/jam", ["method", "TE %", "RE deg/100 m", "removed %"], [cells], [])
+    wide = Picture(bytes(cv2.imencode(".png", np.zeros((900, 1536), np.uint8))[1]), "paths")
+    page = render_report([], [table], [], [wide], [])
+    (tmp_path / "report.html").write_text(page, encoding="utf-8")
+    with sync_playwright() as play:
+        opened = play.chromium.launch(executable_path=browser, args=["--no-sandbox"])
+        view = opened.new_page(viewport={"width": 390, "height": 844})
+        view.goto((tmp_path / "report.html").as_uri())
+        widths = "[document.documentElement, document.querySelector(NAME)].map(e => e.scrollWidth)"
+        assert view.evaluate(widths.replace("NAME", "'.scroll'")) == [390, 356]
+        assert view.evaluate(widths.replace("NAME", "'figure'")) == [390, 2 * 358]
+        opened.close()

@@ -134,24 +134,17 @@ def parse_methods(text: str | None, variant: str | None) -> dict[str, list[str]]
 
 def parse_whole(name: str, text: str, least: int = 1, most: int = 1_000_000) -> int:
     """A whole number from `least` to `most`, or a `DataError` with the name of the option."""
-    try:
-        number = int(text)
-    except ValueError:
-        number = least - 1
-    if not least <= number <= most:
+    if re.fullmatch(r"\d{1,9}", text, re.ASCII) is None or not least <= int(text) <= most:
         raise DataError(f"{name} {text!r}: expected a whole number from {least} to {most}")
-    return number
+    return int(text)
 
 
 def parse_frames(text: str, number: int) -> tuple[int, int]:
     """Start and stop of "A:B"; either may be missing."""
-    start, colon, stop = text.partition(":")
-    try:
-        if not colon:
-            raise ValueError
-        return int(start or 0), int(stop or number)
-    except ValueError:
-        raise DataError(f"--frames {text!r}: expected A:B, two whole numbers") from None
+    match = re.fullmatch(r"(\d{0,9}):(\d{0,9})", text, re.ASCII)
+    if match is None:
+        raise DataError(f"--frames {text!r}: expected A:B, two whole numbers")
+    return int(match[1] or 0), int(match[2] or number)
 
 
 def parse_lengths(text: str) -> tuple[float, ...]:
