@@ -2,11 +2,7 @@
 
     view(*camera(np.eye(4), "left camera"), Shape(points, GOOD, name="path"), Shape(corners, BAD, "area"))
 
-As the last expression of a cell, `view(...)` is shown; without scripts, as a picture. The page of a run:
-
-    python -m course.view3d RUN_FOLDER OUT.html
-
-Run the command in the folder of the notebooks; RUN_FOLDER is the folder of `vo run --out`.
+As the last expression of a cell, `view(...)` is shown; without scripts, as a picture.
 """
 
 from __future__ import annotations
@@ -14,7 +10,6 @@ from __future__ import annotations
 import base64
 import html
 import json
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -22,15 +17,11 @@ from typing import Any, Literal
 import numpy as np
 from jinja2 import Environment, FileSystemLoader
 
-from vo_lib.commands.script import ENDINGS, OneLineParser, exit_code
-from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.poses import from_first
-from vo_lib.files import write_atomic
 from vo_lib.geometry.motion import transform
 from vo_lib.geometry.types import Array
 from vo_lib.paper.boxes import in_boxes
 from vo_lib.runs.drive import Run
-from vo_lib.runs.folder import read_config, read_run
 from vo_lib.runs.matches import CachedMatches
 
 from .colours import DARK, GOOD
@@ -150,26 +141,3 @@ def points_of(run: Run) -> list[tuple[Array, int, int]]:
         observations = zip(transform(run.poses[index], X_c[near]), grey, [index] * len(grey), strict=True)
         points |= dict(zip(matches.id[near].tolist(), observations, strict=True))
     return list(points.values())[:: 1 + len(points) // MAX_POINTS]
-
-
-def write_view(folder: Path, page: Path) -> None:
-    """Write the page of the run in `folder` as a single file.
-
-    Raises `DataError` if the run or its sequence cannot be read.
-    """
-    about = read_config(folder)
-    whole = open_sequence(about["folder"])
-    first, last = map(whole.frames.index, about["frames"])
-    write_atomic(page, view_of_run(read_run(folder, whole.part(first, last + 1))).page())
-
-
-if __name__ == "__main__":
-    about = "A page with the path of a run and its points in three dimensions."
-    parser = OneLineParser(prog="python -m course.view3d", description=about)
-    parser.add_argument("run", type=Path, metavar="RUN_FOLDER", help="folder of `vo run --out`")
-    parser.add_argument("page", type=Path, metavar="OUT.html", help="the page")
-    options = parser.parse_args()
-    try:
-        write_view(options.run, options.page)
-    except ENDINGS as error:
-        sys.exit(exit_code(parser.prog, error))

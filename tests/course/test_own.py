@@ -27,8 +27,6 @@ from vo_lib.data.sequence import Sequence
 from vo_lib.errors import DataError
 from vo_lib.geometry.motion import inverse
 from vo_lib.runs.drive import run_methods
-from vo_lib.runs.folder import write_run
-from vo_lib.runs.identity import run_identity
 from vo_lib.runs.matches import CachedMatches
 
 
@@ -107,13 +105,10 @@ def test_a_stage_that_is_much_slower_than_the_librarys_is_told() -> None:
     assert "times the library's time" in mine._repr_html_().replace("&#x27;", "'")
 
 
-def test_a_runs_folder_becomes_a_page_in_three_dimensions(bands: Path, tmp_path: Path) -> None:
+def test_a_run_becomes_a_page_in_three_dimensions(bands: Path) -> None:
     sequence, config = open_sequence(bands).part(1, 5), small(filter__rule="none")
     made = run(sequence, config)
-    write_run(tmp_path, made, run_identity(sequence, config, "mine"))
-    view3d.write_view(tmp_path, tmp_path / "view.html")
-    page = (tmp_path / "view.html").read_text(encoding="utf-8")
-    data = json.loads(next(re.finditer(r"= (\{.*\});", page))[1])
+    data = json.loads(next(re.finditer(r"= (\{.*\});", view3d.view_of_run(made).page()))[1])
     points, path, truth = data["shapes"]
     np.testing.assert_allclose(path["at"], made.poses[:, :3, 3], atol=1e-3)
     assert len(truth["at"]) == len(path["at"]) == len(data["times"]) == 4

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from vo_lib.config import preset
 from vo_lib.data.poses import from_first
 from vo_lib.data.sequence import Sequence
-from vo_lib.geometry.boxes import Boxes, no_boxes
+from vo_lib.geometry.boxes import Boxes
 from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.types import Array, Image
 from vo_lib.kit.surface import CoarseDisparity
@@ -191,9 +191,8 @@ def method_stages(sequence: Sequence, frame: int) -> dict[str, Image | Figure]:
     """Pictures of the stages 1 to 4 for one frame >= 2, with the matches after the buckets."""
     config, focal, image = preset("solution_selection"), sequence.camera.f, stereo(sequence, frame)[0]
     points = frame_points(sequence, frame, config)
-    everything = np.ones(len(points.matches), np.bool_)
-    words = f"{len(points.matches)} matches after the buckets: each line leads to where the point is now"
-    matches = match_image(image, points.matches, everything, no_boxes())
+    places, count = (points.matches.prev_left, points.matches.cur_left), len(points.matches)
+    words = f"{count} matches after the buckets: each line leads to where the point is now"
 
     candidates = candidates_of(points, config.selection.sets, 0)
     polynomial, (axis,) = figure(220)
@@ -212,9 +211,8 @@ def method_stages(sequence: Sequence, frame: int) -> dict[str, Image | Figure]:
         f"orange: {np.mean(np.isfinite(residual) & (residual > 1)):.0%} of the matches, residual above 1 px"
     )
     near = np.where(np.isfinite(residual), residual <= 1, np.nan)  # grey beyond the depth limit
-    places = points.matches.prev_left, points.matches.cur_left
     return {
-        "matches": caption(photo(matches), words),
+        "matches": features_picture(image, *places, np.ones(count), words),
         "polynomial": polynomial,
         "selection": field_figure(candidate_field),
         "residuals": features_picture(image, *places, near, f"t_cp = ({step}) m; {share}"),
