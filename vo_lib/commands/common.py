@@ -19,6 +19,7 @@ from ..data.poses import MAX_COORDINATE_M
 from ..data.sequence import Sequence
 from ..detection.labels import labelled_sequence
 from ..detection.settings import DetectorConfig
+from ..detection.yolo import PROVIDERS
 from ..errors import DataError
 from ..evaluation.ate_rpe import Delta
 from ..paper.settings import MethodConfig
@@ -68,7 +69,7 @@ def add_detector(parser: argparse.ArgumentParser, where: str = "") -> None:
     """Add the options for a detector and its processor."""
     text = "detect vehicles{} with `street` (included, for drawn streets), a downloaded model or an ONNX file"
     parser.add_argument("--detector", metavar="MODEL", help=text.format(where))
-    parser.add_argument("--provider", default="cpu", metavar="P", help="detector on cpu or cuda; default cpu")
+    parser.add_argument("--provider", default="cpu", choices=list(PROVIDERS), help="processor; default cpu")
 
 
 def add_many(parser: argparse.ArgumentParser, jobs: Any) -> None:
@@ -141,7 +142,7 @@ def parse_whole(name: str, text: str, least: int = 1, most: int = 1_000_000) -> 
 
 def parse_frames(text: str, number: int) -> tuple[int, int]:
     """Start and stop of "A:B"; either may be missing."""
-    match = re.fullmatch(r"(\d{0,9}):(\d{0,9})", text, re.ASCII)
+    match = re.fullmatch(r"(-?\d{1,9}|):(-?\d{1,9}|)", text, re.ASCII)
     if match is None:
         raise DataError(f"--frames {text!r}: expected A:B, two whole numbers")
     return int(match[1] or 0), int(match[2] or number)

@@ -115,7 +115,8 @@ def match_times(
 
 def format_kitti_poses(T: Array) -> str:
     """Text of poses (N, 4, 4) in KITTI's format, ten significant digits."""
-    _check_poses(T)
+    if np.ndim(T) != 3 or np.shape(T)[1:] != (4, 4) or not np.isfinite(T).all():
+        raise ValueError(f"expected finite poses of shape (N, 4, 4), got shape {np.shape(T)}")
     row = " ".join(["%.9e"] * 12) + "\n"
     # Adding zero turns -0 into 0, so that equal poses give equal text.
     return "".join(row % tuple(values) for values in T[:, :3].reshape(-1, 12) + 0.0)
@@ -128,19 +129,11 @@ def write_kitti_poses(path: str | Path, T: Array) -> None:
 
 def format_tum(times: Array, T: Array) -> str:
     """Text of times (N,), seconds, and poses (N, 4, 4) in TUM's format: t x y z qx qy qz qw."""
-    _check_poses(T)
-    if np.shape(times) != (len(T),) or not np.isfinite(times).all():
-        raise ValueError(f"expected {len(T)} finite times, one per pose; got shape {np.shape(times)}")
     row = "%.9f" + " %.9e" * 7 + "\n"
     quaternions = [quaternion_from_rotation(R) for R in T[:, :3, :3]]
     return "".join(
         row % (t, *(p + 0.0), *(q + 0.0)) for t, p, q in zip(times, T[:, :3, 3], quaternions, strict=True)
     )
-
-
-def _check_poses(T: Array) -> None:
-    if np.ndim(T) != 3 or np.shape(T)[1:] != (4, 4) or not np.isfinite(T).all():
-        raise ValueError(f"expected finite poses of shape (N, 4, 4), got shape {np.shape(T)}")
 
 
 def _refuse(invalid: NDArray[np.bool_], message: str, path: str | Path, lines: list[int]) -> None:

@@ -63,10 +63,7 @@ def write_label_folder(
     the folder, or if the folder has labels of another detector and `replace` is false.
     """
     record, images = detection_record(model, config, provider), sequence.folder / "image_0"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DataError(f"cannot be written: {error.strerror}", folder) from None
+    folder.mkdir(parents=True, exist_ok=True)
     with only_process(folder):
         _claim(folder, record, replace)
         files = [(folder / f"{frame}.txt", images / f"{frame}.png") for frame in sequence.frames]

@@ -154,8 +154,6 @@ class YoloDetector:
 
 
 def _open_session(path: Path, threads: int, provider: str) -> Any:
-    if provider not in PROVIDERS:
-        raise DataError(f"provider {provider!r}: expected one of {', '.join(PROVIDERS)}")
     provider_class = PROVIDERS[provider]
     if provider_class not in onnxruntime.get_available_providers():
         raise DataError(f"provider {provider} is not in this ONNX Runtime: install onnxruntime-gpu instead")
