@@ -48,9 +48,7 @@ def _lab(options: argparse.Namespace) -> int:
         raise DataError(f"no {FIRST_NOTEBOOK}: install the kit from its folder, {install()}", NOTEBOOKS)
     folder = Path(os.path.abspath(options.copy or Path.home() / COURSE))
     if folder != NOTEBOOKS:
-        if folder.is_file():
-            raise DataError("is a file: --copy needs a folder for the course", folder)
-        if folder.is_dir() and any(folder.iterdir()) and not (folder / DIGESTS_FILE).exists():
+        if folder.exists() and not (folder / DIGESTS_FILE).exists() and any(folder.iterdir()):
             raise DataError("contains other files and no course: choose a new or an empty folder", folder)
         copy_course(NOTEBOOKS, folder, options.teacher)
     from jupyterlab.labapp import LabApp  # type: ignore[import-untyped]
