@@ -102,8 +102,7 @@ def trace(sequence: Sequence, frame: int, config: MethodConfig) -> Trace:
 
 
 def whole_pixels(before: DescribedPair, now: DescribedPair, pl_pr: Index, pr_cr: Index) -> StereoMatches:
-    """Positions of the best matches of each previous left feature, in whole pixels; undefined where a match
-    is -1."""
+    """Whole-pixel positions of the best matches of the previous left features; undefined for a match of -1."""
     cur_right = pr_cr[pl_pr]
     cur_left, number = now.to_left[cur_right], np.arange(len(pl_pr))
     places = (

@@ -68,7 +68,7 @@ def ellipse_chart(
 
 
 def spread_figure(depth: Array, distance: Array) -> Figure:
-    """Distances (N,), metres, between t from single features and the reference, by depth (N,) of the feature."""
+    """Distances (N,), metres, of t from single features to the reference t, by depth (N,) of the feature."""
     near = (depth > 5) & (depth < 80)
     factor = float(np.median(distance[near] / depth[near] ** 2)) if near.any() else 1e-4
     labels = "one feature", "grows with Z²"
