@@ -97,7 +97,7 @@ back_project = Exercise(
         "Y runs upwards: the camera's y axis points down.": lambda *x: point(*x) * (1, -1, 1),
         "X runs to the left: the camera's x axis points right.": lambda *x: point(*x) * (-1, 1, 1),
         "u and v are swapped: u is the column and gives X.": lambda u, v, *more: point(v, u, *more),
-        "X and Y are of the point at depth 1 on the ray: how far along the ray is the point?": (
+        "X and Y belong to the point at depth 1 on the ray: how far along the ray is the point?": (
             lambda *x: point(*x) / [point(*x)[2], point(*x)[2], 1.0],
         ),
         "Z is {got[2]:.3f} m, expected {right[2]:.3f} m: which depth follows from the disparity?": When(
@@ -109,8 +109,8 @@ back_project = Exercise(
 depth_error_ratio = Exercise(
     16.0,
     rtol=0.05,
-    praise="the depth error grows with Z²: four times as far, sixteen times as inexact.",
-    hint="take the derivative of Z = f b / d by d, and put Z back in its place.",
+    praise="the depth error grows with Z²: at four times the depth, the error is 16 times as large.",
+    hint="take the derivative of Z = f b / d with respect to d, then replace d by f b / Z.",
     line="(40 / 10) ** 2",
     mistakes={"the error grows faster than the distance.": (4.0, 2.0)},
     slips={"inverse": "this is the inverse of the factor."},
@@ -129,7 +129,7 @@ chain = Exercise(
             appended(lambda T_cp: T_cp, before=True),
         ),
         "pose 1 is right, pose 2 is not: the order is reversed.": appended(inverse, before=True),
-        "R with -t is not the inverse: the rotation turns back, too.": appended(lambda T: apart(T, False)),
+        "R with -t is not the inverse: R must be inverted, too.": appended(lambda T: apart(T, False)),
         "R is inverted, but -t is not rotated: the inverse has -Rᵀ t.": appended(apart),
         "a motion's inverse is not its transpose: that holds for rotations.": appended(np.transpose),
         "`*` multiplies entry by entry: use `@`.": lambda m: np.cumprod([np.eye(4), *map(inverse, m)], 0),
@@ -147,7 +147,7 @@ chain = Exercise(
 path_length = Exercise(
     way,
     paths,
-    praise="the lengths of all steps, added; hills count, too.",
+    praise="this is the sum of the lengths of all steps; the height counts, too.",
     hint="positions are poses[:, :3, 3]. How long is each step from one to the next?",
     line="np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1).sum()",
     mistakes={

@@ -132,7 +132,7 @@ epipolar_distance = Exercise(
     distance,
     matches,
     atol=1e-12,
-    praise="times f, this is the distance in pixels that the panel shows.",
+    praise="multiplied by f, this is the distance in pixels that the panel shows.",
     hint="a, b and c are the three entries of E x_p, with x_p as (x, y, 1).",
     line="a, b, c = E @ [*x_p, 1]; abs(a * x_c[0] + b * x_c[1] + c) / np.hypot(a, b)",
     library=("sampson_distance", "epipolar_line"),
