@@ -31,7 +31,7 @@ class Vehicle:
         self._velocity, self._elapsed = np.zeros(3), START_INTERVAL_S  # its velocity, and seconds since then
 
     def judge(self, motion: FrameResult, seconds: float, still: bool = False) -> FrameResult:
-        """The next frame's motion with its flags, or its replacement.
+        """The next frame's motion with its flags, or the last plausible motion if there is none.
 
         seconds : time since the previous frame; if 0 (unknown), no motion is flagged.
         still : whether the image did not change (a stop or a repeated pair); the speed is then unknown.

@@ -115,7 +115,7 @@ def close_path(poses: Array, loops: Loops, config: LoopConfig) -> Closed:
 
 
 def carried_along(poses: Array, frames: IntArray, moved: Array) -> Array:
-    """Poses (N, 4, 4) of all frames after the poses of some `frames` (K,) are moved to `moved` (K, 4, 4).
+    """Poses (N, 4, 4) of all frames if the poses of some `frames` (K,) change to `moved` (K, 4, 4).
 
     The first of these frames is 0. Between two of them, the change is distributed evenly, as a twist.
     """

@@ -45,7 +45,7 @@ class Described(Rows):
 
 
 def describe(image: Image, config: FeatureConfig) -> Described:
-    """Features of an image with descriptors; kinds 0 … 3 are blob maxima, blob minima, corner maxima, minima.
+    """Features of an image with descriptors; kinds 0 … 3: blob maxima and minima, corner maxima and minima.
 
     A feature is a pixel whose response is the largest in a square around it, `config.blob_cell` pixels wide,
     and above `config.blob_quality`.

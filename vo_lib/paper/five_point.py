@@ -137,7 +137,7 @@ def householder(A: Array, columns: int) -> Array:
 def null_space(rows: Array) -> tuple[Array, BoolArray]:
     """Four orthonormal matrices (4, 3, 3, S) that span all E with rows · vec(E) = 0.
 
-    Reflections Q that make Q rowsᵀ triangular turn [rowsᵀ | I] into [R | Q]; the last four rows of Q
+    The reflections Q make Q rowsᵀ triangular and so change [rowsᵀ | I] to [R | Q]. The last four rows of Q
     are orthogonal to all five rows. The second result is a mask (S,) of the sets with independent rows.
 
     The order of the matrices matters. Row i of Q is near the unit vector i, so the four rows are near the
