@@ -48,7 +48,7 @@ def angles(E: Array, e_prev: Array) -> Array:
 
 # Wrong measures of (E, e_prev) in place of the angle.
 ORDERS: dict[str, Callable[[Array, Array], Array]] = {
-    "candidates with a large norm seem near: E has any norm, an essential vector has norm 1.": (
+    "candidates with a large norm seem near: E has no fixed norm, an essential vector has norm 1.": (
         lambda E, e_prev: np.arccos(np.abs(E.reshape(-1, 9) @ e_prev))
     ),
     "a candidate seems far because its sign differs: E and -E are the same.": (
