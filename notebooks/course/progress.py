@@ -42,7 +42,7 @@ class Job:
     def __init__(self) -> None:
         self._bar = widgets.IntProgress(min=0, max=1, layout={"width": "420px"})
         self._words = widgets.Label(layout={"width": "380px"})
-        button = widgets.Button(description="Stop", icon="stop", layout={"width": "90px"})
+        button = widgets.Button(description="Stop", icon="stop", layout={"min_width": "90px"})
         button.on_click(lambda _: self.stop())
         self.box = widgets.HBox([self._bar, self._words, button], layout={"display": "none"})
         self._thread = threading.Thread()  # the last one

@@ -79,6 +79,7 @@ step = Exercise(
             Z + 1, *rig
         ),
         "this is only the depth before the step.": depth_seen,
+        "this is the error of the length: return the measured length.": lambda *x: step_seen(*x) - 1.0,
         "these disparities are too small by e: add e to the true disparity.": lambda Z, e, fb: step_seen(
             Z, -e, fb
         ),
@@ -119,6 +120,10 @@ shrink = Exercise(
     mistakes={
         "the factor of an estimate within its noise is negative: a factor below 0 counts as 0.": lambda e, C: (
             e * (1.0 - len(e) / (e @ np.linalg.solve(C, e)))
+        ),
+        "measure the square in standard deviations: use the inverse of the covariance.": (
+            lambda e, C: shrunk(e, np.eye(len(e))),
+            lambda e, C: shrunk(e, np.linalg.inv(C)),
         ),
         "each error has its own factor: all errors have the same factor.": lambda e, C: (
             e * np.maximum(0.0, 1.0 - np.diag(C) / e**2)

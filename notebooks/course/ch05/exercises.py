@@ -114,7 +114,14 @@ def driven() -> list[Case]:
 
     simple = box(0, 0, 0), box(0, 0, 0.9), box(-0.45, 0, 0)
     hard = box(0, 0, 0, wrong=3), box(-0.45, 0, 0, behind=8), box(0, 0, 0, far=30), box(0, 0, 0.9, count=2)
-    return [*simple, *hard, box(0, 0, 0.9, count=3), box(0.25, 0, 0.25), box(0, 0, 0.4, least=0.5)]
+    return [
+        *simple,
+        *hard,
+        box(0, 0, 0.9, count=3),
+        box(0.25, 0, 0.25),
+        box(0.2, 0, 0.2),
+        box(0, 0, 0.4, least=0.5),
+    ]
 
 
 def left_over(X_p: Array, X_c: Array, T_cp: Array) -> Array:
@@ -158,6 +165,10 @@ to_image = Exercise(
             lambda xyxy, s, x, y, *size: xyxy / s - 0.5,
             lambda xyxy, s, x, y, *size: xyxy / s,
         ),
+        "the border has pixels of the network: subtract it before you divide by the scale.": (
+            lambda xyxy, s, x, y, *size: in_image(xyxy, s, s * x, s * y, *size)
+        ),
+        "width and height are exchanged.": lambda xyxy, s, x, y, w, h: in_image(xyxy, s, x, y, h, w),
         "left and top are exchanged.": lambda xyxy, s, x, y, *size: in_image(xyxy, s, y, x, *size),
         "the coordinates are multiplied by the scale: divide them.": lambda xyxy, s, *case: in_image(
             xyxy, 1 / s, *case
@@ -194,6 +205,9 @@ iou = Exercise(
             lambda a, b: common(a, b) / area(a),
             lambda a, b: common(a, b) / area(b),
         ),
+        "the side of a box is x1 - x0, without + 1.": lambda a, b: overlap(
+            a[None] + [0, 0, 1, 1], b[None] + [0, 0, 1, 1]
+        )[0, 0],
         "two boxes that do not touch have {got:.2f}, not 0: a negative side of the common part counts as 0.": (
             When(lambda got, a, b: common(a, b) == 0)
         ),
@@ -228,9 +242,9 @@ suppress = Exercise(
             lambda b, s, most: suppressed(b, s, most, slice(-1, None)),
             lambda b, s, most: suppressed(b, s, most, slice(1)),
         ),
-        "nothing is suppressed.": (
+        "no box is dropped here: compare each box with all kept boxes.": (
             lambda corners, scores, most: np.argsort(-scores),
-            When(lambda got, corners, *case: len(got) == len(corners)),
+            When(lambda got, corners, *case: len(got) == len(corners) == 5),
         ),
     },
     slips={"order": "these are the right boxes in another order: the best box is the first."},
@@ -255,8 +269,12 @@ keep_outside = Exercise(
             lambda p, c, *boxes: outside(p, c, *boxes[::-1]),
             lambda p, c, *boxes: outside(p, c, *[np.concatenate(boxes)] * 2),
         ),
-        "a feature may be in any of the boxes, not only in the first.": lambda p, c, *boxes: outside(
-            p, c, *(each[:1] for each in boxes)
+        "a feature may be in any of the boxes, not only in the first or last.": (
+            lambda p, c, *boxes: outside(p, c, *(each[:1] for each in boxes)),
+            lambda p, c, *boxes: outside(p, c, *(each[-1:] for each in boxes)),
+        ),
+        "boxes are x0, y0, x1, y1: the last two numbers are a corner, not width and height.": (
+            lambda p, c, *boxes: outside(p, c, *(b + b[:, [0, 1, 0, 1]] * [0, 0, 1, 1] for b in boxes))
         ),
         "u and v are exchanged: boxes begin with their u.": lambda p, c, *boxes: outside(
             p[:, ::-1], c[:, ::-1], *boxes
@@ -277,6 +295,7 @@ box_moves = Exercise(
         "these steps contain the motion of the camera: a standing feature is at R_cp X_p + t_cp now.": (
             judged(middle, lambda X_p, X_c, T_cp: X_c - X_p),
             judged(middle, lambda X_p, X_c, T_cp: left_over(X_c, X_p, T_cp)),
+            judged(middle, lambda X_p, X_c, T_cp: X_c - X_p @ T_cp[:3, :3].T),
         ),
         "one wrong match moves a parked box: the result depends on a mean or on a single feature.": (
             judged(lambda steps: np.linalg.norm(steps.mean(axis=0))),
@@ -294,8 +313,12 @@ box_moves = Exercise(
         ),
         "with two features the answer is None.": (judged(middle, few=True), judged(middle, few=False)),
         "three features are enough: return None for fewer only.": judged(middle, fewest=4),
-        "the length of a step is the root of the sum of three squares, not its largest coordinate.": judged(
-            lambda steps: np.abs(np.median(steps, axis=0)).max()
+        "the length of a step is the root of the sum of the three squares.": (
+            judged(lambda steps: np.abs(np.median(steps, axis=0)).max()),
+            judged(lambda steps: np.abs(np.median(steps, axis=0)).sum()),
+        ),
+        "{got:.3g} is a length in metres: compare the length with `least`.": When(
+            lambda got, *case: 0 < got != 1
         ),
         "`least` is not used.": lambda *case: judged(middle)(*case[:3], LEAST),
     },

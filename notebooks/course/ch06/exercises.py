@@ -168,6 +168,9 @@ part_errors = Exercise(
     library=("kitti_errors",),
     mistakes={
         "TE is in metres, not in % of the length.": lambda *x: errors(*x) * [x[4] / 100, 1],
+        "divide by the nominal length, the argument `length`, not by the length of the path.": lambda *x: (
+            errors(*x) * x[4] / np.ptp(trajectory_distances(x[0])[[x[2], x[3]]])
+        ),
         "this compares end positions without equal starts.": partial(errors, motion=lambda T, i, j: T[j]),
         "these are motions in the world: the inverse of the first pose belongs on the left.": partial(
             errors, motion=lambda T, i, j: T[j] @ np.linalg.inv(T[i])
@@ -176,7 +179,7 @@ part_errors = Exercise(
         "TE is right; RE has the yaw alone, and this rotation is about all three axes.": partial(
             errors, cosine=lambda error: np.cos(np.arctan2(error[0, 2], error[2, 2]))
         ),
-        "TE is right; the trace includes the fourth row; use only the rotation (3, 3).": (
+        "TE is right; for RE, the trace of the rotation (3, 3) minus 1 is needed. The fourth row adds 1.": (
             partial(errors, cosine=lambda error: (np.trace(error) - 1) / 2),
             partial(errors, cosine=lambda error: min((np.trace(error) - 1) / 2, 1)),
         ),
@@ -235,6 +238,9 @@ all_errors = Exercise(
         "this is the sum or the median; TE and RE are means.": (
             partial(loop, mean=np.sum),
             partial(loop, mean=np.median),
+        ),
+        "this is a mean over the lengths; take one mean over all sub-sequences.": lambda T, E, lengths, step: (
+            np.mean([loop(T, E, (length,), step) for length in lengths], axis=0)
         ),
         "the starts are at every frame, not at every `step`-th.": lambda T, E, far, _: loop(T, E, far, 1),
         "the sub-sequences end at wrong frames: `first` is the number of a frame, `path[first]` are metres.": (

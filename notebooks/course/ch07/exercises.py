@@ -80,6 +80,7 @@ paper_average = Exercise(
         "the mean includes row 01, which has dashes in the paper's table.": lambda te: np.mean(
             rows(te, without="")
         ),
+        "None became NaN: leave None out of the mean.": When(lambda got, te: np.isnan(got)),
         "None was counted as 0.": lambda te: np.mean(rows(te, none=0.0)),
         "this is the sum: divide the sum by the number of rows.": lambda te: sum(rows(te)),
         "None cannot be added: leave None out of the mean.": (

@@ -44,7 +44,7 @@ class ReproducePanel(Panel):
     controls = (
         Control("view.methods", "systems"),
         Control("view.model", "boxes"),
-        Control("view.frames", "frames", step=20),
+        Control("view.frames", "frames", high=1200, step=20),
         Control("view.seeds", "seeds", high=5),
     )
 
@@ -66,16 +66,11 @@ class ReproducePanel(Panel):
             return Drawing(picture, "Press Run.", (Fact("runs", runs),))
         entries = run_plan(plan)
         paths = paths_figure(title, truth, {entry.method: entry.poses for entry in entries}, frame)
-        facts = tuple(
-            Fact(f"{kind} {entry.method}", float(errors.mean()), unit, 3)
-            for entry in entries
-            for kind, unit, errors in (("TE", "%", entry.errors[0]), ("RE", "deg/100 m", entry.errors[1]))
-        )
         tables = "".join(map(table_html, tables_of(entries)))
         sentence = " ".join(results(group_entries(entries)))
         if not any(entry.labels for entry in entries):
             sentence = "No boxes: feature_selection equals solution_selection. Name a detector under *boxes*."
-        return Drawing(stack([paths], self.height), sentence, facts, tables)
+        return Drawing(stack([paths], self.height), sentence, tables=tables)
 
     def work(self, state: State, progress: Progress) -> Drawing:
         plan = _plan(state)

@@ -6,7 +6,7 @@ import numpy as np
 
 from vo_lib.geometry.types import Array, IntArray
 
-from ..checker import Case, Exercise
+from ..checker import Case, Exercise, When
 
 
 def nearest_earlier(S: Array, gap: int) -> IntArray:
@@ -98,6 +98,9 @@ candidates = Exercise(
         "if no place is early enough, the answer is -1, not place 0.": lambda S, gap: np.maximum(
             nearest_earlier(S, gap), 0
         ),
+        "if no place is early enough, the answer is -1, not None.": When(
+            lambda got, *case: np.isnan(got).any()
+        ),
         "the last allowed place, k - gap, is missing.": lambda S, gap: nearest_earlier(S, gap + 1),
         "later places are among the answers: only earlier places count.": lambda S, gap: np.where(
             np.abs(np.subtract.outer(np.arange(len(S)), np.arange(len(S)))) >= gap, S, -1.0
@@ -120,9 +123,18 @@ residual = Exercise(
         ),
         "poses i and j are exchanged.": lambda p_i, p_j, z: edge_residual(p_j, p_i, z),
         "the measured motion z is not subtracted.": lambda p_i, p_j, z: edge_residual(p_i, p_j, 0.0 * z),
-        "the difference is in the axes of the world or of the measured pose; it should be in the axes of pose i.": (
+        "the difference is in the axes of the world, of pose j or of the measured pose; use those of pose i.": (
+            lambda p_i, p_j, z: np.array(
+                [*(turn(p_j[2]).T @ (p_j[:2] - p_i[:2]) - z[:2]), edge_residual(p_i, p_j, z)[2]]
+            ),
             lambda *x: np.array([*(turn(x[0][2]) @ edge_residual(*x)[:2]), edge_residual(*x)[2]]),
             lambda *x: np.array([*(turn(x[2][2]).T @ edge_residual(*x)[:2]), edge_residual(*x)[2]]),
+        ),
+        "the angle is in degrees; the residual has radians.": lambda *x: np.array(
+            [*edge_residual(*x)[:2], np.degrees(edge_residual(*x)[2])]
+        ),
+        "wrap the angle to [-π, π), not to [0, 2π).": lambda *x: np.array(
+            [*edge_residual(*x)[:2], edge_residual(*x)[2] % (2 * np.pi)]
         ),
         "the angle is wrapped too early: wrap it after z is subtracted.": lambda p_i, p_j, z: np.array(
             [*edge_residual(p_i, p_j, z)[:2], _wrapped(p_j[2] - p_i[2]) - z[2]]
