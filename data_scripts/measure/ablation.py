@@ -39,7 +39,7 @@ class Idea:
     Attributes
     ----------
     name : name of the idea in the table. lines : number of code lines of the idea.
-    off : keys are names of settings (dotted), functions or constants (full); the values turn off the idea.
+    off : names of settings (dotted), functions or constants (full), with values that turn off the idea.
     method : the method in which the idea is turned off.
     stays : reason to keep an idea that does not reduce the errors.
     """

@@ -33,8 +33,7 @@ def keep(function: Any, judge: Callable[[Any], Any] | None = None) -> str:
     Dependencies are imports, other functions and classes of the student (by source) and constants of the
     notebook (by value). The rest of the file does not change. Nothing is written, and the result is "", in
     folders without `00_start_here.ipynb` (folders of tests or scripts), and for functions without source (a
-    lambda, a function of a console). `judge`, the check of the exercise, also tests the saved function. Never
-    raises.
+    lambda, a function of a console). `judge`, the check, also tests the saved function. Never raises.
     """
     if not (Path(MARK).is_file() and isinstance(function, FunctionType)):
         return ""

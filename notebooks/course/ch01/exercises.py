@@ -50,7 +50,7 @@ def stereo_pairs() -> list[Case]:
 
 
 def chains() -> list[Case]:
-    """Best matches between four images of 12 features; some chains close, others are incomplete or wrong."""
+    """Cases of best matches of 12 features in four images; some chains close, others are open or wrong."""
     cases = []
     for seed in range(20):
         rng = np.random.default_rng(seed)

@@ -40,8 +40,7 @@ def find_detector(name: str) -> str:
 
 
 def with_boxes(name: str, detector: str) -> Sequence | None:
-    """A real drive with the boxes of its label folder or of a detector; None and the reason if it is not
-    available."""
+    """A real drive with boxes from its label folder or a detector; None and a printed reason otherwise."""
     if name not in available():
         print(f"{name} is not on this machine; `vo data get_kitti --raw {FETCH[name]}` fetches it.")
         return None

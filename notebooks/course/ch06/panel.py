@@ -142,7 +142,7 @@ class EvaluationPanel(Panel):
 
 
 def longest_from(truth: Array, estimate: Array, lengths: tuple[float, ...], first: int) -> KittiErrors:
-    """The sub-sequence from frame `first` with the greatest of `lengths` that fits; empty if none fits."""
+    """The longest sub-sequence from frame `first` with one of `lengths`; empty if the path is too short."""
     errors = kitti_errors(truth[first:], estimate[first:], lengths, len(truth))
     longest = errors[np.argsort(errors.length)[-1:]]
     return replace(longest, first=longest.first + first, last=longest.last + first)

@@ -54,8 +54,7 @@ def paths_figure(title: str, truth: Array, runs: dict[str, Array], frame: int = 
 
 
 def tables_of(entries: list[Entry]) -> list[ReportTable]:
-    """TE and RE of methods, mean ± standard deviation over the seeds, with the paper's numbers for whole
-    sequences."""
+    """TE and RE of methods, mean ± standard deviation over seeds; for whole sequences also the paper's."""
     paper = table1.read_paper_table()
     return [table for group in group_entries(entries) for table in layout_tables(group, paper)]
 
