@@ -101,7 +101,7 @@ def mean_of_best_tenth(odometry: Any, E: Array, set_index: Any, x_p: Array, x_c:
     return int(best[0])
 
 
-# Choice, setting or full name of a function, and alternatives.
+# Each choice with its setting (or the full name of a function) and its alternatives.
 OPEN: list[tuple[str, str, dict[str, Any]]] = [
     ("as published", "seed", {"": 0}),
     ("weights of rows", "vo_lib.paper.odometry.solve_translation", {"metres": in_metres}),
@@ -124,7 +124,7 @@ OPEN: list[tuple[str, str, dict[str, Any]]] = [
     ("boxes of classes", "filter.classes", {"cars": (2,), "cars and trucks": (2, 7)}),
     ("boxes of score", "filter.score", {"0.1": 0.1, "0.5": 0.5}),
 ]
-# Rows for a figure of chapter 5: errors, not differences, with all features and without those in boxes.
+# Rows for a figure of chapter 5: errors, not differences, with all features and without features in boxes.
 THRESHOLDS_PX = (0.25, 0.5, 1.0, 2.0)
 RULES = {"all features": "none", "boxes removed": "all"}
 ABSOLUTE, LENGTH_M = "threshold and boxes", 50.0

@@ -34,7 +34,7 @@ from vo_lib.runs.drive import Run
 from vo_lib.runs.folder import read_run, run_folder
 from vo_lib.runs.jobs import run_jobs
 
-ABLATION = Path(__file__).parents[1] / "notebooks" / "ablation.csv"  # its tables end a page of all sequences
+ABLATION = Path(__file__).parents[1] / "notebooks" / "ablation.csv"  # its tables end the whole page
 
 
 def add_inputs(parser: argparse.ArgumentParser) -> None:

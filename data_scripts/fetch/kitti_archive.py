@@ -15,7 +15,7 @@ from vo_lib.errors import DataError
 from vo_lib.files import read_bytes
 from vo_lib.geometry.types import Progress
 
-# The links of PAGE under "odometry data set", with the sizes stated there.
+# The links of PAGE under "odometry data set", with the sizes on that page.
 PAGE = "https://www.cvlibs.net/datasets/kitti/eval_odometry.php"
 HOST = "https://s3.eu-central-1.amazonaws.com/avg-kitti/"
 GRAY = "data_odometry_gray.zip"  # 22 GB: image_0, image_1

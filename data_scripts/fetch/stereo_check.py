@@ -16,7 +16,7 @@ from vo_lib.kit.settings import KitMatchingConfig
 SAMPLE_PAIRS = 6
 SIFT_FEATURES = 1500  # per image
 MAX_SIFT_SIDE_PX = 4096  # larger images are scaled down, since SIFT needs 170 bytes per pixel
-NEAREST_RATIO = 0.75  # largest ratio of nearest and second nearest descriptor distance (Lowe 2004)
+NEAREST_RATIO = 0.75  # largest ratio of the nearest to the second nearest descriptor distance (Lowe 2004)
 MIN_MATCHES_PER_PAIR = 20  # average number needed for a result
 MAX_ROW_SHIFT = 0.25  # share of the image height; matches with a larger shift are wrong
 MANY_NEGATIVE = 0.7  # smallest share of negative disparities of a swapped pair

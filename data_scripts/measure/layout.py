@@ -13,7 +13,7 @@ from vo_lib.report.page import NO_NUMBER, SPREADS, ReportTable, number
 Cell = Array | None
 Cells = Mapping[str, Mapping[str, Cell]]  # by row and column
 KINDS = "TE, %", "RE, deg/100 m"
-SAME, LEAST_SPREAD = "=", 0.0005  # text of a repeated cell; smallest spread that is not 0.000
+SAME, LEAST_SPREAD = "=", 0.0005  # text of a repeated cell; smallest spread that is not printed as 0.000
 SHARE = 0.02  # a change counts if it exceeds the spread and this share of the error
 
 

@@ -90,7 +90,7 @@ def read_tracking_set(root: Path, drives: dict[str, str] | None = None) -> list[
             if words:
                 if not NUMBER.fullmatch(words[0]) or len(words) < 10:
                     raise DataError("expected frame, track, type and at least 7 numbers", path, number)
-                # After frame and track, the fields are those of the object labels.
+                # After frame and track, the fields are the same as in object labels.
                 frames.setdefault(int(words[0]), []).append((number, words[2:]))
         for image in _listed(root / "image_02" / path.stem, "*.png"):
             boxes = _boxes(frames.get(int(image.stem), []), path)

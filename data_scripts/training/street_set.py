@@ -116,7 +116,7 @@ def draw_street(street: Street, folder: Path) -> int:
     missing = [k for k in range(street.frames) if not (root / "labels" / f"{street.stem(k)}.txt").exists()]
     if not missing:
         return street.frames
-    cv2.setNumThreads(1)  # each process draws other streets
+    cv2.setNumThreads(1)  # each process draws different streets
     world = make_world(street.scene)
     renderer, exposure = Renderer(world), exposures(street.scene, world.drive.times)
     frame_numbers = np.linspace(0, len(world.drive.times) - 1, street.frames).round().astype(int)

@@ -14,7 +14,7 @@ from .things import add_bollards, add_lamp, add_sign, add_tree
 
 FRONTS, GABLES, ROOFS = 14, 4, 3  # different textures
 EDGES = {"boards": 1.6, "pickets": 1.0, "hedge": 1.3, "garden wall": 0.9}  # heights, m
-BRICKS = np.array([[0.0, 0.2], [0.0, 0.0], [0.1, 0.0], [0.1, 0.2]])  # of a wall: what a chimney shows
+BRICKS = np.array([[0.0, 0.2], [0.0, 0.0], [0.1, 0.0], [0.1, 0.2]])  # visible part of a wall on a chimney
 
 
 def build_city(site: Site) -> None:

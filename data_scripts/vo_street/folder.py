@@ -98,10 +98,10 @@ def calibration_text(camera: StereoCamera) -> str:
 
 
 def _write_png(path: Path, image: NDArray[np.uint8] | NDArray[np.uint16], noisy: bool = False) -> None:
-    # One fixed filter: trying all for each row costs twice the time.
+    # One fixed filter: a trial of all filters for each row takes twice the time.
     options = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_SUB]
     if noisy:
-        # Noise holds no repetitions: do not look for any.
+        # Noise has no repetitions, so a search for repetitions is useless.
         options += [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]
     path.write_bytes(cv2.imencode(".png", image, options)[1].tobytes())
 

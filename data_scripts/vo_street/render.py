@@ -29,7 +29,7 @@ Places = list[tuple[Float32, Float32]]
 Number = TypeVar("Number", np.float32, np.int32)
 
 NEAR, FAR = 0.3, 3000.0  # metres
-REACH = 190.0  # things smaller than 10 m are left out beyond, metres
+REACH = 190.0  # farther objects smaller than 10 m are omitted, metres
 SKY_HEIGHT = 900.0  # of the clouds, metres
 HORIZON = 205.0  # brightness of the clouds on the horizon
 SCALES = (0.5 ** np.arange(16)).astype(np.float32)  # of the levels of the atlas
@@ -145,7 +145,7 @@ class Renderer:
             upper = taps[0][0] + shares[0] * (taps[0][1] - taps[0][0])
             below = taps[1][0] + shares[0] * (taps[1][1] - taps[1][0])
             light[rows] = (upper + shares[1] * (below - upper)) * look_up(table.gain, face)
-        # Towards the horizon the sky is brighter and its clouds melt together.
+        # Towards the horizon, the sky is brighter and the clouds have less contrast.
         clear, haze = np.float32(HORIZON), np.clip(-y / np.float32(0.1), 0.0, 1.0)
         sky = clear + haze * (light - clear) + np.float32(60.0) * np.clip(y, -0.6, 0.0) + np.float32(30.0)
         light = np.where(faces == 0, sky, light)
@@ -168,7 +168,7 @@ class Renderer:
         for axis, begins in ((0, atlas.column), (1, atlas.row)):
             a, b, c = line[3 * axis : 3 * axis + 3]
             at = (a * x + b * y + c) * z
-            # Texels crossed by one step to the next pixel, across and down, set the level.
+            # The number of texels per step to the next pixel, across and down, determines the level.
             across = (a - at * line[6]) * z
             down = (b - at * line[7]) * z
             step2 = across * across + down * down

@@ -39,7 +39,7 @@ def add_leaves(site: Site, centre: Array, radius: float, gain: float) -> None:
     normal = np.cross(triangles[:, 2] - triangles[:, 0], triangles[:, 1] - triangles[:, 0])
     size = np.linalg.norm(normal, axis=1)
     triangles, normal = triangles[size > 1e-6], (normal / np.maximum(size, 1e-9)[:, None])[size > 1e-6]
-    # The pattern of leaves fills space; each triangle shows it along the axis nearest to its normal.
+    # The pattern of leaves is three-dimensional; a triangle shows a section along an axis.
     plane = np.array([[1, 2], [0, 2], [0, 1]])[np.abs(normal).argmax(axis=1)]
     uv = np.take_along_axis(triangles, plane[:, None, :].repeat(4, axis=1), axis=2) / 1.7
     uv = uv - np.floor(uv.min(axis=1, keepdims=True)) + site.rng.uniform(0, 1, (len(uv), 1, 2))

@@ -87,7 +87,7 @@ def _paint_side(shape: Shape, paint: float, rng: Rng, mirror: bool) -> Image:
     mid = shape.length / 2
     if shape.cabin:
         zb0, zr0, zr1, zb1, low, high = shape.cabin
-        c.rect(0, 0.62, shape.length, 0.66, paint * 0.8 + 6)  # a crease catches less light
+        c.rect(0, 0.62, shape.length, 0.66, paint * 0.8 + 6)  # a crease is darker
         c.rect(0, 0.2, shape.length, 0.34, paint * 0.45)
         base, roof = low + 0.05, high - 0.07
         share = (roof - base) / (high - low)

@@ -158,7 +158,7 @@ def show(*parts: Image | Figure) -> Shown:
     """Pictures and figures, one below the other, for a notebook cell."""
     png = bytes(cv2.imencode(".png", _joined(parts), PNG)[1])
     titles = [axis.get_title("left") for part in parts if isinstance(part, Figure) for axis in part.axes]
-    alt = "; ".join(filter(None, titles)) or None  # pages.py describes the others by the text above
+    alt = "; ".join(filter(None, titles)) or None  # pages.py describes other pictures by the text above
     return Shown(data=png, width=WIDTH, alt=alt)  # type: ignore[no-untyped-call]
 
 

@@ -252,7 +252,7 @@ class Panel:
         if isinstance(error, Stopped):
             self._message.value = "<i>Stopped.</i>"
             return
-        # The text of a DataError is for readers; of other errors, the type helps to find the mistake.
+        # The text of a DataError is for readers; for other errors, the type helps to find the mistake.
         self.error = str(error) if isinstance(error, DataError) else f"{type(error).__name__}: {error}"
         words = f'role="alert" style="{ERROR_STYLE}">{marked(self.error)}'
         self._message.value = f'<div class="{ERROR_CLASS}" {words}</div>'

@@ -54,7 +54,7 @@ MATRIX = table(same, ones(2, 3))
 ORDER = table(np.argsort, lambda: [(np.array([3.0, 1.0, 2.0]),)], also=(lambda a: [0, 1],), form=any_order)
 STOPS = table(lambda x: None if x else 1.0, numbers, odd=lambda x: [1.0][int(x)])
 SPOILT = table(lambda kept, spoiled: len(spoiled), lambda: [(np.zeros(2), [np.zeros(3)])] * 2)
-# Beside those of the bank of wrong answers.
+# In addition to the bank of wrong answers.
 VERDICTS: list[tuple[Exercise, tuple[Any, ...], str]] = [
     (SQUARE, (square,), "right: well done, 0.0."),
     # 2 x is right for 0 and 2, x³ for 0 only: the mistake that agrees for longest is named.
@@ -63,7 +63,7 @@ VERDICTS: list[tuple[Exercise, tuple[Any, ...], str]] = [
     (SQUARE, (lambda x: 0.0,), "the same for all inputs"),
     (SQUARE, (begun,), "there is no answer: replace the dots."),
     (SQUARE, (lambda x: sum(np.square(y) for y in [x]),), "hands the work to `square`"),
-    (SQUARE, (lambda x: square(x),), "right: "),  # a function of one's own may have the name
+    (SQUARE, (lambda x: square(x),), "right: "),  # a student's function may have this name
     (VALUE, (11.5, 10), "right: "),
     (VALUE, (20, 10), "not yet: twice: 20."),
     (VALUE, (15, 10), "not yet: 15 is wrong. Hint: try."),
@@ -106,9 +106,9 @@ def test_the_third_different_failure_in_a_row_is_told_the_line() -> None:
     line = "try. In code: `x**2`."
     SQUARE.failures.clear()
     for answer in (lambda x: x + 2.0, lambda x: x + 2.0, lambda x: x + 3.0):
-        assert SQUARE(...).hint == ""  # no answer is no failure
-        assert SQUARE.judge(lambda x: x + 9.0).hint == "try."  # nor is one that only the file asks about
-        assert SQUARE(answer).hint == "try."  # the same answer twice is one
+        assert SQUARE(...).hint == ""  # a missing answer is not a failure
+        assert SQUARE.judge(lambda x: x + 9.0).hint == "try."  # `judge` counts no failures
+        assert SQUARE(answer).hint == "try."  # the same answer twice counts once
     assert SQUARE(lambda x: x + 4.0).hint == line
     assert SQUARE(square).passed
     assert SQUARE(lambda x: x + 4.0).hint == "try."

@@ -52,7 +52,7 @@ def tour(truth: Any) -> Sequence:
 
 
 BEND = block_tour(1)[150:300:2]
-# What a check is given beside the answer.
+# Further inputs of a check, beside the answer.
 GIVEN: dict[str, tuple[Any, ...]] = {
     "ch00.disparity_at_20_m": (ch00.CAMERA,),
     "ch08.drift": (from_first(made_up(BEND, 2.0, 3.0, 20.0)), tour(BEND)),

@@ -38,11 +38,11 @@ def test_the_lorry_holds_its_share_hides_what_is_behind_it_and_its_features_keep
         assert ((lorry.cur_left > low - 1) & (lorry.cur_left < high + 1)).all()
         X_p, X_c = points(lorry)
         np.testing.assert_allclose(np.mean(X_c - X_p, axis=0), (STEP, 0.0, 0.0), atol=0.01)
-        # In its box only what is nearer is left, and nothing nearer is gone.
+        # In the lorry's box, only nearer matches remain, and no nearer match is missing.
         inside = ((rest.cur_left > low) & (rest.cur_left < high)).all(axis=1)
         assert (points(rest)[0][inside, 2] < DISTANCE).all()
         assert (points(given[~np.isin(given.id, rest.id)])[0][:, 2] >= DISTANCE).all()
-        # A feature followed is the same one, a frame older, and where it was measured.
+        # A tracked feature has the same id, is one frame older, and is at its measured position.
         _, now, then = np.intersect1d(lorry.id, before.id, return_indices=True)
         np.testing.assert_array_equal(lorry.prev_left[now], before.cur_left[then])
         np.testing.assert_array_equal(lorry.age[now], before.age[then] + 1)
@@ -66,7 +66,7 @@ def require_path_kept(sequence: Sequence, variant: str, bound: float) -> None:
         assert every > 20.0 or share < 0.5, share
 
 
-# Measured: 0.16 and 0.04 at every share; with all features 43 and more from a share of a half on.
+# Measured: 0.16 and 0.04 at every share; with all features, 43 and more for shares of at least a half.
 @pytest.mark.parametrize(("variant", "bound"), [("published", 0.4), ("kit", 0.1)])
 def test_a_drawn_drive_keeps_its_path_without_the_features_of_a_lorry(
     street: Sequence, variant: str, bound: float
@@ -74,7 +74,7 @@ def test_a_drawn_drive_keeps_its_path_without_the_features_of_a_lorry(
     require_path_kept(street.part(60, 90), variant, bound)
 
 
-# Measured: 1.6 and at most 1.5 (the clip's truth is no better); with all features 47 and more.
+# Measured: 1.6 and at most 1.5 (the clip's truth is no better); with all features, 47 and more.
 @pytest.mark.parametrize("variant", ["published", "kit"])
 def test_a_real_drive_keeps_its_path_without_the_features_of_a_lorry(
     clips: Path, variant: str, monkeypatch: pytest.MonkeyPatch

@@ -62,7 +62,7 @@ def test_a_drive_is_judged_and_not_what_is_said_of_it(street: Sequence) -> None:
         ({"RE": 0.1, "RE published": 0.5}, "expected your function"),
         (..., "replace the dots"),
         (hands_over, "hands the work to `run`"),
-        (lambda sequence, *_, seed: sequence.truth[:, :3], "TypeError"),  # there is none to peek at
+        (lambda sequence, *_, seed: sequence.truth[:, :3], "TypeError"),  # the truth is missing
         (
             lambda *_, seed: published[str(seed)].poses[1:],
             "the path has shape (29, 4, 4), expected (30, 4, 4)",

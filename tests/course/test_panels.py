@@ -27,7 +27,7 @@ from vo_lib.paper.settings import FilterConfig, PublishedConfig
 CHAPTERS = (ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07, ch09, appendix)
 PANELS = [kind for chapter in CHAPTERS for kind in vars(chapter).values() if isinstance(kind, type)]
 LONG = 300.0  # seconds that a job may take; a safeguard
-# What is typed into the controls for text.
+# Typed values of the controls for text.
 TYPED = {
     "filter.classes": ("2,5,7", "7"),
     "view.lengths": ("20", "10,40"),
@@ -59,7 +59,7 @@ def stops(knob: Knob) -> list[Any]:
     return [widget.min, widget.max]
 
 
-# Settings under which a control works that is grey at the start; by default the variant kit.
+# Settings with which a control works that is grey at the start; by default, the variant kit.
 AWAKE: dict[str, dict[str, Any]] = {}
 
 

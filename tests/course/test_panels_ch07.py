@@ -58,7 +58,7 @@ def test_a_part_of_00_begins_where_its_truth_can_be_believed(monkeypatch: pytest
     assert (part.frames[0], len(part)) == ("000016", 50)
     assert part_of(whole, len(whole)) is whole
     assert part_of(whole, len(whole) - 1).frames[0] == "000001"
-    # The images say that the car speeds up evenly; the truth before that frame does not follow them.
+    # In the images, the car accelerates evenly; the truth before that frame disagrees.
     ran = run_plan(Plan(whole.part(0, 60), ("solution_selection",), 1, "kit"))[0]
     true, estimated = (np.linalg.norm(np.diff(p[:, :3, 3], axis=0), axis=1) for p in (ran.truth, ran.poses))
     off, first = np.abs(true - estimated), FIRST["kitti/00"]

@@ -76,7 +76,7 @@ def test_names_that_are_times_are_paired_by_time(bands: Path, digits: int) -> No
     start = 1403636579763555584
 
     def name(side: int, frame: int) -> str:
-        # The right camera fires 2 ms later, from frame 4 on 20 ms later.
+        # The right camera is 2 ms late, and 20 ms late from frame 4 on.
         ns = start + 100_000_000 * frame + side * (20_000_000 if frame > 3 else 2_000_000)
         stamp = f"{ns // 10**9}.{ns % 10**9:09d}"[: 11 + digits] if digits else str(ns)
         return f"{'lr'[side]}_{stamp}.png"

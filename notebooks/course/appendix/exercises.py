@@ -116,7 +116,7 @@ shrink = Exercise(
     praise="a clear estimate hardly changes; an estimate within its noise becomes 0.",
     hint="compute s. Noise explains the share k / s of the square; multiply the estimate by the remaining share.",
     line="max(0, 1 - k / (estimate @ np.linalg.inv(covariance) @ estimate)) * estimate",
-    also=(partial(shrunk, spare=2.0),),  # as James and Stein have it
+    also=(partial(shrunk, spare=2.0),),  # the factor of James and Stein
     mistakes={
         "the factor of an estimate within its noise is negative: a factor below 0 counts as 0.": lambda e, C: (
             e * (1.0 - len(e) / (e @ np.linalg.solve(C, e)))

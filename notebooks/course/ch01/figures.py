@@ -21,12 +21,12 @@ from .exercises import eigenvalues
 from .trace import CHECKS, CHOSEN, LOST, OPEN, SURPLUS, Trace
 
 HALF, SQUARE = WIDTH // 2, WIDTH // 4
-# What becomes of a feature, with its colour.
+# The fates of a feature, each with its colour.
 FATES = {OPEN: "#D8D8D8", LOST: PALE, **dict(zip(CHECKS, (FOURTH, THIRD, FIFTH, BAD), strict=True))}
 FATES |= {SURPLUS: "#56B4E9", CHOSEN: GOOD}
 SIDES = ("previous left", "previous right", "current right", "current left")
 LEAST, MOST = 0.01, 100.0  # pixels shown of an error
-RIGHT = 1.0  # pixels; a match is right whose places in the other three images are this near to the truth
+RIGHT = 1.0  # largest distance of a right match from the truth in the other three images, pixels
 NAMES = 0.055  # of a figure's width, for the names of the fates
 
 
@@ -149,7 +149,7 @@ def fates_chart(axis: Axes, trace: Trace, wrong: NDArray[np.bool_] | None) -> No
     if wrong is not None:
         bad = [np.count_nonzero(wrong[trace.fate[trace.index] == name]) for name in names]
         axis.barh(names, bad, 0.7, color=DARK, alpha=0.6)
-        # Of features that were not found again nothing is right or wrong.
+        # A feature that was not found again has no right or wrong match.
         words = [w if n in (OPEN, LOST) else f"{w} ({b})" for n, w, b in zip(names, words, bad, strict=True)]
         x = "features (in brackets and dark: wrong by more than 1 px)"
     axis.bar_label(bars, words, padding=4, fontsize=FONT_SIZE - 1)

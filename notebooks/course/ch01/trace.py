@@ -22,7 +22,7 @@ from vo_lib.runs.drive import single_threaded
 
 from ..frames import Memory, before_step, key_of
 
-# What happens to a match that fails a check, and values of its settings that switch it off.
+# The fate of a match that fails a check, and the values of settings that turn the check off.
 CHECKS: dict[str, dict[str, Any]] = {
     "looks different": {"max_difference": 255.0},
     "rows, disparity": {"row_tolerance": 10.0, "min_disparity": 0.05},

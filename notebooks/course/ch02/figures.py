@@ -240,7 +240,7 @@ def degeneracies(noise_px: float, count: int = 200) -> tuple[list[str], list[Sha
         way = np.degrees(essential_angle(t, given.t_cp[of]))
         order = np.lexsort((turn, of))
         best = order[np.unique(of[order], return_index=True)[1]]
-        # Without a motion every [t]× R is a solution, and no t is the true one.
+        # Without a motion, every [t]× R is a solution, and no t is true.
         still = kind == "pure_rotation"
         fit = "all solutions fit" if still else f"{sum(fits) / count:.1f} solutions fit"
         direction = "" if still else f", of the direction of t {np.median(way[best]):.1f}°"

@@ -18,7 +18,7 @@ from ..drawing import WIDTH, caption, figure, finish, log_axis, photo
 
 PHOTO_HEIGHT = 298
 LEAST, MOST = 1e-3, 180.0  # degrees shown of a rotation error
-ALIKE = 0.02  # curves that nowhere differ by a larger share cannot be told apart
+ALIKE = 0.02  # largest relative difference of curves that look the same
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from ..checker import Case, Exercise, When
 
 SIZE, NET = (1241, 376), (640, 640)  # width and height of an image, and of a network's with wide borders
 WIDTH, HEIGHT = 800, 256  # of the network whose cells are counted
-# The second overlaps the first much, the third both a little, the fourth none; the last is inside the first.
+# Box 2 overlaps box 1 much, box 3 overlaps both a little, box 4 overlaps none; the last box is inside box 1.
 A, B, SIDE = [100.0, 100.0, 200.0, 180.0], [110.0, 104.0, 212.0, 184.0], [185.0, 110.0, 290.0, 190.0]
 CORNERS = np.array([A, B, SIDE, [400.0, 90.0, 450.0, 130.0], [130.0, 120.0, 160.0, 150.0]])
 SCORES = np.array([0.7, 0.9, 0.6, 0.3, 0.8])

@@ -39,7 +39,7 @@ STAGES = (
     "chain",
     "all_errors",
 )
-SLOW, LEAST_S = 5.0, 0.02  # times the library's seconds for a check, from which a stage is called slow
+SLOW, LEAST_S = 5.0, 0.02  # multiple of the library's time for a check from which a stage is called slow
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from vo_lib.loops.settings import LoopConfig
 
 SMALL = {"width": 620, "height": 188}  # half of KITTI's image in each direction
 CONFIG = LoopConfig(inliers=30)  # a small image has fewer matches
-TRUE_GAP_M = 1.0  # a loop is true if its motion is this near to the truth
+TRUE_GAP_M = 1.0  # largest difference from the true motion of a true loop
 
 
 def block(progress: Progress | None = None) -> Sequence:

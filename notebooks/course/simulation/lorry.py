@@ -24,7 +24,7 @@ from .tracks import CAMERA_HEIGHT
 SIDE = np.array([4.0, 3.0, 0.0])  # length and height of the lorry's side, metres; the side is flat
 STEP = 0.3  # metres to the right from frame to frame, relative to the camera
 NOISE = 0.15  # standard deviation of each coordinate measured, pixels
-POINTS = 6000  # on the side; no more of them are matched than the share asks for
+POINTS = 6000  # on the side; the share limits the number of matched points
 TRUCK = 7  # COCO's class
 
 

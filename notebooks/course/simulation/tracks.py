@@ -19,7 +19,7 @@ from vo_lib.geometry.motion import inverse, rigid, rotation_from_vector, transfo
 from vo_lib.geometry.rows import Rows, joined
 from vo_lib.geometry.types import Array, BoolArray, IntArray
 
-ROUNDS = 8  # attempts to fill a frame with points; then the frame has fewer
+ROUNDS = 8  # attempts to fill a frame with points; afterwards, the frame has fewer points
 NEAREST, FARTHEST = 4.0, 70.0  # metres, depth of the points
 CAMERA_HEIGHT = 1.65  # metres above the road
 AHEAD = rigid(np.eye(3), np.array([0.0, 0.0, 0.8]))  # motion of an object from frame to frame, metres
