@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 
 from vo_lib.geometry.types import Array, IntArray
@@ -34,9 +37,16 @@ def _wrapped(angle: float) -> float:
     return float((angle + np.pi) % (2 * np.pi) - np.pi)
 
 
-def edge_residual(p_i: Array, p_j: Array, z: Array) -> Array:
+def edge_residual(
+    p_i: Array,
+    p_j: Array,
+    z: Array,
+    axes: Callable[..., Array] = lambda p_i, p_j, z: turn(p_i[2]),
+    wrap: Callable[[float], float] = _wrapped,
+) -> Array:
     """Residual (3,) of an edge in the plane; poses and z are (x, z, heading)."""
-    return np.array([*(turn(p_i[2]).T @ (p_j[:2] - p_i[:2]) - z[:2]), _wrapped(p_j[2] - p_i[2] - z[2])])
+    place = axes(p_i, p_j, z).T @ (p_j[:2] - p_i[:2]) - z[:2]
+    return np.array([*place, wrap(p_j[2] - p_i[2] - z[2])])
 
 
 def plane_edges() -> list[Case]:
@@ -115,32 +125,28 @@ residual = Exercise(
     hint="rotate the difference of the two positions into the axes of pose i, then subtract z.",
     line="place = turn(p_i[2]).T @ (p_j[:2] - p_i[:2]) - z[:2]; angle = (d + np.pi) % (2 * np.pi) - np.pi",
     mistakes={
-        "the difference of the positions is in the axes of the world: rotate it into the axes of pose i.": lambda p_i, p_j, z: (
-            np.array([*(p_j[:2] - p_i[:2] - z[:2]), _wrapped(p_j[2] - p_i[2] - z[2])])
+        "the difference of the positions is in the axes of the world: rotate it into the axes of pose i.": (
+            partial(edge_residual, axes=lambda *_: np.eye(2))
         ),
-        "the rotation is inverted: the axes of pose i are the columns of turn(heading).": lambda p_i, p_j, z: (
-            np.array([*(turn(p_i[2]) @ (p_j[:2] - p_i[:2]) - z[:2]), _wrapped(p_j[2] - p_i[2] - z[2])])
+        "the rotation is inverted: the axes of pose i are the columns of turn(heading).": (
+            partial(edge_residual, axes=lambda p_i, *_: turn(-p_i[2]))
         ),
         "poses i and j are exchanged.": lambda p_i, p_j, z: edge_residual(p_j, p_i, z),
         "the measured motion z is not subtracted.": lambda p_i, p_j, z: edge_residual(p_i, p_j, 0.0 * z),
         "the difference is in the axes of the world, of pose j or of the measured pose; use those of pose i.": (
-            lambda p_i, p_j, z: np.array(
-                [*(turn(p_j[2]).T @ (p_j[:2] - p_i[:2]) - z[:2]), edge_residual(p_i, p_j, z)[2]]
-            ),
+            partial(edge_residual, axes=lambda p_i, p_j, z: turn(p_j[2])),
             lambda *x: np.array([*(turn(x[0][2]) @ edge_residual(*x)[:2]), edge_residual(*x)[2]]),
             lambda *x: np.array([*(turn(x[2][2]).T @ edge_residual(*x)[:2]), edge_residual(*x)[2]]),
         ),
-        "the angle is in degrees; the residual has radians.": lambda *x: np.array(
-            [*edge_residual(*x)[:2], np.degrees(edge_residual(*x)[2])]
+        "the angle is in degrees; the residual has radians.": (
+            partial(edge_residual, wrap=lambda angle: np.degrees(_wrapped(angle)))
         ),
-        "wrap the angle to [-π, π), not to [0, 2π).": lambda *x: np.array(
-            [*edge_residual(*x)[:2], edge_residual(*x)[2] % (2 * np.pi)]
-        ),
+        "wrap the angle to [-π, π), not to [0, 2π).": partial(edge_residual, wrap=lambda a: a % (2 * np.pi)),
         "the angle is wrapped too early: wrap it after z is subtracted.": lambda p_i, p_j, z: np.array(
             [*edge_residual(p_i, p_j, z)[:2], _wrapped(p_j[2] - p_i[2]) - z[2]]
         ),
-        "the angle is not wrapped: from 179° to -179° it is 2°, not 358°.": lambda p_i, p_j, z: np.array(
-            [*(turn(p_i[2]).T @ (p_j[:2] - p_i[:2]) - z[:2]), p_j[2] - p_i[2] - z[2]]
+        "the angle is not wrapped: from 179° to -179° it is 2°, not 358°.": partial(
+            edge_residual, wrap=float
         ),
     },
 )
