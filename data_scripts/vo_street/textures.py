@@ -15,7 +15,7 @@ Rng = np.random.Generator
 
 
 def fractal(rng: Rng, rows: int, columns: int, slope: float, coarsest: float = 1.0) -> Image:
-    """Periodic noise of mean 0 and deviation 1 with an amplitude proportional to frequency ** -slope.
+    """Periodic noise of mean 0 and standard deviation 1, with amplitude proportional to frequency ** -slope.
 
     `coarsest` is the lowest frequency in the noise, in waves across the texture.
     """

@@ -58,7 +58,7 @@ ORDERS: dict[str, Callable[[Array, Array], Array]] = {
 
 
 def first_by(measure: Callable[[Array, Array], Array]) -> Callable[..., Any]:
-    """Answer: the k candidates with the smallest measure of (E, e_prev)."""
+    """Answer: the k candidates with the smallest `measure(E, e_prev)`."""
     return lambda E, e_prev, k: np.argsort(measure(E, e_prev), kind="stable")[:k]
 
 

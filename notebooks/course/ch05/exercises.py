@@ -40,12 +40,12 @@ def in_image(xyxy: Array, scale: float, left: int, top: int, width: int, height:
 
 
 def common(a: Array, b: Array) -> float:
-    """Area that two boxes share."""
+    """Area that two boxes share, pixels²."""
     return float(np.prod(np.maximum(np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2]), 0)))
 
 
 def area(box: Array) -> float:
-    """Area of a box x0, y0, x1, y1."""
+    """Area of a box (x0, y0, x1, y1), pixels²."""
     return float(np.prod(box[2:] - box[:2]))
 
 

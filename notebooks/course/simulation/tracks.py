@@ -167,7 +167,7 @@ class _Street:
         return transform(self.poses[frame - 1], np.stack([x, y, z], axis=1)), np.full(count, -1)
 
     def _project(self, pair: int, point: Array, body: IntArray) -> tuple[Array, Array]:
-        """Left and right pixels in the previous (0) or the current pair (1)."""
+        """Left and right pixels of points in the previous pair (`pair` 0) or in the current pair (1)."""
         T = self.to_camera[pair][body]
         return self.camera.project(np.einsum("nij,nj->ni", T[:, :3, :3], point) + T[:, :3, 3])
 
