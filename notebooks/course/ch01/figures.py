@@ -13,7 +13,7 @@ from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.types import Array, Image
 from vo_lib.paper.features import DESCRIPTOR_OFFSETS
 
-from ..ch02.figures import draw_dot, draw_flow
+from ..ch02.figures import draw_dots, draw_flow
 from ..colours import BAD, CYCLE, DARK, FIFTH, FOURTH, GOOD, PALE, THIRD, bgr
 from ..drawing import FONT_SIZE, WIDTH, caption, figure, finish, log_axis, photo, raster, room
 from ..frames import stereo
@@ -68,8 +68,7 @@ def points_picture(image: Image, uv: Array, words: str, cell: int = 0) -> Image:
         grid = picture.copy()
         grid[cell::cell] = grid[:, cell::cell] = bgr(PALE)
         picture = np.asarray(cv2.addWeighted(picture, 0.65, grid, 0.35, 0.0), np.uint8)
-    for place in uv:
-        draw_dot(picture, place, GOOD, 2.5)
+    draw_dots(picture, uv, [GOOD] * len(uv), 2.5)
     return caption(photo(picture), words)
 
 
@@ -120,9 +119,10 @@ def loop_picture(images: dict[str, Image], matches: StereoMatches, back: Array, 
     for side, uv in zip(SIDES, places, strict=True):
         crop, middle = surroundings(images[side], uv[number], radius)
         part = photo(crop, SQUARE)
-        for place, colour, size in ((uv[number], GOOD, 4), (back[number], BAD, 3)):
-            if colour == GOOD or side == SIDES[0]:
-                draw_dot(part, np.asarray((place - middle + radius + 0.5) * scale - 0.5), colour, size)
+        start, end = (np.array([uv[number], back[number]]) - middle + radius + 0.5) * scale - 0.5
+        draw_dots(part, start[None], [GOOD], 4)
+        if side == SIDES[0]:
+            draw_dots(part, end[None], [BAD], 3)
         parts.append(caption(part, side))
     return np.concatenate(parts, axis=1)
 

@@ -47,12 +47,12 @@ class MatchingPanel(Panel):
             raise DataError(f"frame {frame - 1} has no features: lower the threshold")
         error = match_errors(ground_truth, traced.matches, frame)
         by_name = by_fate(traced, error)
-        words = f"frame {frame}: kept blue, others in the colour of the failed check; rings: wrong, but kept"
+        words = f"frame {frame}: kept blue, others in the colour of the failed check"
         wrong = error > RIGHT  # false where the truth is not known
-        picture = fates_picture(stereo(sequence, frame)[0], traced, wrong, words)
         exact = by_name["kept"][np.isfinite(by_name["kept"])]
         facts = [Fact("features", len(traced.id)), Fact("kept", len(traced.chosen))]
         if ground_truth is not None:
+            words += "; rings: wrong, but kept"
             facts += [
                 Fact("wrong among the kept", int(np.count_nonzero(by_name["kept"] > RIGHT))),
                 Fact("right ones dropped", int(np.count_nonzero(by_name["dropped"] <= RIGHT))),
@@ -63,6 +63,8 @@ class MatchingPanel(Panel):
             f"{len(traced.id)} features of the previous pair have a stereo match, and {len(traced.matches)} of them are "
             f"matched in all four images. The checks remove {len(traced.matches) - len(traced.kept)} of these, the "
             f"buckets {surplus}; {len(traced.chosen)} are kept."
+            + ("" if ground_truth is not None else " This sequence has no truth for single matches.")
         )
+        picture = fates_picture(stereo(sequence, frame)[0], traced, wrong, words)
         chart = step_figure(traced, error, CHART_HEIGHT)
         return Drawing(stack([picture, chart], self.height), sentence, tuple(facts))

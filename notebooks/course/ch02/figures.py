@@ -65,16 +65,19 @@ def draw_line(picture: Image, line: Array, colour: str, thickness: int = 1) -> N
     cv2.line(picture, start, end, bgr(colour), thickness, cv2.LINE_AA, shift=4)
 
 
-def draw_dot(picture: Image, uv: Array, colour: str, radius: float, words: str = "") -> None:
-    """Draw a disc at a sub-pixel position of a BGR picture, in place, with words in a black box beside the disc."""
-    u, v = np.rint(np.asarray(uv) * 16).astype(int).tolist()
-    cv2.circle(picture, (u, v), round(radius * 16), bgr(colour), -1, cv2.LINE_AA, shift=4)
-    if words:
-        font, white = (cv2.FONT_HERSHEY_SIMPLEX, 0.5), (255, 255, 255)
-        (w, h), _ = cv2.getTextSize(words, *font, 1)
+def draw_dots(
+    picture: Image, places: Array, colours: Sequence[str], radius: float, names: Sequence[object] = ()
+) -> None:
+    """Draw discs at places (N, 2) of a BGR picture, in place; above all discs, their names in black boxes."""
+    font, white = (cv2.FONT_HERSHEY_SIMPLEX, 0.5), (255, 255, 255)
+    sixteenths = np.rint(np.asarray(places) * 16).astype(int).tolist()
+    for place, colour in zip(sixteenths, colours, strict=True):
+        cv2.circle(picture, place, round(radius * 16), bgr(colour), -1, cv2.LINE_AA, shift=4)
+    for (u, v), name in zip(sixteenths, map(str, names), strict=False):
+        (w, h), _ = cv2.getTextSize(name, *font, 1)
         x, y = min(u // 16 + 9, picture.shape[1] - w - 3), max(v // 16 - 6, h + 3)
         cv2.rectangle(picture, (x - 2, y - h - 3), (x + w + 2, y + 3), (0, 0, 0), -1)
-        cv2.putText(picture, words, (x, y), *font, white, 1, cv2.LINE_AA)
+        cv2.putText(picture, name, (x, y), *font, white, 1, cv2.LINE_AA)
 
 
 def draw_flow(picture: Image, start: Array, end: Array, colours: Sequence[str], radius: float) -> None:
@@ -103,10 +106,11 @@ def lines_picture(
     for each, point, colour in zip(E, x_p, colours, strict=True):
         draw_line(picture, epipolar_line(each, point, camera), colour, 2)
     one = len(set(names)) == 1
-    for uv, colour, name in zip(pixels(x_c, camera), colours, names, strict=True):
-        draw_dot(picture, uv, "#FFFFFF" if one else colour, 6, str(name))
-    for number, colour in enumerate(colours if one else ()):
-        draw_dot(picture, np.array([20.0 + 50 * number, camera.height - 14.0]), colour, 8, str(number + 1))
+    draw_dots(picture, pixels(x_c, camera), ["#FFFFFF"] * len(E) if one else colours, 6, names)
+    if one:
+        numbers = np.arange(len(E))
+        below = np.stack([20.0 + 50.0 * numbers, np.full(len(E), camera.height - 14.0)], axis=1)
+        draw_dots(picture, below, colours, 8, 1 + numbers)
     return photo(picture)
 
 

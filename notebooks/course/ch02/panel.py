@@ -190,7 +190,6 @@ class FivePointPanel(Panel):
         for each, colour, width in zip(E, (THIRD, BAD), (1, 2), strict=True):
             if each.any():
                 draw.draw_line(picture, draw.epipolar_line(each, points.x_p[named[0]], camera), colour, width)
-        for index, colour in zip(named, (BAD, *FIVE), strict=True):
-            draw.draw_dot(picture, ends[index], colour, 6, str(index))
+        draw.draw_dots(picture, ends[named], (BAD, *FIVE), 6, named)
         words = f"frame {state.frame}: five matches; line of match {named[0]} (orange; true: green); black: outliers"
         return caption(photo(picture, WIDTH, PHOTO_HEIGHT), words)

@@ -85,7 +85,7 @@ def by_depth_figure(
     axis.plot(Z, factor * Z**2, color=BAD, linewidth=1.5, label=labels[1])
     log_axis(axis.xaxis, *DEPTHS, COARSE)
     log_axis(axis.yaxis, *DISTANCES)
-    finish(axis, title, "depth Z [m]", "[m]", "upper left")
+    finish(axis, f"{title} [m]", "depth Z [m]", "", "upper left")
     return made
 
 

@@ -147,7 +147,7 @@ class TranslationPanel(Panel):
         length = float(np.linalg.norm(t)) / step - 1.0 if step > 0 else np.nan
         slip = abs(float(error[0]) / MILLI / np.radians(view.turn)) if view.turn else np.nan
         sentence = f"t_cp = ({t[0]:.3f}, {t[1]:.3f}, {t[2]:.3f}) m, compared with {name}. "
-        sentence += f"The length of the step, {step:.2f} m, is off by {round(length, 3) + 0.0:+.1%}."
+        sentence += f"The length of the step differs by {round(length, 3) + 0.0:+.1%} from {step:.2f} m."
         sentence += ABOUT[name]
         what = "difference" if name == ESTIMATE else "error"
         facts = (
