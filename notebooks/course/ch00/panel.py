@@ -170,8 +170,8 @@ def rays_view(sequence: Sequence, frame: int) -> View:
     return view(*cameras, *rays, Shape(some, BAD, "dots", width=5.0), title="Two rays meet in a point")
 
 
-def poses_view(sequence: Sequence, every: int = 10) -> View:
-    """The path of the true poses in three dimensions, with a camera at every tenth pose."""
+def poses_view(sequence: Sequence, every: int = 20) -> View:
+    """The path of the true poses in three dimensions, with a camera at some poses."""
     poses = from_first(true_poses(sequence))
     cameras = [part for k in range(0, len(poses), every) for part in camera(poses[k], str(k), size=2.0)]
     path = Shape(poses[:, :3, 3], GOOD)

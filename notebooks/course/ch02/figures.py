@@ -108,9 +108,8 @@ def lines_picture(
     one = len(set(names)) == 1
     draw_dots(picture, pixels(x_c, camera), ["#FFFFFF"] * len(E) if one else colours, 6, names)
     if one:
-        numbers = np.arange(len(E))
-        below = np.stack([20.0 + 50.0 * numbers, np.full(len(E), camera.height - 14.0)], axis=1)
-        draw_dots(picture, below, colours, 8, 1 + numbers)
+        below = np.array([(20.0 + 50 * number, camera.height - 14.0) for number in range(len(E))])
+        draw_dots(picture, below, colours, 8, range(1, 1 + len(E)))
     return photo(picture)
 
 
@@ -188,7 +187,7 @@ def epipolar_plane() -> list[Shape]:
         *view_of(T_p_c, "current camera", FOURTH, size=size),
         Shape(np.stack([np.zeros(3), TOY_X, c, np.zeros(3)]), GOOD, "area"),
         Shape(np.stack([size * np.append(x_p, 1.0), TOY_X]), GOOD, name="ray of the previous camera"),
-        Shape(np.stack([np.zeros(3), c]), DARK, name="t", width=3.0),
+        Shape(np.stack([c / 2, np.zeros(3), c]), DARK, name="t", width=3.0),  # its name is in the middle
         Shape(np.stack([np.zeros(3), TOY_X]), GOOD),
         Shape(np.stack([TOY_X, c]), GOOD, name="point"),
         Shape(transform(T_p_c, ends), BAD, name="epipolar line", width=3.0),
