@@ -152,6 +152,8 @@ path_length = Exercise(
     line="np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1).sum()",
     mistakes={
         "{got:.2f} m is the distance from start to end.": beeline,
+        "this is the mean step: sum the steps.": lambda poses: way(poses) / len(steps(poses)),
+        "the last row of a pose has no position; positions are poses[:, :3, 3].": lambda poses: 0.0,
         "the steps are not added: sum them.": lambda poses: np.linalg.norm(steps(poses), axis=1),
         "compute the norm of each step, along axis 1.": lambda poses: np.linalg.norm(steps(poses)),
         "this adds squared lengths: the root is missing.": lambda poses: (steps(poses) ** 2).sum(),

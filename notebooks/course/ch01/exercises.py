@@ -179,6 +179,10 @@ is_stereo = Exercise(
         "rows and columns are exchanged: a point is (u, v), its column first.": (
             lambda left, right, *limits: good(left[:, ::-1], right[:, ::-1], *limits)
         ),
+        "one of the two conditions is enough here; join both masks by `&`.": lambda left, right, *limits: (
+            judged(disparity=lambda d: d + np.inf)(left, right, *limits)
+            | judged(row=np.zeros_like)(left, right, *limits)
+        ),
         "the two limits are exchanged.": judged(limits=lambda most, least: (least, most)),
         "1 and 0.5 are hard-coded: use the limits given.": judged(limits=lambda *_: (1.0, 0.5)),
         "a match exactly at a limit is good: use <= and >=.": (
@@ -218,6 +222,9 @@ loop_closes = Exercise(
             lambda *chain: np.flatnonzero((np.min(chain, axis=0) >= 0) & returns(follow(*chain)[0])),
         ),
         "the four lists are applied in the reverse order.": lambda *chain: which(*chain[::-1]),
+        "feature 0 is missing: 0 is the number of a feature, and only -1 means that there is no match.": When(
+            lambda got, *chain: 0 in which(*chain) and 0 not in got and set(got) < set(which(*chain))
+        ),
         "these are indices into the previous right image.": lambda *chain: chain[0][which(*chain)],
     },
 )

@@ -194,6 +194,9 @@ truncated_error = Exercise(
             truncated(lambda d, t: np.minimum(d**2, 1.0)),
             truncated(lambda d, t: np.minimum(d**2 / t, 1.0)),
         ),
+        "the minimum is taken before the square, so a large negative distance is not limited.": truncated(
+            lambda d, t: np.minimum(d / t, 1.0) ** 2
+        ),
         "the mean is truncated here, not each of its terms.": lambda d, t: min(np.mean((d / t) ** 2), 1),
     },
 )
@@ -233,9 +236,13 @@ select = Exercise(
         "only the first set is used; the winner may be in any set.": lambda E, s, errors, e, k: least(
             errors, nearest_to_prior(E, s, e, k) & (s == s[0])
         ),
-        "the last set is left out: range(n) ends with n - 1.": lambda E, s, errors, e, k: least(
-            errors, nearest_to_prior(E, s, e, k) & (s < s.max())
+        "the first or the last set is left out: range(n) runs from 0 to n - 1.": (
+            lambda E, s, errors, e, k: least(errors, nearest_to_prior(E, s, e, k) & (s < s.max())),
+            lambda E, s, errors, e, k: least(errors, nearest_to_prior(E, s, e, k) & (s > s.min())),
         ),
+        "this is the image error of the winner; return its index.": lambda E, s, errors, *more: errors[
+            selected(E, s, errors, *more)
+        ],
         "only k candidates of all sets compete; k candidates of each set may.": lambda E, s, errors, e, k: (
             least(errors, first_of_each_set(angles(E, e), 0 * s, k))
         ),

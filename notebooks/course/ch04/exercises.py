@@ -94,7 +94,7 @@ def bias_and_scatter(answers: Array, t_true: Array) -> tuple[float, float]:
 
 def one_residual(place: float) -> Callable[..., bool]:
     """Test for a case with a single residual, which is `place` times the scale."""
-    return lambda w, r, s: len(r) == 1 and r[0] == place * s
+    return lambda w, r, s: len(r) == 1 and r[0] == place * s and np.isfinite(w)
 
 
 rows: Callable[..., tuple[Array, Array]] = eight_rows  # of a case
@@ -149,6 +149,7 @@ one_feature = Exercise(
     hint="solve M q = c by least squares; t is the last three of the six numbers in q.",
     line="np.linalg.lstsq(M, c, rcond=None)[0][3:]",
     mistakes={
+        "`np.linalg.lstsq` returns a tuple; the solution is its first element, `[0]`.": np.linalg.lstsq,
         "this is (Q, t), six numbers; t is the last three.": solve,
         "this is the point Q; t is the last three numbers.": lambda M, c: solve(M, c)[:3],
     },
