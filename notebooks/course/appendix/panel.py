@@ -222,10 +222,7 @@ class CalibrationPanel(Panel):
         maps = field_maps(image, camera, {"the rig's": true, "learnt": errors})
         remaining = np.abs(field_at(true - errors, *image_grid(camera).T)).max(axis=1)
         facts = (
-            *(
-                Fact(f"error of the length, {name}", too_long(share), "%", 2)
-                for name, share in lengths.items()
-            ),
+            *(Fact(f"error of length, {name}", too_long(share), "%", 2) for name, share in lengths.items()),
             Fact("disparities still wrong by up to", float(remaining[0]), "px", 2),
             Fact("rows still wrong by up to", float(remaining[1]), "px", 2),
         )
