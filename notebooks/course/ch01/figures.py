@@ -140,14 +140,26 @@ def fates_picture(image: Image, trace: Trace, wrong: NDArray[np.bool_], words: s
     return caption(photo(picture, WIDTH, 298), words)
 
 
-def fates_chart(axis: Axes, trace: Trace, wrong: NDArray[np.bool_] | None) -> None:
-    """Number of features by fate; if the truth is known, the dark parts count the wrong matches (M,)."""
+def by_fate(trace: Trace, error: Array) -> dict[str, Array]:
+    """From the errors (M,) of all matches, the errors of the kept and of the dropped matches."""
+    fate = trace.fate[trace.index]
+    return {"kept": error[fate == CHOSEN], "dropped": error[~np.isin(fate, (CHOSEN, SURPLUS))]}
+
+
+def step_figure(trace: Trace, error: Array, height: int = 290) -> Figure:
+    """Number of features by fate and, with truth, the errors (M,) of all matches, pixels; NaN: unknown.
+
+    The dark parts of the bars count wrong matches.
+    """
+    with_truth = bool(np.isfinite(error).any())
+    made, (axis, *right) = figure(height, 1 + with_truth)
     names = trace.fates
     counts = np.array([np.count_nonzero(trace.fate == name) for name in names])
     bars = axis.barh(names, counts, 0.7, color=[FATES[name] for name in names])
     words, x = [str(count) for count in counts], "features"
-    if wrong is not None:
-        bad = [np.count_nonzero(wrong[trace.fate[trace.index] == name]) for name in names]
+    if with_truth:
+        errors_chart(right[0], by_fate(trace, error))
+        bad = [np.count_nonzero(error[trace.fate[trace.index] == name] > RIGHT) for name in names]
         axis.barh(names, bad, 0.7, color=DARK, alpha=0.6)
         # A feature that was not found again has no right or wrong match.
         words = [w if n in (OPEN, LOST) else f"{w} ({b})" for n, w, b in zip(names, words, bad, strict=True)]
@@ -158,21 +170,6 @@ def fates_chart(axis: Axes, trace: Trace, wrong: NDArray[np.bool_] | None) -> No
     axis.tick_params(axis="y", length=0)
     axis.set(xlim=(0, room(1.3 * max(int(np.max(counts)), 1))), ylim=(len(names) - 0.4, -0.6))
     finish(axis, "number of features by step", x)
-
-
-def by_fate(trace: Trace, error: Array) -> dict[str, Array]:
-    """From the errors (M,) of all matches, the errors of the kept and of the dropped matches."""
-    fate = trace.fate[trace.index]
-    return {"kept": error[fate == CHOSEN], "dropped": error[~np.isin(fate, (CHOSEN, SURPLUS))]}
-
-
-def step_figure(trace: Trace, error: Array, height: int = 290) -> Figure:
-    """Number of features by fate and, with truth, the errors (M,) of all matches, pixels; NaN: unknown."""
-    with_truth = bool(np.isfinite(error).any())
-    made, (left, *right) = figure(height, 1 + with_truth)
-    fates_chart(left, trace, error > RIGHT if with_truth else None)
-    if with_truth:
-        errors_chart(right[0], by_fate(trace, error))
     return made
 
 
