@@ -146,7 +146,7 @@ class FivePointPanel(Panel):
         key = (*key_of(sequence, frame), state.config.variant, view.noise, view.spread, threshold)
         spread, winner = _errors.get(key, lambda: set_errors(points, R_true, sets, threshold))
         match = int(np.argsort(points.x_c[:, 0])[round(view.match * (len(points.x_c) - 1))])
-        picture = self._picture(state, points, [match, *chosen], np.stack([E_true, E[shown]]), inlier)
+        picture = self._picture(state, points, [*chosen, match], np.stack([E_true, E[shown]]), inlier)
         charts, (left, right) = figure(CHART_HEIGHT, 2)
         draw.polynomial_chart(left, *draw.polynomial_of(x_p, x_c))
         draw.errors_chart(right, spread, winner, what)
@@ -182,14 +182,15 @@ class FivePointPanel(Panel):
         return np.asarray(sets_of(points, [3, view.draw], 1, view.spread)[0])
 
     def _picture(self, state: State, points: Points, named: list[int], E: Array, inlier: BoolArray) -> Image:
-        """The frame with its matches, and the lines of the first named match for the true E and a solution."""
+        """The frame with its matches, and the lines of the last named match for the true E and a solution."""
         camera = state.sequence.camera
         picture = photo(stereo(state.sequence, state.frame)[0], camera.width)
         starts, ends = draw.pixels(points.x_p, camera), draw.pixels(points.x_c, camera)
         draw.draw_flow(picture, starts, ends, [PALE if each else DARK for each in inlier], 2)
         for each, colour, width in zip(E, (THIRD, BAD), (1, 2), strict=True):
             if each.any():
-                draw.draw_line(picture, draw.epipolar_line(each, points.x_p[named[0]], camera), colour, width)
-        draw.draw_dots(picture, ends[named], (BAD, *FIVE), 6, named)
-        words = f"frame {state.frame}: five matches; line of match {named[0]} (orange; true: green); black: outliers"
+                line = draw.epipolar_line(each, points.x_p[named[-1]], camera)
+                draw.draw_line(picture, line, colour, width)
+        draw.draw_dots(picture, ends[named], (*FIVE, BAD), 6, named)
+        words = f"frame {state.frame}: five matches; line of match {named[-1]} (orange; true: green); black: outliers"
         return caption(photo(picture, WIDTH, PHOTO_HEIGHT), words)

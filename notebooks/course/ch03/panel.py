@@ -175,6 +175,7 @@ class SelectionPanel(Panel):
         sentence = (
             f"Of {len(candidates.E)} solutions of {selection.sets} sets {np.count_nonzero(field.kept)} may "
             f"compete. The winner is {same} the winner of consensus."
+            + (" The first pair has no previous essential vector." if e_prev is None else "")
             + (" The sequence has no ground truth." if R_true is None else "")
             + (" The prior was dropped: its best solution scored clearly worse." if field.dropped else "")
         )
