@@ -156,10 +156,11 @@ def stack(parts: Sequence[Image | Figure], height: int) -> bytes:
 
 def show(*parts: Image | Figure) -> Shown:
     """Pictures and figures, one below the other, for a notebook cell."""
-    png = bytes(cv2.imencode(".png", _joined(parts), PNG)[1])
+    whole = _joined(parts)
+    png = bytes(cv2.imencode(".png", whole, PNG)[1])
     titles = [axis.get_title("left") for part in parts if isinstance(part, Figure) for axis in part.axes]
     alt = "; ".join(filter(None, titles)) or None  # pages.py describes other pictures by the text above
-    return Shown(data=png, width=WIDTH, alt=alt)  # type: ignore[no-untyped-call]
+    return Shown(data=png, width=whole.shape[1], alt=alt)  # type: ignore[no-untyped-call]
 
 
 def show_source(*things: Any) -> Code:
