@@ -288,7 +288,7 @@ class Exercise:
     def _difference(self, got: Any, expected: Any, what: str, inputs: Case) -> str:
         """Text with the wrong and the expected result, and with the inputs if they are short."""
         if self.cases is None:
-            return f"{shown(got)} is wrong."  # the message hides the right value
+            return f"{what + ' = ' if self.parts else ''}{shown(got)} is wrong."  # the message hides the right value
         if is_list(expected) and (expected.size > SHORT or not shown(got)):
             others = np.setdiff1d(got, expected)
             example = f" (for example {others[0]:g})" if len(others) else ""
