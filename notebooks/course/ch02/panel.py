@@ -127,7 +127,7 @@ class FivePointPanel(Panel):
         threshold = state.config.selection.threshold / camera.f
         R_true = reference_rotation(sequence, frame, clean)
         what, than, E_true = (
-            "turn from the estimate",
+            "rotation difference",
             "the estimate from all matches (there is no truth)",
             np.zeros((3, 3)),
         )
@@ -154,8 +154,8 @@ class FivePointPanel(Panel):
         distance = abs(float(line @ [*draw.pixels(points.x_c[match], camera), 1.0]))
         error, best_error = rotation_errors(E[[shown, order[0]]], R_true).tolist()
         sentence = (
-            f"{len(E)} essential matrices fit the matches {', '.join(map(str, chosen))} exactly. Errors are angles to "
-            f"{than}. Match {match} is {distance:.2f} px from its epipolar line (orange)."
+            f"{len(E)} essential matrices fit the matches {', '.join(map(str, chosen))} exactly. A {what} is the "
+            f"angle to {than}. Match {match} is {distance:.2f} px from its epipolar line (orange)."
         )
         ends = camera.f * points.x_c[chosen]
         apart = np.linalg.norm(ends[:, None] - ends, axis=2)[np.triu_indices(5, 1)].min()
