@@ -6,6 +6,8 @@ import difflib
 from collections.abc import Iterable
 from pathlib import Path
 
+RENAMED = {"finish_window": "subpixel_window"}  # settings of earlier versions, by earlier name
+
 
 class DataError(Exception):
     """Bad input: a file, a folder or an option that cannot be used.
@@ -21,6 +23,8 @@ class DataError(Exception):
 
 def did_you_mean(name: str, names: Iterable[str]) -> str:
     """A question for an error message, with the valid name nearest to `name`; "" if no name is near."""
+    for earlier, new in RENAMED.items():
+        name = name.replace(earlier, new)
     words = {valid.removeprefix("--"): valid for valid in names}  # two short options would be near by "--"
     near = difflib.get_close_matches(name.removeprefix("--"), words, n=1)
     return f"did you mean {words[near[0]]}? " if near else ""
