@@ -113,7 +113,7 @@ def driven() -> list[Case]:
         return X_p, X_c, T_cp, least
 
     simple = box(0, 0, 0), box(0, 0, 0.9), box(-0.45, 0, 0)
-    hard = box(0, 0, 0, wrong=3), box(-0.45, 0, 0, behind=8), box(0, 0, 0, far=30), box(0, 0, 0.9, count=2)
+    hard = box(0, 0, 0, wrong=8), box(-0.45, 0, 0, behind=8), box(0, 0, 0, far=30), box(0, 0, 0.9, count=2)
     return [
         *simple,
         *hard,

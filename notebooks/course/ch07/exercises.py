@@ -110,7 +110,7 @@ gain = Exercise(
     change,
     lambda: [
         (np.array([1.0, 1.2, 1.4, 1.6, 1.9]), np.array([0.9, 1.05, 1.3, 1.5, 1.7])),
-        (np.array([0.7, 0.4, 0.6]), np.array([0.65, 0.5, 0.5])),
+        (np.array([0.7, 0.4, 0.6]), np.array([0.65, 0.5, 0.45])),
     ],
     also=(lambda before, after: change(before, after, np.std(after - before, ddof=1)),),
     parts=("mean", "spread"),

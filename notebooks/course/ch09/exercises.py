@@ -20,11 +20,11 @@ def nearest_earlier(S: Array, gap: int) -> IntArray:
 def similar_places() -> list[Case]:
     """Cases with a similarity matrix (N, N) and a gap."""
     rng, cases = np.random.default_rng(4), []
-    for count in (5, 12):
+    for count, gap in ((5, 3), (12, 4)):
         S = rng.uniform(0.0, 0.6, (count, count))
         near = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
         S = 0.5 * (S + S.T) + 0.9 * np.exp(-near)
-        cases.append((S, 3))
+        cases.append((S, gap))
     return cases
 
 
@@ -54,7 +54,7 @@ def plane_edges() -> list[Case]:
     first = np.array([3.0, 1.0, 0.4]), np.array([4.0, 5.0, 0.6])
     second = np.array([-2.0, 7.0, 3.0]), np.array([-6.0, 7.5, -3.1])
     third = np.array([0.0, 0.0, 1.5]), np.array([2.0, 1.0, -1.6])
-    measured = np.array([[-0.5, 4.0, 0.25], [0.2, -4.1, 0.1], [1.0, -2.0, 3.1]])
+    measured = np.array([[-0.5, 4.0, 2.25], [0.2, -4.1, 0.1], [1.0, -2.0, 3.1]])
     return [(*pair, z) for pair, z in zip((first, second, third), measured, strict=True)]
 
 
