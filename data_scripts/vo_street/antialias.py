@@ -26,7 +26,7 @@ def soften_edges(
     ----------
     light, inverse_depth : (H, W) brightness and 1/Z at the pixel centres.
     faces : (H, W) face of each pixel.
-    edges : (F, 4, 3) lines; a point (x, y, 1) is inside a face if its products with all four are >= 0.
+    edges : (F, 4, 3) lines; a point (x, y, 1) is inside a face if its products with all four lines are >= 0.
     camera : camera of the image, with f, cx and cy.
     """
     height, width = faces.shape
@@ -59,10 +59,10 @@ def soften_edges(
 
 
 def _way_out(edges: Array, at: tuple[Array, Array], axis: int, step: float) -> Array:
-    """Position (N,) of a face's end, as a fraction of the step to the next pixel; infinite without an end.
+    """Distance (N,) to the edge of a face, in steps to the next pixel; infinite without an edge on this side.
 
-    An edge is used only along the axis closer to its normal, so that no edge is smoothed twice. The result
-    for the other axis is NaN.
+    An edge is used only along the axis closer to its normal, so that no edge is smoothed twice. Along the
+    other axis, the result is NaN.
     """
     value = edges[:, :, 0] * at[0][:, None] + edges[:, :, 1] * at[1][:, None] + edges[:, :, 2]
     slope = edges[:, :, axis] * step

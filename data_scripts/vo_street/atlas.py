@@ -31,7 +31,7 @@ class Atlas:
     size : (T, 2) texels along s (columns) and t (rows), powers of two.
     top : (T, 2) coarsest level along s and t.
     wrap : (T, 2) 1 if the texture repeats along s or t, else 0.
-    column, row : (T, L) position of level i: texel coordinate s is at column[i] + s / 2**i.
+    column, row : (T, L) origin of level i: texel s is at column[i] + s / 2**i, texel t at row[i] + t / 2**i.
     """
 
     texels: Float32

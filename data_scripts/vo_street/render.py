@@ -54,13 +54,13 @@ class View:
 
 @dataclass(frozen=True)
 class FaceTable:
-    """Shading data of the F faces in the view of one camera; row 0 is the sky.
+    """Shading data of the F faces in the view of one camera; face 0 is the sky.
 
     Attributes
     ----------
     lines : (9, F) coefficients of s/Z, t/Z and 1/Z as linear functions of normalised points (x, y, 1).
-    edges : (F, 4, 3) lines; a point (x, y, 1) is inside a face if its products with all four are >= 0.
-    texture, instance : (F,) numbers. gain : (F,) brightness.
+    edges : (F, 4, 3) lines; a point (x, y, 1) is inside a face if its products with all four lines are >= 0.
+    texture, instance : (F,) numbers of texture and object. gain : (F,) brightness.
     """
 
     lines: Float32
@@ -256,7 +256,7 @@ def clip_near(polygon: Array) -> Array:
 
 
 def face_table(faces: Faces, corners: Array, T_s_c: Array, sky: int) -> FaceTable:
-    """Shading data of the faces for one camera; row 0 is the sky.
+    """Shading data of the faces for one camera; face 0 is the sky.
 
     A ray meets the plane n · X = h at 1/Z = n · (x, y, 1) / h. With X = Z (x, y, 1), the texture coordinate s
     = s0 + a · (X - X0) gives s/Z = (a + (s0 - a · X0) n/h) · (x, y, 1).

@@ -72,7 +72,7 @@ def blend(image: Image, mask: Image, grey: Image | float) -> None:
 
 
 def asphalt(rng: Rng, lanes: int, width: float, length: float, solid_centre: bool) -> Image:
-    """A stretch of road: rows go from left to right, columns go along the road. Repeats along the road.
+    """A stretch of road: rows go from left to right, columns go along the road. Periodic along the road.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def _manhole(image: Image, at: Array, per_m: Array) -> None:
 
 
 def slabs(rng: Rng) -> Image:
-    """Pavement slabs with different grey values; repeats along the pavement."""
+    """Pavement slabs with different grey values; periodic along the pavement."""
     image = plain(138.0, 256, 512, rng, 4.0)
     ys, xs = np.linspace(0, 256, 6), np.linspace(0, 512, 11)
     for y0, y1 in itertools.pairwise(ys.astype(int)):
@@ -146,7 +146,7 @@ def slabs(rng: Rng) -> Image:
 
 
 def kerb(rng: Rng) -> Image:
-    """Kerb stones in the view from the road; repeats along the kerb."""
+    """Kerb stones in the view from the road; periodic along the kerb."""
     image = plain(160.0, 16, 256, rng, 6.0)
     for k in range(4):
         image[:, 64 * k : 64 * k + 2] = 80.0
@@ -155,13 +155,13 @@ def kerb(rng: Rng) -> Image:
 
 
 def grass(rng: Rng) -> Image:
-    """Lawn: blades and clumps; repeats along both axes."""
+    """Lawn: blades and clumps; periodic along both axes."""
     image = 92.0 + 13.0 * fractal(rng, 512, 512, 0.9) + 12.0 * fractal(rng, 512, 512, 0.1, 24.0)
     return without_stripes(np.clip(image, 25, 190))
 
 
 def leaves(rng: Rng, size: int = 256, mean: float = 78.0, count: int = 1400) -> Image:
-    """Foliage: overlapping leaves from dark to light; repeats along both axes."""
+    """Foliage: overlapping leaves from dark to light; periodic along both axes."""
     image = np.asarray(mean * 0.55 + 10.0 * fractal(rng, size, size, 1.0), np.float32)
     for k in range(count):
         x, y = rng.integers(0, size, 2)
@@ -176,13 +176,13 @@ def leaves(rng: Rng, size: int = 256, mean: float = 78.0, count: int = 1400) -> 
 
 
 def bark(rng: Rng) -> Image:
-    """Tree bark: furrows along the trunk; repeats round the trunk."""
+    """Tree bark: furrows along the trunk; periodic round the trunk."""
     noise = fractal(rng, 256, 64, 0.7)
     return np.asarray(72.0 + 20.0 * smeared(noise, 9) + 6 * noise, np.float32)
 
 
 def boards(rng: Rng, count: int, grey: float, gap: int = 4) -> Image:
-    """A board fence, dark between the boards; repeats along the fence."""
+    """A board fence, dark between the boards; periodic along the fence."""
     image = plain(grey, 128, 512, rng, 5.0)
     wide = 512 // count
     for k in range(count):
@@ -210,14 +210,14 @@ def masonry(
 
 
 def roof_tiles(rng: Rng, grey: float) -> Image:
-    """Rows of roof tiles with moss; repeats along the rows."""
+    """Rows of roof tiles with moss; periodic along the rows."""
     image = masonry(rng, 256, 512, 16, 16, grey, 9.0, grey * 0.55)
     y = np.arange(256)[:, None] % 16
     return np.asarray(image * (0.82 + 0.022 * y) + 9.0 * fractal(rng, 256, 512, 1.2), np.float32)
 
 
 def concrete(rng: Rng) -> Image:
-    """A concrete wall of panels; repeats along the wall."""
+    """A concrete wall of panels; periodic along the wall."""
     image = plain(150.0, 256, 512, rng, 7.0)
     for x in range(0, 512, 128):
         image[:, x : x + 3] = 92.0
@@ -229,7 +229,7 @@ def concrete(rng: Rng) -> Image:
 
 
 def rail(rng: Rng) -> Image:
-    """A crash barrier's beam: two bright waves, bolts at every post; repeats along the beam."""
+    """A crash barrier's beam: two bright waves, bolts at every post; periodic along the beam."""
     y = np.linspace(0, 2 * np.pi, 32)[:, None]
     image = 150.0 + 45.0 * np.sin(y + 0.6) + plain(0.0, 32, 512, rng, 4.0)
     image[:2], image[-2:] = 80.0, 70.0
@@ -275,6 +275,6 @@ def sign(rng: Rng, kind: int) -> Image:
 
 
 def clouds(rng: Rng) -> Image:
-    """Sky from below: soft clouds on a bright background; repeats along both axes."""
+    """Sky from below: soft clouds on a bright background; periodic along both axes."""
     cover = fractal(rng, 1024, 1024, 1.7, 2.0)
     return without_stripes(196.0 + 46.0 * np.clip(cover, -0.6, 1.4) / 1.4)

@@ -57,7 +57,7 @@ class Traffic:
         self.vehicles.append(Vehicle(model, poses, float(self.rng.uniform(0.9, 1.1))))
 
     def ahead(self) -> None:
-        """Vehicles that drive in front of the camera, at short intervals of time."""
+        """Vehicles that drive in front of the camera, with short headways."""
         config, rng, times = self.config, self.rng, self.drive.times
         trucks = [m for m in self.large if m.shape.kind == TRUCK]
         clear = 0.0

@@ -53,7 +53,7 @@ class World:
     ----------
     config : the scene's settings.
     route, drive : the street's centre line and the camera's path.
-    atlas : all textures. sky : number of the texture of the clouds.
+    atlas : all textures. sky : index of the cloud texture.
     still : faces without motion (street and parked vehicles), street frame.
     vehicles : all K vehicles. Vehicle k has instance number k + 1, and its shadow has K + k + 1.
     shade : (M,) light at the samples of the route; 1 outside dark stretches.

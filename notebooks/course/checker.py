@@ -89,21 +89,21 @@ class Exercise:
     """An exercise. A call with an answer, and with further data of the task, returns a `Verdict`.
 
     An answer is right if its results equal the results of `right` in all cases. A wrong answer gets the first
-    message that applies: of the mistake with the same results in all cases, of a slip, of a mistake whose
-    test holds, or the `hint`. The third different wrong answer in a row also gets the `line` of code.
+    message of this list that applies: a mistake with the same results in all cases, a slip, a mistake whose
+    test is true, the `hint`. The third different wrong answer in a row also gets the `line` of code.
 
     Parameters
     ----------
     right : a function of the inputs of a case, a value, or, for a panel, the facts that pass.
-    cases : if `right` is a function: function that returns the inputs of the calls, simple inputs first.
+    cases : function that returns the inputs of the calls, simple inputs first; only if `right` is a function.
     also : other right answers.
     praise, hint : messages for right answers and for other mistakes. Format fields of `praise` are `got` and
         `right`, which are results of the first case, or names of facts.
     line : the code of a right answer, shown after the third different failure; by default the hint.
     library : functions of the library that an answer must not call.
     mistakes : messages (fields as in `praise`) and their wrong answers. A wrong answer is a function of the
-        inputs, a value or a `When`; for a panel, a function of the facts that returns True for the mistake.
-    slips : messages that replace messages of `SLIPS`, by slip name; for a value, only these slips are tested.
+        inputs, a value or a `When`; for a panel, a function of the facts, which is True for the mistake.
+    slips : messages by slip, in place of `SLIPS`; if `right` is a value, only these slips are tested.
     parts : names of several results, in the order of the comparison.
     form : function that prepares results for the comparison, such as `any_order`.
     atol, rtol : absolute tolerance in the unit of the result, and relative tolerance.

@@ -1,4 +1,4 @@
-"""Controls for declared settings; range, unit and sentence come from the settings classes."""
+"""Controls for declared settings; range, unit and description are from the settings classes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Control:
     label : words beside the control; by default the last part of the name.
     low, high : ends of the slider, if narrower than the declared range.
     step : step of the slider.
-    button : whether a button replaces the slider; a press adds one, and after the maximum sets the minimum.
+    button : whether a button replaces the slider; a press adds one, or changes the maximum to the minimum.
     """
 
     name: str
@@ -36,7 +36,7 @@ class Control:
 
 
 class Knob:
-    """A control. `widget` has the value; `shown` is displayed, with the setting's sentence as tooltip."""
+    """A control. `widget` has the value; `shown` is displayed, with the setting's description as tooltip."""
 
     def __init__(self, control: Control, setting: Setting, value: Any):
         self.setting = setting

@@ -114,7 +114,7 @@ def raster(chart: Figure) -> Image:
 
 
 def photo(image: Image, width: int = WIDTH, height: int | None = None) -> Image:
-    """A grey or BGR picture as BGR, scaled to `width` pixels, or with white margins to `width` × `height`."""
+    """A grey or BGR picture as BGR of `width` pixels or, with white margins, `width` × `height` pixels."""
     colour = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image
     scale = width / colour.shape[1]
     if height is not None:

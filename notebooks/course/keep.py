@@ -31,9 +31,9 @@ def keep(function: Any, judge: Callable[[Any], Any] | None = None) -> str:
     """Write a function and its dependencies into its section of `my_vo.py`; return a sentence.
 
     Dependencies are imports, other functions and classes of the student (by source) and constants of the
-    notebook (by value). The rest of the file does not change. Nothing is written, and the result is "", in
-    folders without `00_start_here.ipynb` (folders of tests or scripts), and for functions without source (a
-    lambda, a function of a console). `judge`, the check, also tests the saved function. Never raises.
+    notebook (by value). The rest of the file does not change. In a folder without `00_start_here.ipynb` (of
+    tests or scripts), and for a function without source (a lambda, a function of a console), nothing is
+    written and the result is "". `judge`, the check, also tests the saved function. Never raises.
     """
     if not (Path(MARK).is_file() and isinstance(function, FunctionType)):
         return ""
@@ -164,7 +164,7 @@ def is_stub(answer: Any) -> bool:
 
 
 def handed_back(answer: Any, names: Sequence[str]) -> str:
-    """The first library function in `names` that an answer calls or that is itself the answer; else "".
+    """The first function in `names` that an answer calls, or the answer itself if in `names`; otherwise "".
 
     An answer that is a function of the library or of the course may call any function.
     """

@@ -82,7 +82,7 @@ def winner_of(
 def motion_of(
     E: Array, points: Points | Pair, config: SelectionConfig, focal: float
 ) -> tuple[Array, Array, BoolArray]:
-    """R_cp (3, 3) from a winner E (3, 3), the essential vector (9,) to store, and the inlier mask (N,)."""
+    """From a winner E (3, 3): R_cp (3, 3), the essential vector (9,) to store, and the inlier mask (N,)."""
     x_p, x_c, X_p = points.x_p, points.x_c, points.X_p
     if isinstance(config, KitSelectionConfig):
         R, _, E, inliers = motion_of_winner(E, x_p, x_c, X_p, config, focal)
@@ -155,7 +155,7 @@ def selection_errors(
 
 
 def errors_by_seed(scenes: list[Scene], frames: int, seeds: int, progress: Progress) -> dict[str, Array]:
-    """Median rotation error over the frames, degrees, by selection: (seeds, scenes) arrays."""
+    """Median rotation error over the frames, degrees: an array (seeds, scenes) for each selection."""
     medians = {name: np.zeros((seeds, len(scenes))) for name in SELECTIONS}
     for seed, i in np.ndindex(seeds, len(scenes)):
         progress(seed * len(scenes) + i, seeds * len(scenes))

@@ -80,15 +80,15 @@ class Drawing:
 
 
 class Panel:
-    """Base of all panels. A panel is shown as the last expression of a cell.
+    """Base of all panels. A cell whose last expression is a panel shows the panel.
 
     Class attributes
     ----------------
     title : a line above the controls.
-    controls : controls from top to bottom. Their settings are in `start` or `kit`, or, with the prefix
-        "view.", in `view`.
+    controls : controls from top to bottom. Settings with the prefix "view." are in `view`, all others in
+        `start` or `kit`.
     view : class of the settings of the panel itself, declared with `setting`.
-    start : configuration with the first values of the controls.
+    start : configuration with the initial values of the controls.
     kit : configuration for the switch "published | kit"; if None, there is no switch.
     height : height of the picture, pixels.
     long_job : label of the Run button, if `work` takes more than a second; else empty.
@@ -109,7 +109,7 @@ class Panel:
     long_job: ClassVar[str] = ""
 
     def __init__(self, sequence: str | Sequence = DEFAULT, frame: int = 60, **values: Any):
-        """`values` are first values of controls; a dot in a name is written as two underscores."""
+        """`values` are initial values of controls; a dot in a name is written as two underscores."""
         self._lock = threading.RLock()
         self._quiet = True
         self._sequence: Sequence | None = None
@@ -228,7 +228,7 @@ class Panel:
             self._fail(error)
 
     def reset(self, _: Any = None) -> None:
-        """Set all controls to their first values; the sequence does not change."""
+        """Set all controls to their initial values; the sequence does not change."""
         self.set(**self._first)
 
     def _repr_mimebundle_(self, **options: Any) -> Any:

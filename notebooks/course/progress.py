@@ -26,7 +26,7 @@ def with_bar(words: str, work: Callable[[Progress], Value]) -> Value:
     try:
         return work(report)
     finally:
-        bar.layout.display = "none"  # a slow page would not find a closed bar
+        bar.layout.display = "none"  # a closed bar could be missing in a page that loads slowly
 
 
 class Stopped(Exception):

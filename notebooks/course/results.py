@@ -57,7 +57,7 @@ def marked(text: str) -> str:
 
 
 class Unusable(Verdict):
-    """A result that cannot be compared; two such results are equal if their messages are equal up to the colon."""
+    """A result that cannot be compared. Two results are equal if their messages are equal up to the colon."""
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Unusable) and self.message.split(":")[0] == other.message.split(":")[0]
@@ -162,7 +162,7 @@ def shown(value: Any, digits: int = DIGITS[0]) -> str:
 
 
 def compared(got: Any, expected: Any) -> str:
-    """Text of both numbers with enough digits to distinguish them, or of their difference."""
+    """Text of both numbers with enough of `DIGITS` to distinguish them, else text of the difference."""
     for digits in DIGITS:
         if shown(got, digits) != shown(expected, digits):
             return f"is {shown(got, digits)}, expected {shown(expected, digits)}"

@@ -1,8 +1,8 @@
-"""Shapes in three dimensions, rotated with the mouse, in a cell or a page; no network is needed.
+"""Shapes in three dimensions, rotated with the mouse, in a cell or a page, without an internet connection.
 
     view(*camera(np.eye(4), "left camera"), Shape(points, GOOD, name="path"), Shape(corners, BAD, "area"))
 
-As the last expression of a cell, `view(...)` is shown; without scripts, as a picture.
+A cell whose last expression is `view(...)` shows the shapes; without scripts, a picture of the shapes.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class View:
         self.shapes, self.height, self.times, self.title = shapes, height, times, title
 
     def page(self) -> str:
-        """The complete page as one text."""
+        """The complete page as one string."""
         template = Environment(loader=FileSystemLoader(Path(__file__).parent), autoescape=True)
         data = {"times": self.times, "eye": [YAW, TILT], "shapes": [*map(vars, self.shapes)]}
         text = json.dumps(data, default=lambda array: np.round(array, 3).tolist()).replace("<", "\\u003c")

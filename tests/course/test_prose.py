@@ -1,4 +1,4 @@
-"""Statements of chapters 1 to 6 about their panels are true on the street of the chapter."""
+"""Statements of chapters 1 to 6 about the panels are true on the street of each chapter."""
 
 from __future__ import annotations
 

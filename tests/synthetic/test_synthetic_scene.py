@@ -107,7 +107,7 @@ def track(
 
 @pytest.mark.parametrize("step", [0, 1])
 def test_images_agree_with_true_positions(sequence: Sequence, truth: Truth, step: int) -> None:
-    """Lucas-Kanade from left to right (step 0) or frame to frame (step 1): no bias, equal rows."""
+    """Lucas-Kanade, from left to right (step 0) or to the next frame (step 1): no bias, equal rows."""
     errors = []
     for frame in range(0, len(truth.poses) - 1, 2):
         left, right = sequence.stereo(frame)

@@ -24,13 +24,13 @@ def step_seen(Z: Array, e: float, fb: float) -> Array:
 
 
 def fitted_roll(x: Array, y: Array, rows: Array, terms: tuple[int, ...] = (0, 1, 2)) -> float:
-    """Roll, pixels, from a least-squares fit of roll, offset and focal length to row differences (N,)."""
+    """Roll, pixels, in the least-squares fit of roll, offset and focal length to row differences (N,)."""
     A = np.column_stack([-x, np.ones_like(x), y])
     return float(np.linalg.lstsq(A[:, terms], rows, rcond=None)[0][0])
 
 
 def rolled() -> list[Case]:
-    """Cases of 60 matches, mostly on the right, with row errors from a roll, then also from other causes."""
+    """Cases of 60 matches, mostly in the right half: row errors from a roll, then also from other errors."""
     rng = np.random.default_rng(3)
     x = rng.uniform(-0.5, 0.9, 60)
     y = rng.uniform(-0.2, 0.3, 60) + 0.4 * x
@@ -39,7 +39,7 @@ def rolled() -> list[Case]:
 
 
 def shrunk(estimate: Array, covariance: Array, spare: float = 0.0) -> Array:
-    """An estimate (k,), multiplied by the share of its squared norm that noise does not explain."""
+    """An estimate (k,) times the share of its squared norm that noise does not explain."""
     squared = float(estimate @ np.linalg.solve(covariance, estimate))
     return np.asarray(estimate * max(0.0, 1.0 - (len(estimate) - spare) / squared))
 

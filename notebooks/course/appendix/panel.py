@@ -58,7 +58,7 @@ _tracks: Memory[list[SimulatedFrame]] = Memory(8)
 
 
 def rig(faults: dict[str, float]) -> Array:
-    """Errors (ERROR_COUNT,) of a rig with perfect lenses and `RIG_FAULTS` of the given sizes, pixels."""
+    """Errors (ERROR_COUNT,), pixels, of a rig with perfect lenses and `RIG_FAULTS` of the given sizes."""
     errors = np.zeros(ERROR_COUNT)
     for fault, size in faults.items():
         columns, rows, _ = RIG_FAULTS[fault]
@@ -76,10 +76,10 @@ DRIVES_FIELD = rig({"shift along the rows": -0.2, **{f"columns, {term}": px for 
 def learn(
     camera: StereoCamera, tracks: list[SimulatedFrame], true: Array, terms: tuple[str, ...] = DISPARITY_TERMS
 ) -> tuple[Rig, dict[str, Array]]:
-    """Add errors (ERROR_COUNT,) to matches, and estimate the row terms and the disparity terms `terms`.
+    """Add errors `true` (ERROR_COUNT,) to matches; estimate the row terms and the disparity terms in `terms`.
 
-    Returns the estimate of the rig, and the ratios (N,) of step lengths to true step lengths, "as measured"
-    and "corrected".
+    Returns the estimated rig, and by name ("as measured", "corrected") the ratios (N,) of step lengths to
+    true step lengths.
     """
     learnt = Rig(camera, CalibrationConfig(drift=0.0))
     if terms != DISPARITY_TERMS:
@@ -104,9 +104,9 @@ def learn(
 def third_frame(
     camera: StereoCamera, tracks: list[SimulatedFrame], true: Array, config: TranslationConfig
 ) -> dict[str, Array]:
-    """Ratios (N,) of step lengths of variant `published` to true step lengths, from two or three frames.
+    """Ratios (N,) of estimated to true step lengths of variant `published`, with two and with three frames.
 
-    `true` : errors (ERROR_COUNT,) of the rig; the rotations are the true rotations.
+    `true` : errors (ERROR_COUNT,) of the rig. The rotations of the steps are true.
     """
     shares: dict[str, list[float]] = {"two frames": [], "three frames": []}
     before: dict[str, PairBefore | None] = dict.fromkeys(shares)
@@ -135,7 +135,7 @@ def image_grid(camera: StereoCamera, columns: int = 13, rows: int = 5) -> Array:
 
 
 def field_maps(image: Image, camera: StereoCamera, fields: dict[str, Array]) -> Image:
-    """Maps of errors (ERROR_COUNT,): disparities above, rows below; red is too large, blue too small."""
+    """Maps of errors (ERROR_COUNT,) by name: disparity above, row below; red: too large, blue: too small."""
     grid = image_grid(camera, 41, 13).T
     errors = {name: field_at(c, *grid).reshape(2, 13, 41) for name, c in fields.items()}
     limit = room(max(float(np.abs(error).max()) for error in errors.values()), least=0.1)
@@ -152,7 +152,7 @@ def field_maps(image: Image, camera: StereoCamera, fields: dict[str, Array]) -> 
 
 
 def arrows_figure(camera: StereoCamera, moved: dict[str, tuple[Array, ...]], height: int = 130) -> Figure:
-    """Charts by title of displacements (2, N) of the points of `image_grid`; the last arrows are blue."""
+    """A chart per title: displacements (2, N) of the `image_grid` as arrows, the last array in blue."""
     points, lines, width = image_grid(camera), -(-len(moved) // 4), min(len(moved), 4)
     made = Figure(figsize=(WIDTH / DPI, lines * height / DPI), dpi=DPI, layout="constrained")
     for axis, (title, parts) in zip(made.subplots(lines, width).flat, moved.items(), strict=True):
@@ -166,7 +166,7 @@ def arrows_figure(camera: StereoCamera, moved: dict[str, tuple[Array, ...]], hei
 
 
 def faults_figure(camera: StereoCamera) -> Figure:
-    """Displacements of the points in the right image, one picture per fault."""
+    """Displacements of the points in the right image, one chart per fault."""
     moved: dict[str, tuple[Array, ...]] = {}
     for name, (columns, rows, _) in RIG_FAULTS.items():
         if not name.startswith(("columns", "rows")):  # those are single terms
@@ -177,7 +177,7 @@ def faults_figure(camera: StereoCamera) -> Figure:
 
 
 def lens_figure(camera: StereoCamera) -> Figure:
-    """Displacements by Brown's p1, p2, k1 and k2; blue: the part across the epipolar lines of a straight drive."""
+    """Displacements by Brown's p1, p2, k1, k2; blue: component across epipolar lines of a straight drive."""
     points = image_grid(camera).T
     across = points[::-1] * [[1], [-1]] / np.maximum(np.linalg.norm(points, axis=0), 1e-6)
     moved: dict[str, tuple[Array, ...]] = {}
@@ -190,19 +190,19 @@ def lens_figure(camera: StereoCamera) -> Figure:
 
 @dataclass(frozen=True)
 class CalibrationView(Checked):
-    """Sizes of the faults in the panel, in the order of `KITTI_01`, and settings of the estimation."""
+    """Sizes of the faults in the order of `KITTI_01`, and the estimated terms."""
 
     shift: float = setting(-0.6, "yaw: changes all disparities equally", unit="px", low=-2, high=2)
     roll: float = setting(-0.3, "changes disparities by y and rows by -x", unit="px", low=-2, high=2)
     tilt: float = setting(0.5, "changes disparities by x² and rows by xy", unit="px", low=-8, high=8)
-    decentering: float = setting(6.3, "disparities by y² and rows by -xy", unit="px", low=-8, high=8)
+    decentering: float = setting(6.3, "changes disparities by y² and rows by -xy", unit="px", low=-8, high=8)
     y2: float = setting(0.0, "changes disparities by y²", unit="px", low=-4, high=4)
     x4: float = setting(-3.5, "changes disparities by x⁴", unit="px", low=-6, high=6)
     terms: str = setting("all", "estimated terms of the disparity errors", choices=tuple(TERMS))
 
 
 class CalibrationPanel(Panel):
-    """The error field of a rig over the image, its estimate, and the length of the steps."""
+    """The error field of a rig over the image, the estimated field, and the lengths of the steps."""
 
     title = "Faults of a rig, and their estimate from 40 simulated frames"
     view = CalibrationView

@@ -49,7 +49,7 @@ RAYS, RAYS_END = 14, 15.0  # number of rays; largest distance of their points, m
 
 @dataclass(frozen=True)
 class PointView(Checked):
-    """The point that the panel follows from the left into the right image."""
+    """Position of the point that is marked in both images."""
 
     u: float = setting(0.3, "column of the point, as a share of the image width", low=0, high=1)
     v: float = setting(0.72, "row of the point, as a share of the image height", low=0, high=1)
@@ -128,7 +128,7 @@ class StartPanel(Panel):
 
 @dataclass(frozen=True)
 class Watched(Sequence):
-    """A drawn sequence with labels for only some of its vehicles, given by their numbers in the truth."""
+    """A drawn sequence in which only `vehicles`, numbers of vehicles in the truth, have labels."""
 
     vehicles: tuple[int, ...] = field(default=(), kw_only=True)
 
@@ -188,7 +188,7 @@ def depth_figure(camera: StereoCamera, measured: Array, true: Array) -> Figure:
 
 
 def method_stages(sequence: Sequence, frame: int) -> dict[str, Image | Figure]:
-    """Pictures of the stages 1 to 4 for one frame >= 2, with the matches after the buckets."""
+    """Pictures of the stages 1 to 4 for one frame >= 2, with the matches after bucketing."""
     config, focal, image = preset("solution_selection"), sequence.camera.f, stereo(sequence, frame)[0]
     points = frame_points(sequence, frame, config)
     places, count = (points.matches.prev_left, points.matches.cur_left), len(points.matches)

@@ -42,7 +42,7 @@ def unsorted(gx: Array, gy: Array) -> Any:
 
 
 def stereo_pairs() -> list[Case]:
-    """Cases of two copies of a good match and one of five other matches; then all six, with other limits."""
+    """Cases with a good match twice and a third match; then cases with six matches, and with other limits."""
     left = np.tile([100.0, 50.0], (6, 1))
     right = np.array([[90.0, 50.4], [99.5, 51.0], [90.0, 52.0], [99.8, 50.0], [110.0, 50.0], [90.0, 48.0]])
     some = [(left[[0, 0, i]], right[[0, 0, i]], 1.0, 0.5) for i in (0, 2, 3, 4, 5)]
@@ -50,7 +50,7 @@ def stereo_pairs() -> list[Case]:
 
 
 def chains() -> list[Case]:
-    """Cases of best matches of 12 features in four images; some chains close, others are open or wrong."""
+    """Cases of best matches of 12 features in four images; some chains are closed, others open or wrong."""
     cases = []
     for seed in range(20):
         rng = np.random.default_rng(seed)

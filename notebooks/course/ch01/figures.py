@@ -37,9 +37,10 @@ def grey_picture(response: NDArray[np.float32]) -> Image:
 
 
 def windows_picture(image: Image, half: int = 5, reach: int = 10) -> Image:
-    """The flattest window of an image, its clearest edge and its clearest corner, (2 half + 1)² pixels each.
+    """The flattest window, the clearest edge and the clearest corner of an image, (2 half + 1)² pixels each.
 
-    Beside each window are the differences to the image for shifts of up to `reach` pixels; black is zero.
+    The picture beside a window shows the difference from the image for each shift of up to `reach` pixels;
+    black is zero.
     """
     values = np.sort(cv2.cornerEigenValsAndVecs(image, 2 * half + 1, 3)[:, :, :2], axis=2)
     values = values[half + reach : -half - reach, half + reach : -half - reach]
@@ -128,7 +129,7 @@ def loop_picture(images: dict[str, Image], matches: StereoMatches, back: Array, 
 
 
 def fates_picture(image: Image, trace: Trace, wrong: NDArray[np.bool_], words: str) -> Image:
-    """The current image with all matched features, coloured by fate; kept wrong matches (M,) have rings."""
+    """The current image with all matches, coloured by fate; kept matches that are `wrong` (M,) have rings."""
     picture = photo(image, image.shape[1])
     matches, names = trace.matches, trace.fate[trace.index]
     order = np.concatenate([np.flatnonzero(names == name) for name in list(FATES)[::-1]])
@@ -141,13 +142,13 @@ def fates_picture(image: Image, trace: Trace, wrong: NDArray[np.bool_], words: s
 
 
 def by_fate(trace: Trace, error: Array) -> dict[str, Array]:
-    """From the errors (M,) of all matches, the errors of the kept and of the dropped matches."""
+    """The errors of the kept matches and of the dropped matches, from the errors (M,) of all matches."""
     fate = trace.fate[trace.index]
     return {"kept": error[fate == CHOSEN], "dropped": error[~np.isin(fate, (CHOSEN, SURPLUS))]}
 
 
 def step_figure(trace: Trace, error: Array, height: int = 290) -> Figure:
-    """Number of features by fate and, with truth, the errors (M,) of all matches, pixels; NaN: unknown.
+    """Number of features by fate and, with truth, the errors (M,) of all matches, pixels (NaN if unknown).
 
     The dark parts of the bars count wrong matches.
     """

@@ -1,4 +1,4 @@
-"""Chapter 1: one step of a front end, repeated with one more check each time, and the fates of its features."""
+"""Chapter 1: one step of a front end, repeated with one more check each time; each feature's fate."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def trace(sequence: Sequence, frame: int, config: MethodConfig) -> Trace:
 
 
 def whole_pixels(before: DescribedPair, now: DescribedPair, pl_pr: Index, pr_cr: Index) -> StereoMatches:
-    """Whole-pixel positions of the best matches of the previous left features; undefined for a match of -1."""
+    """Whole-pixel positions of the best matches of previous left features; undefined where a match is -1."""
     cur_right = pr_cr[pl_pr]
     cur_left, number = now.to_left[cur_right], np.arange(len(pl_pr))
     places = (

@@ -69,7 +69,7 @@ def ten(E: Array, times: float = 1.0, half: float = 0.5) -> Array:
 
 
 def up_to_scale(values: Array) -> Array:
-    """Ones if nine values are a case's matrix constraints in any order and scale; else the values."""
+    """Ones if nine of the values are a case's matrix constraints in any order and scale; else the values."""
     nine = [np.sort(np.abs(each)) for each in (values[:9], values[1:])]  # the determinant is last, or first
     right = [np.sort(np.abs(ten(E)[:9])) for (E,) in essentials()[5:]]
     alike = [np.allclose(a / a[-1], b / b[-1]) for a in nine for b in right if a[-1] > 1e-9]

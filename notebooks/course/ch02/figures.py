@@ -68,7 +68,7 @@ def draw_line(picture: Image, line: Array, colour: str, thickness: int = 1) -> N
 def draw_dots(
     picture: Image, places: Array, colours: Sequence[str], radius: float, names: Sequence[object] = ()
 ) -> None:
-    """Draw discs at places (N, 2) of a BGR picture, in place; above all discs, their names in black boxes."""
+    """Draw discs at positions (N, 2) of a BGR picture, in place; then names in black boxes over the discs."""
     font, white = (cv2.FONT_HERSHEY_SIMPLEX, 0.5), (255, 255, 255)
     sixteenths = np.rint(np.asarray(places) * 16).astype(int).tolist()
     for place, colour in zip(sixteenths, colours, strict=True):
@@ -97,9 +97,9 @@ def pixels(x: Array, camera: StereoCamera) -> Array:
 def lines_picture(
     image: Image, camera: StereoCamera, E: Array, x_p: Array, x_c: Array, names: Sequence[int]
 ) -> Image:
-    """The current image with M named matches (M, 2), each with the epipolar line of its own E (M, 3, 3).
+    """The current image with M numbered matches (M, 2), each with the epipolar line of its own E (M, 3, 3).
 
-    If all M rows are the same match, the lines are numbered.
+    If all M rows are the same match, the lines also have numbers.
     """
     picture = photo(image, image.shape[1])
     colours = [CYCLE[number % len(CYCLE)] for number in range(len(E))]
@@ -261,7 +261,7 @@ MONOMIALS = ["".join(names[power] for names, power in zip(POWERS, row, strict=Tr
 
 
 def cubics_figure(before: Array, after: Array, height: int = 250) -> Figure:
-    """Sizes of the coefficients of the ten cubics (10, 20) before and after elimination; white is zero."""
+    """Magnitudes of the coefficients (10, 20) of ten cubics before and after elimination; white is zero."""
     made, (*axes, bar) = figure(height, 3, (1.0, 1.0, 0.02))
     titles = "the ten cubics", "x³, y³, x²y, xy² eliminated"
     for axis, matrix, title in zip(axes, (before, after), titles, strict=True):

@@ -69,8 +69,8 @@ def with_noise(points: Points, noise: float, focal: float) -> Points:
 def rotation_errors(E: Array, R_true: Array) -> Array:
     """Angle between the rotation of each E (M, 3, 3) and the true rotation, (M,) degrees.
 
-    E has two rotations; the result is the error of the nearer one. The other rotation differs by 180° about t,
-    and the depths of the points exclude this rotation.
+    E has two rotations; the result is the error of the nearer rotation. The other rotation differs by 180°
+    about t, and the depths of the points exclude this rotation.
     """
     R, _ = decompose_essential(E)
     angles = rotation_angle(np.swapaxes(R, -1, -2) @ R_true)
@@ -78,7 +78,7 @@ def rotation_errors(E: Array, R_true: Array) -> Array:
 
 
 def first_of_each_set(errors: Array, set_index: Index, count: int = 1) -> BoolArray:
-    """Mask (M,) of the candidates with the `count` smallest errors of their set."""
+    """Mask (M,) of the candidates with the `count` smallest errors in their set."""
     order = np.lexsort((errors, set_index))
     rank = np.arange(len(order)) - np.searchsorted(set_index[order], set_index[order])
     return np.isin(np.arange(len(order)), order[rank < count])
@@ -173,7 +173,7 @@ class FivePointPanel(Panel):
         return Drawing(stack([picture, charts], self.height), sentence, facts)
 
     def _five(self, view: FivePointView, points: Points) -> Index:
-        """Indices of the five matches, typed or drawn."""
+        """Indices of the five matches, typed or drawn at random."""
         count = len(points.x_p)
         if view.points:
             if len(set(view.points)) != 5 or max(view.points) >= count:
@@ -182,7 +182,7 @@ class FivePointPanel(Panel):
         return np.asarray(sets_of(points, [3, view.draw], 1, view.spread)[0])
 
     def _picture(self, state: State, points: Points, named: list[int], E: Array, inlier: BoolArray) -> Image:
-        """The frame with its matches, and the lines of the last named match for the true E and a solution."""
+        """The frame with its matches; epipolar lines of match `named[-1]` for the true E and a solution."""
         camera = state.sequence.camera
         picture = photo(stereo(state.sequence, state.frame)[0], camera.width)
         starts, ends = draw.pixels(points.x_p, camera), draw.pixels(points.x_c, camera)

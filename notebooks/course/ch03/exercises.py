@@ -18,7 +18,7 @@ from ..checker import Case, Exercise
 
 
 def vectors() -> list[Case]:
-    """Pairs of vectors: two different, two of opposite sign, and two equal with a squared norm above 1."""
+    """Pairs of vectors: different; of opposite sign; equal, with a squared norm above 1."""
     e = essential_vector(random_problems(np.random.default_rng(1), 2).E)
     unit = np.full(9, 1.0 / 3.0 + 1e-16)
     return [(e[0], e[1]), (e[0], -e[1]), (unit, unit.copy())]
@@ -121,7 +121,7 @@ def by_order(measure: Callable[[Array, Array], Array]) -> Callable[..., int]:
 
 
 def sets_for(good: float) -> float:
-    """Number of sets that include a correct set with probability 99 %, if `good` is the share of correct sets."""
+    """Number of sets for a correct set with probability 99 %; `good` is the share of correct sets."""
     return float(np.log(0.01) / np.log(1.0 - good))
 
 

@@ -31,7 +31,7 @@ class Field:
     image_error : (M,) truncated mean squared Sampson distance over all matches, in [0, 1].
     rotation_error : (M,) angle to the reference rotation, degrees.
     kept : (M,) candidates that may compete in solution selection.
-    consensus, selected : indices of winners without and with the prior. dropped : whether the prior is dropped.
+    consensus, selected : winners without and with the prior, indices. dropped : whether the prior is dropped.
     """
 
     angle: Array
@@ -53,7 +53,7 @@ def features_picture(
 ) -> Image:
     """An image with a line from each start (N, 2) to a dot at its end (N, 2), coloured by weight.
 
-    weight : (N,) in [0, 1] or a mask: blue from ½, else orange; NaN grey. ringed : (N,) matches with rings.
+    weight : (N,) in [0, 1] or a mask; blue from ½, orange below ½, grey for NaN. ringed : (N,) mask of rings.
     """
     picture = photo(image, image.shape[1])
     for place in () if ringed is None else np.rint(16 * end[ringed]).astype(int).tolist():
@@ -67,7 +67,7 @@ def features_picture(
 def field_figure(field: Field, result: float | None = None, height: int = 260) -> Figure:
     """Image error of each candidate by angle to the previous vector and, with truth, by rotation error.
 
-    A mark on the right shows `result`, degrees: the error of the frame's final rotation.
+    A mark on the right shows `result`, the error of the frame's final rotation, degrees.
     """
     with_truth = bool(np.isfinite(field.rotation_error).any())
     made, axes = figure(height, 1 + with_truth)
@@ -104,7 +104,7 @@ def errors_figure(
     title: str = "rotation error [deg]",
     x_name: str = "frame",
 ) -> Figure:
-    """Curves of errors (N,), by name: for the frames 1, 2, …, with medians, or for the values x (N,).
+    """Curves of errors (N,) by name, over the values x (N,); without x, over the frames 1, 2, … with medians.
 
     Errors (S, N) of several seeds are drawn as their median, with a band from the smallest to the largest.
     Identical curves are drawn as one line with all their names.
@@ -149,7 +149,7 @@ def turns_figure(angle: Array, turn: Array) -> Figure:
 def stopping_figure(needed: Array, stop: Array) -> Figure:
     """Number of sets that adaptive stopping requires after each drawn set.
 
-    needed : (S, N) for S orders of the sets, shown as median and band; stop : (S,) final numbers of sets.
+    needed : (S, N) required numbers for S orders of the sets. stop : (S,) numbers of sets at the stop.
     """
     made, (axis,) = figure(230)
     drawn = np.arange(1, needed.shape[1] + 1)

@@ -56,7 +56,7 @@ _priors: Memory[Array] = Memory(24)
 def disturbed_frame(
     sequence: Sequence, frame: int, config: MethodConfig, view: SelectionView
 ) -> tuple[Points, BoolArray]:
-    """A frame's points with some moving and some wrong matches, and a mask (N,) of both.
+    """A frame's points with added motion and mismatches, and a mask (N,) of the changed matches.
 
     The leftmost matches move together and turn about their middle; a wrong match is shifted by 4 to 40 px.
     Without truth, the camera's motion is the rotation from the matches and the median change of the points.

@@ -93,7 +93,7 @@ def bias_and_scatter(answers: Array, t_true: Array) -> tuple[float, float]:
 
 
 def one_residual(place: float) -> Callable[..., bool]:
-    """Test for a case with a single residual, which is `place` times the scale."""
+    """Test for cases with a single residual of `place` times the scale."""
     return lambda w, r, s: len(r) == 1 and r[0] == place * s and np.isfinite(w)
 
 

@@ -112,7 +112,7 @@ def bias_figure(noises: Array, tables: dict[str, list[dict[str, Array]]], t_true
 
     Parameters
     ----------
-    noises : (K,) pixels. tables : charts by title; for each noise, answers (S, 3) by name. t_true : (3,).
+    noises : (K,) pixels. tables : by chart title, one dictionary of answers (S, 3) per noise. t_true : (3,).
     """
     made, axes = figure(260, len(tables))
     for axis, (title, table) in zip(axes, tables.items(), strict=True):

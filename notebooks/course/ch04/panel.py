@@ -72,7 +72,7 @@ def usual_rotation(sequence: Sequence, frame: int, points: Points) -> Array:
 
 
 def reference(sequence: Sequence, points: Points, R_cp: Array) -> tuple[Array, str]:
-    """The reference of a translation, (3,) metres, and its name."""
+    """The reference translation, (3,) metres, and its name."""
     if points.T_cp is not None:
         return np.asarray(points.T_cp[:3, 3]), RECORDED if truth(sequence) is None else TRUE
     solved = solve_translation(sequence.camera, points.matches, R_cp, TranslationConfig())
@@ -90,8 +90,8 @@ def covariance(
 ) -> Array:
     """Covariance (3, 3) of the translation, m², from the scatter of groups of features, for any weighting.
 
-    If the solutions of G groups have the covariance S, their mean has S / G; the solution from all features
-    has about the same covariance.
+    If the solutions of G groups have the covariance S, the covariance of their mean is S / G. The solution
+    from all features has about this covariance.
     """
     group = np.arange(len(matches)) % GROUPS
     solved = [solve_by(weighting, camera, matches[group == g], R_cp, config) for g in range(GROUPS)]
@@ -132,7 +132,7 @@ class TranslationPanel(Panel):
         matches = disturbed(points.matches, view)
         solved = solve_by(view.weighting, camera, matches, R, config)
         if solved is None:
-            raise DataError("no feature can be used, or none agrees: raise the depth limit or the agreement")
+            raise DataError("no feature can be used, or none agrees: increase `depth limit` or `agreement`")
         t, residual, weight = solved
         used = np.isfinite(residual)
         C = covariance(camera, matches, R, config, view.weighting)

@@ -48,7 +48,7 @@ def alone(A: Array, B: Array, c: Array) -> Array:
 
 
 def solve_all(M: Array, d: Array, weight: Array) -> Array:
-    """Least-squares t (3,) of all rows M (N, 8, 3), d (N, 8), times the weights (N,) of the features."""
+    """Least-squares t (3,) from the rows M (N, 8, 3), d (N, 8), times the weights (N,) of the features."""
     rows = (weight[:, None, None] * M).reshape(-1, 3), (weight[:, None] * d).ravel()
     return np.asarray(np.linalg.lstsq(*rows)[0], np.float64)
 

@@ -108,7 +108,7 @@ def claim_figure(
 
 
 def by_threshold(path: Path = CHOICES) -> dict[tuple[str, str], Array]:
-    """RE by inlier threshold, for each sequence and "all features" or "boxes removed".
+    """RE by inlier threshold, for each key (sequence, "all features" or "boxes removed").
 
     Returns
     -------

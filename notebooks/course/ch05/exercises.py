@@ -50,7 +50,7 @@ def area(box: Array) -> float:
 
 
 def pairs() -> list[Case]:
-    """Cases of two boxes: of one car, equal, or disjoint in columns, rows or both (these in both orders)."""
+    """Cases of two boxes: on one car; equal; disjoint in columns, rows or both, as (a, b) and as (b, a)."""
     a, b = CORNERS[:2]
     apart = [a + shift for shift in ([300.0, 10, 300, 10], [10.0, 95, 10, 95], [150.0, 95, 150, 95])]
     return [(a, b), (a, a.copy()), *((a, far) for far in apart), *((far, a) for far in apart)]
@@ -125,7 +125,7 @@ def driven() -> list[Case]:
 
 
 def left_over(X_p: Array, X_c: Array, T_cp: Array) -> Array:
-    """Step of each feature (N, 3) relative to a feature that does not move, metres."""
+    """Displacements (N, 3) of features relative to the static scene, metres."""
     return np.asarray(X_c - X_p @ T_cp[:3, :3].T - T_cp[:3, 3])
 
 

@@ -24,7 +24,7 @@ LEAST_LABELLED = 44  # pixels of a box, for its score above it
 
 
 def score_picture(image: Image, output: NetworkOutput) -> Image:
-    """The network's image once per stride, from left to right; the tint of a cell is the cell's best score."""
+    """The network's image once per stride, from left to right; the tint of a cell shows its best score."""
     ground, parts, first = photo(letterboxed(image, output.letterbox), output.letterbox.width), [], 0
     for stride in STRIDES:
         rows, columns = output.letterbox.height // stride, output.letterbox.width // stride

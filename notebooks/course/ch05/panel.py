@@ -107,7 +107,7 @@ def filtered_frame(
 def motion_from(sequence: Sequence, frame: int, keep: BoolArray, config: MethodConfig) -> FrameResult:
     """Motion of a frame from the matches in the mask `keep` (N,), without earlier frames.
 
-    No previous vector and no calibration are used, so only the choice of features differs.
+    The motions differ only by the features: neither a previous vector nor an estimated rig is used.
     """
     alone = change(change(config, "filter.rule", "none"), "selection.prior", False)
     if isinstance(alone, KitConfig):
@@ -216,7 +216,7 @@ class FilteringPanel(Panel):
         return Drawing(stack([picture, self._network(state, boxes)], self.height), sentence, tuple(facts))
 
     def _network(self, state: State, boxes: Boxes) -> Image:
-        """The picture of the candidates; for labels, only the image."""
+        """The picture of the candidates; for boxes from labels, the image alone."""
         image, score = stereo(state.sequence, state.frame)[0], state.config.filter.score
         if state.view.model.strip() == LABELS:
             plain = photo(image, WIDTH, PHOTO_HEIGHT)
@@ -230,5 +230,5 @@ class FilteringPanel(Panel):
 
 
 def _apart(T: Array, T_other: Array | None) -> float:
-    """Distance between the translations of two motions, millimetres; NaN if the second is None."""
+    """Distance between the translations of two motions, millimetres; NaN if the second motion is None."""
     return np.nan if T_other is None else 1e3 * float(np.linalg.norm(T[:3, 3] - T_other[:3, 3]))

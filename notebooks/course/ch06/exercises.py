@@ -27,12 +27,12 @@ def paths() -> list[Case]:
 
 
 def first_true(mask: BoolArray) -> int | None:
-    """The first index at which a mask is true, if there is one."""
+    """The first index at which a mask is true, or None."""
     return int(np.argmax(mask)) if mask.any() else None
 
 
 def end(path: Array, first: int, length: float) -> int | None:
-    """The first frame farther than `length` from frame `first`, if there is one."""
+    """The first frame farther than `length` along the path from frame `first`, or None."""
     return first_true(path > path[first] + length)
 
 
@@ -40,7 +40,7 @@ def judged_pair() -> tuple[Array, Array]:
     """A truth (N, 4, 4) and an estimate (N, 4, 4) with all kinds of errors.
 
     The car drives 1 to 3 m per frame, so a length in metres is not a number of frames. The camera is tilted,
-    so the rotation error is about all axes.
+    so the rotation error has components about all axes.
     """
     truth = block_tour(1)
     truth = truth[np.cumsum(np.resize([0, 1, 2, 3, 2], 400))]
@@ -50,9 +50,9 @@ def judged_pair() -> tuple[Array, Array]:
 
 
 def stretches() -> list[Case]:
-    """Cases of sub-sequences: poses, first and last frame, length. The last two have rounding errors only.
+    """Cases of sub-sequences: poses, first and last frame, length. The last two have only rounding errors.
 
-    The rounded rotation error of one of these two has a trace above 3, for either order of the motions.
+    In one of these two cases, the rotation error has a trace above 3, for either order of the motions.
     """
     truth, estimate = judged_pair()
     cases: list[Case] = [(truth, estimate, 20, 114, 150.0), (truth, estimate, 150, 276, 200.0)]
@@ -64,7 +64,7 @@ def stretches() -> list[Case]:
 
 
 def sequences() -> list[Case]:
-    """Lists of errors, an array for each sequence, some of them empty."""
+    """Lists of errors, an array for each sequence; some arrays are empty."""
     lists: tuple[tuple[list[float], ...], ...] = (
         ([1.0] * 4, [3.0], []),
         ([2.0, 4.0], [], [1.0], [6.0, 6.0, 9.0]),

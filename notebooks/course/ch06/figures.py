@@ -58,7 +58,7 @@ def drift_chart(axis: Axes, truth: Array, estimate: Array, first: int, last: int
 def length_chart(
     axis: Axes, errors: KittiErrors, others: Mapping[str, KittiErrors], rotation: bool = False
 ) -> None:
-    """Errors of sub-sequences by length, as dots; lines are the means for each length, also of `others`."""
+    """Errors of sub-sequences by length, as dots; lines: mean errors by length, for `others` too."""
     values = 100.0 * (np.degrees(errors.r_err) if rotation else errors.t_err)
     lengths = np.unique(errors.length).tolist()
     apart = np.min(np.diff(lengths), initial=lengths[0] if lengths else 1.0)
@@ -86,7 +86,7 @@ def paths_figure(pairs: Mapping[str, tuple[Array, Array]], height: int = 300) ->
 
 
 def part_figure(truth: Array, estimate: Array, first: int, last: int, number: int = 0) -> Figure:
-    """The whole paths, and one sub-sequence with equal first poses; `number` is the number of frame 0."""
+    """The whole paths, and one sub-sequence with equal first poses; `number` is the first frame's number."""
     made, (whole, part) = figure(300, 2)
     paths_chart(whole, from_first(truth), from_first(estimate), "the whole path", (first, last))
     piece, moved = _at_start(truth, estimate, first, last)

@@ -34,7 +34,7 @@ def rows(te: dict[str, Any], without: str = "01", none: Any = None) -> list[floa
 
 
 def change(before: Array, after: Array, spread: float | None = None) -> tuple[float, float]:
-    """Mean of the change, and standard deviation of the change or the given spread."""
+    """Mean of the change, and `spread`; by default, `spread` is the standard deviation of the change."""
     return float(np.mean(after - before)), float(np.std(after - before) if spread is None else spread)
 
 

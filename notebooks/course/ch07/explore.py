@@ -87,7 +87,7 @@ class ExplorePanel(Panel):
         return Drawing(stack([picture], self.height), sentence, facts)
 
     def _open(self, name: str) -> None:
-        """The first frames of a sequence with their matches; always a job, since the first call takes seconds."""
+        """Open the first frames of a sequence with their matches, as a job: the first call takes seconds."""
 
         def prepare(report: Progress) -> Sequence:
             sequence = part_of(opened(name, report), FRAMES)

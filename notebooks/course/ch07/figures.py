@@ -36,7 +36,7 @@ CELL = '<{0} style="padding:1px 10px;text-align:{1}">{2}</{0}>'
 def paths_figure(title: str, truth: Array, runs: dict[str, Array], frame: int = 0, words: str = "") -> Figure:
     """Paths from above, as the paper's Figure 4, and beside them their distances from the truth.
 
-    truth : (N, 4, 4); runs : (N, 4, 4) by name; frame : frame of the marks; words : text without runs.
+    truth : (N, 4, 4); runs : (N, 4, 4) by name; frame : marked frame; words : text if `runs` is empty.
     """
     made, (paths, drift) = figure(PATHS_HEIGHT, 2)
     draw_trajectories(paths, "", truth, runs)
@@ -54,7 +54,7 @@ def paths_figure(title: str, truth: Array, runs: dict[str, Array], frame: int = 
 
 
 def tables_of(entries: list[Entry]) -> list[ReportTable]:
-    """TE and RE of methods, mean ± standard deviation over seeds; for whole sequences also the paper's."""
+    """TE and RE of methods, mean ± deviation over seeds; for whole sequences also the paper's numbers."""
     paper = table1.read_paper_table()
     return [table for group in group_entries(entries) for table in layout_tables(group, paper)]
 

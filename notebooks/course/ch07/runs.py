@@ -67,7 +67,7 @@ class Plan:
 
 
 def part_of(sequence: Sequence, frames: int, first: int | None = None) -> Sequence:
-    """`frames` frames of a sequence, at most all; by default the first frames with a good truth."""
+    """A part of `frames` frames, at most the whole; by default, the first frames with a good truth."""
     if frames >= len(sequence):
         return sequence
     first = min(FIRST.get(sequence.name, 0) if first is None else first, len(sequence) - frames)
@@ -81,8 +81,8 @@ def clip(
 
     `first` : first frame of the part, as in `part_of`.
 
-    The boxes are the labels of the sequence, else the boxes of `detector` (a name or the path of an ONNX file),
-    by default of the first detector on this machine. Without a detector there are no boxes.
+    For a sequence without labels, `detector` gives the boxes: a name or the path of an ONNX file; by default,
+    the first detector on this machine. Without a detector, there are no boxes.
     """
     names = sorted((name for name in available() if name.startswith(KITTI)), key=lambda name: name != WHOLE)
     opened_ones = ((name, open_sequence(name)) for name in names)

@@ -39,15 +39,15 @@ STAGES = (
     "chain",
     "all_errors",
 )
-SLOW, LEAST_S = 5.0, 0.02  # multiple of the library's time for a check from which a stage is called slow
+SLOW, LEAST_S = 5.0, 0.02  # a stage is slow above this multiple of the library's time
 
 
 @dataclass(frozen=True)
 class Joined:
     """The stages as attributes: `mine.select(…)`.
 
-    `whose` : for each stage, "yours" or the reason for the library's function. `slow` : time of your function
-    relative to the library's.
+    `whose` : for each stage, "yours" or the reason for the library's function. `slow` : ratio of your
+    function's time to the library function's time.
     """
 
     functions: Mapping[str, Any]
@@ -117,7 +117,7 @@ def kept_by(run: Run, matches: Iterable[TimedMatches]) -> list[TimedMatches]:
 def solve_sets(mine: Joined, x_p: Array, x_c: Array) -> tuple[Array, IntArray]:
     """Essential matrices (M, 3, 3) of S five-point sets x_p, x_c (S, 5, 2), and the index (M,) of their sets.
 
-    Your solver gets the sets one by one; the library's solver gets all sets at once and is much faster.
+    Your solver is called once per set. The library's solver is called once for all sets and is much faster.
     """
     if mine.whose["solve_five"] != "yours":
         solved = five_point(x_p, x_c)

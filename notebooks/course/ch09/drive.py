@@ -26,7 +26,7 @@ def block(progress: Progress | None = None) -> Sequence:
 
 
 def ate(truth: Array, poses: Array) -> float:
-    """Root mean square distance of two paths after alignment by rotation and translation, metres."""
+    """Root mean square distance between two paths after alignment by rotation and translation, metres."""
     return rmse(absolute_error(truth, poses, Alignment.SE3).distance) or 0.0
 
 

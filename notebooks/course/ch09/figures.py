@@ -49,7 +49,7 @@ def draw_path(
 
 
 def draw_edges(axis: Axes, poses: Array, first: IntArray, second: IntArray, weight: Array) -> None:
-    """Lines between the two places of loops on a path; a paler line has a smaller weight."""
+    """Lines between the two places of each loop on a path; a paler line has a smaller weight."""
     for a, b, w in zip(first, second, weight, strict=True):
         axis.plot(*poses[[a, b]][:, [0, 2], 3].T, "-", color=BAD, alpha=0.15 + 0.85 * float(w), linewidth=1.0)
 

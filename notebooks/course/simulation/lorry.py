@@ -80,7 +80,7 @@ def with_lorry(
 
 
 def _hidden(camera: StereoCamera, matches: StereoMatches, rims: list[Array], distance: float) -> BoolArray:
-    """Mask (N,) of the matches that the lorry hides in any image; `rims` : its box (4,) in each image."""
+    """Mask (N,) of the matches that the lorry hides in any image; `rims` : box (4,) of the lorry by image."""
     nearer = camera.triangulate(matches.prev_left, matches.prev_right)[:, 2] < distance
     places = matches.prev_left, matches.prev_right, matches.cur_left, matches.cur_right
     covered = [inside(uv, rim[None])[:, 0] for uv, rim in zip(places, rims, strict=True)]

@@ -85,8 +85,8 @@ def simulate_tracks(
 
     Yields
     ------
-    A SimulatedFrame for each of the pairs 1 to N - 1. As with a real tracker, the next frame has the same
-    positions in its previous pair. Without noise, the correct matches satisfy the geometry exactly.
+    A SimulatedFrame for each of the pairs 1 to N - 1. The current positions of a feature are its previous
+    positions in the next frame. Without noise, the correct matches satisfy the geometry exactly.
     """
     street = _Street(np.asarray(poses, float), camera, config or TrackConfig(), np.random.default_rng(seed))
     return map(street.step, range(1, len(poses)))

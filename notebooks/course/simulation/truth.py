@@ -46,7 +46,7 @@ def predict(truth: Truth, frame_p: int, frame_c: int, uv: Array) -> tuple[Array,
 def match_errors(truth: Truth | None, matches: StereoMatches, frame: int) -> Array:
     """Largest distance (N,) of each match from its true places, pixels; NaN if the true places are unknown.
 
-    The matches are between the pairs `frame` - 1 and `frame`; the place in the previous left image is exact.
+    The matches are between the pairs `frame` - 1 and `frame`; the previous left place is exact by definition.
     """
     if truth is None:
         return np.full(len(matches), np.nan)
