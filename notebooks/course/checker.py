@@ -266,8 +266,8 @@ class Exercise:
         if len(results) == len(self.parts):
             return [result(each) for each in results]
         names = ", ".join(self.parts)
-        message = f"the function should return {len(self.parts)} results: {names}."
-        return [Unusable(False, message, f"`return {names}`.")] * len(self.parts)
+        message = f"expected {len(self.parts)} results: {names}."
+        return [Unusable(False, message, f"`{names}`, in this order.")] * len(self.parts)
 
     def _agreed(self, got: list[Any], expected: list[Any]) -> int:
         """Number of equal results before the first different result."""
