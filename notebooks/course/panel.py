@@ -28,23 +28,25 @@ from typing import Any, ClassVar
 
 import ipywidgets as widgets
 import numpy as np
+from matplotlib.figure import Figure
 
 from vo_lib.config import preset
 from vo_lib.data.catalogue import available
 from vo_lib.data.sequence import Sequence
 from vo_lib.errors import DataError
-from vo_lib.geometry.types import Progress
+from vo_lib.geometry.types import Image, Progress
 from vo_lib.kit.settings import KitConfig
 from vo_lib.paper.settings import MethodConfig
 from vo_lib.runs.drive import single_threaded
 from vo_lib.settings import declared, replace
 
-from .colours import BAD
-from .controls import COLUMN, Control, Knob, labelled
-from .drawing import WIDTH, stack
-from .frames import DEFAULT, is_open, keep, opened
+from .colours import BAD, DARK
+from .controls import COLUMN, Knob, labelled
+from .controls import Control as Control
+from .drawing import WIDTH, photo, stack
+from .frames import DEFAULT, is_open, keep, lacks, opened, stereo
 from .progress import Job, Stopped
-from .results import Fact, facts_html, marked
+from .results import marked
 
 ERROR_CLASS = "vo-panel-error"  # of CSS; tests search for it in saved widget state
 VARIANTS = "published", "kit"
@@ -70,13 +72,48 @@ class State:
 
 
 @dataclass(frozen=True)
-class Drawing:
-    """A picture as JPEG bytes, WIDTH pixels wide, a sentence about it, numbers, and tables as HTML."""
+class Fact:
+    """A number below a picture, with `digits` decimals."""
 
-    picture: bytes
+    name: str
+    value: float
+    unit: str = ""
+    digits: int = 0
+
+    def text(self, before: float | None) -> str:
+        """The number with its unit, and its change since `before`, as HTML."""
+        space = "" if self.unit in ("", "°") else "&nbsp;"
+        value = round(self.value, self.digits) + 0.0  # no minus before a zero
+        shown = "–" if np.isnan(value) else f"{value:.{self.digits}f}{space}{html.escape(self.unit)}"
+        change = np.nan if before is None else self.value - before
+        if np.isnan(change) or abs(change) < 0.5 * 10.0**-self.digits:
+            return shown
+        return f'{shown} <span style="color:{DARK};opacity:.6">({change:+.{self.digits}f})</span>'
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """Pictures and figures, one below the other, a sentence about them, numbers, and tables as HTML."""
+
+    parts: list[Image | Figure]
     sentence: str
     facts: tuple[Fact, ...] = ()
     tables: str = ""
+
+
+def facts_html(sentence: str, facts: tuple[Fact, ...], before: dict[str, float]) -> str:
+    """A sentence and a row of facts, each with its change since `before`."""
+    cells = "".join(
+        '<div style="margin:0 26px 4px 0">'
+        f'<div style="font-size:11px;opacity:.7">{html.escape(fact.name)}</div>'
+        f'<div style="font-size:15px">{fact.text(before.get(fact.name))}</div></div>'
+        for fact in facts
+    )
+    return (
+        f'<div style="max-width:{WIDTH}px;line-height:1.35">'
+        f'<div style="margin:4px 0 6px">{marked(sentence)}</div>'
+        f'<div style="display:flex;flex-wrap:wrap">{cells}</div></div>'
+    )
 
 
 class Panel:
@@ -91,12 +128,13 @@ class Panel:
     start : configuration with the initial values of the controls.
     kit : configuration for the switch "published | kit"; if None, there is no switch.
     height : height of the picture, pixels.
+    needs_truth : whether a sequence without poses is shown only as its image, with a sentence.
     long_job : label of the Run button, if `work` takes more than a second; else empty.
 
     Attributes
     ----------
     error : a sentence about the error of the last change; empty without an error.
-    picture : the Image widget; knobs : controls by the name of the setting; variant : the switch, or None.
+    picture : the Image widget; knobs : controls by the name of the setting; variant : the switch.
     facts : the numbers of the panel, by name; empty after an error.
     """
 
@@ -106,6 +144,7 @@ class Panel:
     start: ClassVar[MethodConfig] = preset("solution_selection")
     kit: ClassVar[KitConfig | None] = None
     height: ClassVar[int] = 600
+    needs_truth: ClassVar[bool] = False
     long_job: ClassVar[str] = ""
 
     def __init__(self, sequence: str | Sequence = DEFAULT, frame: int = 60, **values: Any):
@@ -121,14 +160,11 @@ class Panel:
         self.picture = widgets.Image(value=self._white(), format="jpeg", layout=PICTURE)
         self._message, self._text, self.tables = (widgets.HTML(layout={"width": "100%"}) for _ in range(3))
         self._sign = widgets.HTML(layout={"margin": "0 0 0 12px"})
-        self.variant = None
-        if self.kit is not None:
-            self.variant = widgets.Dropdown(options=VARIANTS, tooltip=SWITCH, **labelled("method"))
-            self.variant.observe(self.redraw, "value")
+        self.variant = widgets.Dropdown(options=VARIANTS, tooltip=SWITCH, **labelled("method"))
+        self.variant.observe(self.redraw, "value")
         self.knobs = self._make_knobs({key.replace("__", "."): value for key, value in values.items()})
-        self._first = {"frame": frame, **{name: knob.widget.value for name, knob in self.knobs.items()}}
-        if self.variant is not None:
-            self._first["variant"] = VARIANTS[0]
+        self._first = {"frame": frame, "variant": VARIANTS[0]}
+        self._first |= {name: knob.widget.value for name, knob in self.knobs.items()}
         self.chooser = widgets.Dropdown(options=[*available()], value=None, **labelled("sequence"))
         self.folder = widgets.Text(placeholder="path of a folder", continuous_update=False, **labelled("or"))
         self.frame = widgets.IntSlider(
@@ -155,8 +191,8 @@ class Panel:
         """The widget of the picture."""
         return self.picture
 
-    def work(self, state: State, progress: Progress) -> Drawing:
-        """The long job of the Run button; it calls progress(done, total) several times per second."""
+    def work(self, state: State, progress: Progress) -> None:
+        """The job of the Run button before a redraw; it calls progress(done, total) several times per second."""
         raise NotImplementedError
 
     def set(self, **values: Any) -> None:
@@ -199,7 +235,11 @@ class Panel:
                 idle = self.idle(state)
                 for name, knob in self.knobs.items():
                     knob.shown.disabled = name in idle or self._lacks(state.config, name)
-                self._show(self.draw(state))
+                if self.needs_truth and (lacking := lacks(state.sequence)):
+                    image = photo(stereo(state.sequence, state.frame)[0], height=self.height)
+                    self._show(Drawing([image], lacking))
+                else:
+                    self._show(self.draw(state))
             except Exception as error:
                 self._fail(error)
             finally:
@@ -209,9 +249,8 @@ class Panel:
         """The current state of the controls; `DataError` for an invalid typed value."""
         if self._sequence is None:
             raise DataError("choose a sequence first")
-        config, view = self.start, None if self.view is None else self.view()
-        if self.kit is not None and self.variant is not None and self.variant.value == "kit":
-            config = self.kit
+        view = None if self.view is None else self.view()
+        config = self.kit if self.kit and self.variant.value == "kit" else self.start
         for name, knob in self.knobs.items():
             if name.startswith("view."):
                 view = replace(view, name.removeprefix("view."), knob.value)
@@ -223,7 +262,7 @@ class Panel:
         """Start the long job, as the Run button does."""
         try:
             state = self.state()
-            self.job.start(self.long_job, lambda report: self.work(state, report), self._show, self._fail)
+            self.job.start(self.long_job, lambda report: self.work(state, report), self.redraw, self._fail)
         except DataError as error:
             self._fail(error)
 
@@ -238,7 +277,7 @@ class Panel:
         with self._lock:
             self._text.value = facts_html(drawing.sentence + self._elsewhere(), drawing.facts, self.facts)
             self.facts = {fact.name: fact.value for fact in drawing.facts}
-            self.picture.value, self.tables.value = drawing.picture, drawing.tables
+            self.picture.value, self.tables.value = stack(drawing.parts, self.height), drawing.tables
             self.error = self._message.value = ""
 
     def _elsewhere(self) -> str:
@@ -295,7 +334,7 @@ class Panel:
         play = widgets.Play(min=1, interval=FRAME_MS, show_repeat=False)
         for name in ("max", "value"):  # an earlier value is cut off at the maximum
             widgets.jslink((self.frame, name), (play, name))
-        switch = [] if self.variant is None else [self.variant]
+        switch = [self.variant] if self.kit else []
         controls = [self.chooser, self.folder, self.frame, widgets.HBox([play, reset]), *switch]
         controls += [knob.shown for knob in self.knobs.values()]
         if self.long_job:

@@ -1,4 +1,4 @@
-"""Results of an answer as arrays, as text and as a verdict; facts below the picture of a panel."""
+"""Results of an answer as arrays, as text and as a verdict."""
 
 from __future__ import annotations
 
@@ -14,9 +14,6 @@ import numpy as np
 
 import vo_lib
 from vo_lib.errors import DataError
-
-from .colours import DARK
-from .drawing import WIDTH
 
 RIGHT, NOT_YET, UNANSWERED = "#009E73", "#D55E00", "#999999"
 RIGHT_CLASS, NOT_YET_CLASS = "vo-right", "vo-not-yet"  # of CSS; tests search for both
@@ -168,38 +165,3 @@ def compared(got: Any, expected: Any) -> str:
             return f"is {shown(got, digits)}, expected {shown(expected, digits)}"
     apart = float(np.abs(np.subtract(got, expected)).max())
     return f"differs by {apart:.1g} from {shown(expected)}: is something rounded on the way?"
-
-
-@dataclass(frozen=True)
-class Fact:
-    """A number below a picture, with `digits` decimals."""
-
-    name: str
-    value: float
-    unit: str = ""
-    digits: int = 0
-
-    def text(self, before: float | None) -> str:
-        """The number with its unit, and its change since `before`, as HTML."""
-        space = "" if self.unit in ("", "°") else "&nbsp;"
-        value = round(self.value, self.digits) + 0.0  # no minus before a zero
-        shown = "–" if np.isnan(value) else f"{value:.{self.digits}f}{space}{html.escape(self.unit)}"
-        change = np.nan if before is None else self.value - before
-        if np.isnan(change) or abs(change) < 0.5 * 10.0**-self.digits:
-            return shown
-        return f'{shown} <span style="color:{DARK};opacity:.6">({change:+.{self.digits}f})</span>'
-
-
-def facts_html(sentence: str, facts: tuple[Fact, ...], before: dict[str, float]) -> str:
-    """A sentence and a row of facts, each with its change since `before`."""
-    cells = "".join(
-        '<div style="margin:0 26px 4px 0">'
-        f'<div style="font-size:11px;opacity:.7">{html.escape(fact.name)}</div>'
-        f'<div style="font-size:15px">{fact.text(before.get(fact.name))}</div></div>'
-        for fact in facts
-    )
-    return (
-        f'<div style="max-width:{WIDTH}px;line-height:1.35">'
-        f'<div style="margin:4px 0 6px">{marked(sentence)}</div>'
-        f'<div style="display:flex;flex-wrap:wrap">{cells}</div></div>'
-    )

@@ -13,11 +13,10 @@ import ipywidgets as widgets
 import numpy as np
 import pytest
 
-from course import appendix, ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07, ch09, stack
+from course import appendix, ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07, ch09
 from course.controls import Control, Knob
 from course.drawing import WIDTH
-from course.panel import Drawing, Panel, State
-from course.results import Fact
+from course.panel import Drawing, Fact, Panel, State
 from vo_lib.config import preset
 from vo_lib.data.sequence import Sequence
 from vo_lib.geometry.types import Progress
@@ -68,7 +67,7 @@ def test_every_control_changes_the_picture_and_the_same_state_gives_the_same_one
     first = panel.picture.value
     widget_of = {key: knob.widget for key, knob in panel.knobs.items()} | {"frame": panel.frame}
     driven = {key: stops(knob) for key, knob in panel.knobs.items()} | {"frame": [1, panel.frame.max]}
-    if panel.variant is not None:
+    if panel.kit is not None:
         widget_of["variant"], driven["variant"] = panel.variant, [*panel.variant.options]
     grey = {key for key, knob in panel.knobs.items() if knob.shown.disabled}
     back: dict[str, Any] = {}
@@ -119,12 +118,12 @@ class Example(Panel):
         if state.frame == 2:
             raise ValueError("no second frame")
         shade = np.full((40, WIDTH, 3), 10 * state.config.selection.keep, np.uint8)
-        return Drawing(stack([shade], 40), "a shade", (Fact("keep", state.config.selection.keep),))
+        return Drawing([shade], "a shade", (Fact("keep", state.config.selection.keep),))
 
     def idle(self, state: State) -> set[str]:
         return {"selection.keep"} if state.frame == 4 else set()
 
-    def work(self, state: State, progress: Progress) -> Drawing:
+    def work(self, state: State, progress: Progress) -> None:
         self.started.set()
         for i in range(10**9):
             threading.Event().wait(0.001)

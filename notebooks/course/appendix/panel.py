@@ -33,12 +33,10 @@ from vo_lib.settings import Checked, setting
 
 from ..ch04.figures import lengths_figure
 from ..colours import GOOD, PALE
-from ..controls import Control
-from ..drawing import DPI, WIDTH, caption, photo, room, stack
+from ..drawing import DPI, WIDTH, caption, photo, room
 from ..frames import Memory, key_of, stereo
 from ..made_up import block_tour
-from ..panel import Drawing, Panel, State
-from ..results import Fact
+from ..panel import Control, Drawing, Fact, Panel, State
 
 # Approximate faults of the rig in sequence 01 of KITTI: sizes of `RIG_FAULTS`, pixels.
 KITTI_01 = {
@@ -227,7 +225,7 @@ class CalibrationPanel(Panel):
             Fact("rows still wrong by up to", float(remaining[1]), "px", 2),
         )
         sentence = f"Learnt in {len(lengths['corrected'])} frames: {describe_errors(errors, learnt.covariance, camera)}."
-        return Drawing(stack([maps, lengths_figure(lengths, CHART_HEIGHT)], self.height), sentence, facts)
+        return Drawing([maps, lengths_figure(lengths, CHART_HEIGHT)], sentence, facts)
 
 
 def tracks_of(sequence: Sequence, frame: int) -> list[SimulatedFrame]:

@@ -28,12 +28,10 @@ from ..ch03.panel import field_of, previous_vector
 from ..ch04.figures import by_depth_figure
 from ..ch04.weightings import METHOD, solve_by
 from ..colours import BAD, GOOD, PALE, THIRD, bgr
-from ..controls import Control
-from ..drawing import HALF_HEIGHT, WIDTH, beside, caption, figure, photo, stack
+from ..drawing import HALF_HEIGHT, WIDTH, beside, caption, figure, photo
 from ..frames import disparity_map, frame_matches, frame_points, stereo, true_poses, truth
 from ..lessons import candidates_of, motion_of
-from ..panel import Drawing, Panel, State
-from ..results import Fact
+from ..panel import Control, Drawing, Fact, Panel, State
 from ..simulation.truth import depth as true_depths
 from ..view3d import Shape, View, camera, view
 
@@ -123,7 +121,7 @@ class StartPanel(Panel):
             Fact("true depth", true_depth if np.isfinite(true_depth) else float("nan"), "m", 1),
             Fact("pixels with a disparity", 100 * float(np.mean(coarse > 0)), "%", 1),
         )
-        return Drawing(stack([whole, below], self.height), sentence, facts)
+        return Drawing([whole, below], sentence, facts)
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,8 @@ import numpy as np
 from vo_lib.config import preset
 from vo_lib.errors import DataError
 
-from ..controls import Control
-from ..drawing import stack
 from ..frames import stereo, truth
-from ..panel import Drawing, Panel, State
-from ..results import Fact
+from ..panel import Control, Drawing, Fact, Panel, State
 from ..simulation.truth import match_errors
 from .figures import RIGHT, by_fate, fates_picture, step_figure
 from .trace import trace
@@ -67,4 +64,4 @@ class MatchingPanel(Panel):
         )
         picture = fates_picture(stereo(sequence, frame)[0], traced, wrong, words)
         chart = step_figure(traced, error, CHART_HEIGHT)
-        return Drawing(stack([picture, chart], self.height), sentence, tuple(facts))
+        return Drawing([picture, chart], sentence, tuple(facts))

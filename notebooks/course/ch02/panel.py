@@ -17,12 +17,10 @@ from vo_lib.paper.selection import draw_sets, sampson_inliers, truncated_errors
 from vo_lib.settings import Checked, setting
 
 from ..colours import BAD, CYCLE, DARK, PALE, THIRD
-from ..controls import Control
-from ..drawing import WIDTH, caption, figure, photo, stack
+from ..drawing import WIDTH, caption, figure, photo
 from ..frames import Memory, Points, frame_points, key_of, stereo
 from ..lessons import consensus_rotation
-from ..panel import Drawing, Panel, State
-from ..results import Fact
+from ..panel import Control, Drawing, Fact, Panel, State
 from . import figures as draw
 
 PHOTO_HEIGHT, CHART_HEIGHT = 298, 230
@@ -170,7 +168,7 @@ class FivePointPanel(Panel):
             Fact("outliers among the five", int(wrong.sum()) if E_true.any() else np.nan),
             Fact("closest two of the five", float(apart), "px"),
         )
-        return Drawing(stack([picture, charts], self.height), sentence, facts)
+        return Drawing([picture, charts], sentence, facts)
 
     def _five(self, view: FivePointView, points: Points) -> Index:
         """Indices of the five matches, typed or drawn at random."""

@@ -23,12 +23,9 @@ from vo_lib.settings import Checked, setting
 
 from ..ch02.figures import pixels
 from ..ch02.panel import reference_rotation, rotation_errors
-from ..controls import Control
-from ..drawing import stack
 from ..frames import Memory, Points, frame_points, key_of, stereo
 from ..lessons import candidates_of, motion_of, turned, winner_of
-from ..panel import Drawing, Panel, State
-from ..results import Fact
+from ..panel import Control, Drawing, Fact, Panel, State
 from .figures import PHOTO_HEIGHT, Field, features_picture, field_figure
 
 CHART_HEIGHT = 260
@@ -170,7 +167,7 @@ class SelectionPanel(Panel):
         image, camera = stereo(state.sequence, state.frame)[0], state.sequence.camera
         start, end = pixels(points.x_p, camera), pixels(points.x_c, camera)
         photo_above = features_picture(image, start, end, inliers, words, touched)
-        picture = stack([photo_above, field_figure(field, error, CHART_HEIGHT)], self.height)
+        chart = field_figure(field, error, CHART_HEIGHT)
         same = "also" if field.selected == field.consensus else "not"
         sentence = (
             f"Of {len(candidates.E)} solutions of {selection.sets} sets {np.count_nonzero(field.kept)} may "
@@ -187,4 +184,4 @@ class SelectionPanel(Panel):
             Fact("inliers", int(np.count_nonzero(inliers))),
             Fact("disturbed", int(np.count_nonzero(touched))),
         )
-        return Drawing(picture, sentence, facts)
+        return Drawing([photo_above, chart], sentence, facts)

@@ -21,11 +21,9 @@ from vo_lib.settings import Checked, setting
 from ..ch02.panel import reference_rotation
 from ..ch03.figures import PHOTO_HEIGHT, features_picture
 from ..ch03.panel import shifts
-from ..controls import Control
-from ..drawing import figure, stack
+from ..drawing import figure
 from ..frames import Points, frame_points, stereo, truth
-from ..panel import Drawing, Panel, State
-from ..results import Fact
+from ..panel import Control, Drawing, Fact, Panel, State
 from .figures import MILLI, ellipse_chart, residuals_chart
 from .weightings import METHOD, WEIGHTINGS, alone, solve_by
 
@@ -163,4 +161,4 @@ class TranslationPanel(Panel):
             Fact("wrong share", 100 * view.wrong, "%"),
             Fact("noise added", view.noise, "px", 2),
         )
-        return Drawing(stack([picture, chart], self.height), sentence, facts)
+        return Drawing([picture, chart], sentence, facts)

@@ -10,11 +10,8 @@ from vo_lib.paper.buckets import select_by_bucket
 from vo_lib.paper.selection import sampson_inliers
 from vo_lib.runs.drive import make_odometry
 
-from ..controls import Control
-from ..drawing import stack
 from ..frames import frame_matches, stereo, true_motion
-from ..panel import Drawing, Panel, State
-from ..results import Fact
+from ..panel import Control, Drawing, Fact, Panel, State
 from ..simulation.lorry import LorryConfig, with_lorry
 from .figures import PHOTO_HEIGHT, filter_picture
 
@@ -63,4 +60,4 @@ class LorryPanel(Panel):
             Fact("error, all features", errors[1], "cm", 2),
             Fact("error, box removed", errors[0], "cm", 2),
         )
-        return Drawing(stack([picture], self.height), sentence, facts)
+        return Drawing([picture], sentence, facts)

@@ -26,11 +26,10 @@ from vo_lib.paper.settings import MethodConfig
 from vo_lib.runs.drive import make_odometry
 from vo_lib.settings import Checked, setting
 
-from ..controls import Control, Knob
-from ..drawing import WIDTH, caption, photo, stack
+from ..controls import Knob
+from ..drawing import WIDTH, caption, photo
 from ..frames import Memory, frame_matches, key_of, stereo, true_motion, truth
-from ..panel import Drawing, Panel, State
-from ..results import Fact
+from ..panel import Control, Drawing, Fact, Panel, State
 from .figures import PHOTO_HEIGHT, candidates_picture, filter_picture
 
 HISTORY = 4  # frames before the one shown, for the rule `moving`
@@ -160,7 +159,6 @@ class FilteringPanel(Panel):
     def _make_knobs(self, first: dict[str, Any]) -> dict[str, Knob]:
         knobs = super()._make_knobs(first)
         rule, variant = knobs["filter.rule"].widget, self.variant
-        assert variant is not None
 
         def offer(_: Any = None) -> None:
             kept, rules = rule.value, RULES[variant.value]
@@ -213,7 +211,7 @@ class FilteringPanel(Panel):
             moving = matches_on_moving(sequence, frame, matches)
             facts.append(Fact("on moving things, kept", int(np.sum(moving & result.keep))))
             facts.append(Fact("on standing things, removed", int(np.sum(~moving & ~result.keep))))
-        return Drawing(stack([picture, self._network(state, boxes)], self.height), sentence, tuple(facts))
+        return Drawing([picture, self._network(state, boxes)], sentence, tuple(facts))
 
     def _network(self, state: State, boxes: Boxes) -> Image:
         """The picture of the candidates; for boxes from labels, the image alone."""

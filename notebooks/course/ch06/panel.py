@@ -17,12 +17,10 @@ from vo_lib.report.entries import te_and_re
 from vo_lib.settings import Checked, setting
 
 from ..ch07.runs import has_run, poses_of
-from ..controls import Control
-from ..drawing import figure, photo, say, stack
-from ..frames import lacks, stereo, true_poses
+from ..drawing import figure, say
+from ..frames import true_poses
 from ..made_up import made_up
-from ..panel import Drawing, Panel, State
-from ..results import Fact
+from ..panel import Control, Drawing, Fact, Panel, State
 from .figures import drift_chart, length_chart, paths_chart
 
 MADE_UP = "made-up errors"
@@ -56,6 +54,7 @@ class EvaluationPanel(Panel):
     title = "A trajectory and its errors"
     view = EvaluationView
     height = PATH_HEIGHT + CHART_HEIGHT
+    needs_truth = True
     long_job = "Run the method"
     controls = (
         Control("view.estimate", "estimate"),
@@ -76,23 +75,19 @@ class EvaluationPanel(Panel):
         return set() if state.view.estimate == MADE_UP else made
 
     def draw(self, state: State) -> Drawing:
-        if lacking := lacks(state.sequence):
-            image = photo(stereo(state.sequence, state.frame)[0], height=self.height)
-            return Drawing(stack([image], self.height), lacking)
         truth = from_first(true_poses(state.sequence))
         estimate = self._estimate(state, truth)
         if estimate is None:
             path, (axis,) = figure(PATH_HEIGHT)
             paths_chart(axis, truth, None, state.sequence.name)
             sentence = f"{state.view.estimate} has not been run on {state.sequence.name} here: press Run."
-            return Drawing(stack([path], self.height), sentence, (Fact("poses", len(truth)),))
+            return Drawing([path], sentence, (Fact("poses", len(truth)),))
         return self._judged(state, truth, estimate)
 
-    def work(self, state: State, progress: Progress) -> Drawing:
+    def work(self, state: State, progress: Progress) -> None:
         if state.view.file.strip() or state.view.estimate == MADE_UP:
             raise DataError("choose a method as the estimate, and leave the field of your file empty")
         poses_of(state.sequence, preset(state.view.estimate), progress)
-        return self.draw(state)
 
     def _estimate(self, state: State, truth: Array) -> Array | None:
         view = state.view
@@ -138,7 +133,7 @@ class EvaluationPanel(Panel):
             Fact("RPE", 1e3 * rpe, "mm", 2),
             Fact("scale", scale, "", 4),
         )
-        return Drawing(stack([paths, by_length], self.height), _sentence(errors, part), facts)
+        return Drawing([paths, by_length], _sentence(errors, part), facts)
 
 
 def longest_from(truth: Array, estimate: Array, lengths: tuple[float, ...], first: int) -> KittiErrors:

@@ -15,11 +15,8 @@ from vo_lib.report.table1 import VARIANT_WORDS
 from vo_lib.runs.matches import CachedMatches
 
 from ..ch05.claim import claim_figure
-from ..controls import Control
-from ..drawing import photo, stack
-from ..frames import lacks, opened, stereo, true_poses
-from ..panel import Drawing, Panel, State
-from ..results import Fact
+from ..frames import opened, true_poses
+from ..panel import Control, Drawing, Fact, Panel, State
 from .runs import part_of, poses_of
 
 FRAMES, METHOD = 30, "feature_selection"
@@ -32,6 +29,7 @@ class ExplorePanel(Panel):
     start = preset(METHOD)
     kit = preset(METHOD, variant="kit")
     height = 240
+    needs_truth = True
     controls = (
         Control("selection.sets", "five-point sets", high=400),
         Control("selection.threshold", "inlier threshold", high=5, step=0.05),
@@ -60,9 +58,6 @@ class ExplorePanel(Panel):
 
     def draw(self, state: State) -> Drawing:
         variant, sequence = state.config.variant, state.sequence
-        if lacking := lacks(sequence):
-            image = photo(stereo(sequence, state.frame)[0], height=self.height)
-            return Drawing(stack([image], self.height), lacking)
         truth, changed = true_poses(sequence), self.changed(state)
         base = preset(METHOD, variant=variant, seed=state.config.seed)
         config = functools.reduce(lambda config, name: change(config, name, changed[name]), changed, base)
@@ -84,7 +79,7 @@ class ExplorePanel(Panel):
             f"{SHORT_MEASURE.words}, as far as the path goes. Changed: {', '.join(words) or 'nothing'}."
         )
         picture = claim_figure(sequence, paths, self.height, min(state.frame, len(sequence) - 1))
-        return Drawing(stack([picture], self.height), sentence, facts)
+        return Drawing([picture], sentence, facts)
 
     def _open(self, name: str) -> None:
         """Open the first frames of a sequence with their matches, as a job: the first call takes seconds."""

@@ -14,11 +14,8 @@ from vo_lib.report.table1 import results
 from vo_lib.settings import Checked, setting
 
 from ..ch05.panel import LABELS
-from ..controls import Control
-from ..drawing import photo, stack
-from ..frames import lacks, stereo, true_poses
-from ..panel import Drawing, Panel, State
-from ..results import Fact
+from ..frames import true_poses
+from ..panel import Control, Drawing, Fact, Panel, State
 from .figures import PATHS_HEIGHT, paths_figure, table_html, tables_of
 from .runs import Plan, part_of, run_plan
 
@@ -40,6 +37,7 @@ class ReproducePanel(Panel):
     view = ReproduceView
     kit = preset("feature_selection", variant="kit")
     height = PATHS_HEIGHT
+    needs_truth = True
     long_job = "Run the methods"
     controls = (
         Control("view.methods", "systems"),
@@ -49,9 +47,6 @@ class ReproducePanel(Panel):
     )
 
     def draw(self, state: State) -> Drawing:
-        if lacking := lacks(state.sequence):
-            image = photo(stereo(state.sequence, state.frame)[0], height=self.height)
-            return Drawing(stack([image], self.height), lacking)
         plan = _plan(state)
         sequence, truth = plan.sequence, true_poses(plan.sequence)
         frame = min(state.frame, len(sequence) - 1)
@@ -62,22 +57,21 @@ class ReproducePanel(Panel):
                 f"Not run yet: {len(plan.methods)} methods of {plan.variant}\n× {plan.seeds} seeds on "
                 f"{len(sequence)} frames, boxes: {state.view.model},\n{suitable_measure(truth).words}"
             )
-            picture = stack([paths_figure(title, truth, {}, frame, words)], self.height)
-            return Drawing(picture, "Press Run.", (Fact("runs", runs),))
+            picture = paths_figure(title, truth, {}, frame, words)
+            return Drawing([picture], "Press Run.", (Fact("runs", runs),))
         entries = run_plan(plan)
         paths = paths_figure(title, truth, {entry.method: entry.poses for entry in entries}, frame)
         tables = "".join(map(table_html, tables_of(entries)))
         sentence = " ".join(results(group_entries(entries)))
         if not any(entry.labels for entry in entries):
             sentence = "No boxes: feature_selection equals solution_selection. Name a detector under *boxes*."
-        return Drawing(stack([paths], self.height), sentence, tables=tables)
+        return Drawing([paths], sentence, tables=tables)
 
-    def work(self, state: State, progress: Progress) -> Drawing:
+    def work(self, state: State, progress: Progress) -> None:
         plan = _plan(state)
         if state.view.model != LABELS:
             labelled_sequence(plan.sequence, state.view.model, progress=progress)
         run_plan(plan, progress)
-        return self.draw(state)
 
 
 def _plan(state: State) -> Plan:

@@ -13,12 +13,10 @@ from vo_lib.loops.settings import LoopConfig
 from vo_lib.settings import Checked, setting
 
 from ..colours import DARK
-from ..controls import Control
-from ..drawing import beside, figure, photo, stack
-from ..frames import lacks, stereo, true_poses
+from ..drawing import beside, figure
+from ..frames import stereo, true_poses
 from ..made_up import made_up
-from ..panel import Drawing, Panel, State
-from ..results import Fact
+from ..panel import Control, Drawing, Fact, Panel, State
 from .drive import ate, made_up_loops, second_visits
 from .figures import AFTER, BEFORE, draw_edges, draw_path, weight_chart
 
@@ -44,6 +42,7 @@ class LoopPanel(Panel):
     title = "A path that comes back"
     view = LoopView
     height = PHOTO_HEIGHT + CHART_HEIGHT
+    needs_truth = True
     controls = (
         Control("view.closed", "close the loops"),
         Control("view.false", "false loops"),
@@ -58,8 +57,6 @@ class LoopPanel(Panel):
 
     def draw(self, state: State) -> Drawing:
         image = stereo(state.sequence, state.frame)[0]
-        if lacking := lacks(state.sequence):
-            return Drawing(stack([photo(image, height=self.height)], self.height), lacking)
         truth, view = from_first(true_poses(state.sequence)), state.view
         config = LoopConfig(frame_turn=0.1, scale=view.scale if view.robust else EQUAL_WEIGHTS)
         before = made_up(truth, 0.0, view.yaw, 5.0, 0.0)
@@ -95,4 +92,4 @@ class LoopPanel(Panel):
             Fact("largest weight, false", float(weight[is_false].max(initial=0.0)), "", 3),
             Fact("robust", int(view.robust)),
         )
-        return Drawing(stack([pictures, chart], self.height), sentence, facts)
+        return Drawing([pictures, chart], sentence, facts)
