@@ -5,20 +5,14 @@ frames and their matches. `drawing` has the style of the pictures. `progress` ha
 than a second. `checker` checks answers to exercises, and `keep` saves answers that passed.
 """
 
-from .drawing import figure, finish, show, show_source, stack
-from .frames import frame_matches, frame_points, has_truth, load, real_pair, stereo, truth
-
-__all__ = [
-    "figure",
-    "finish",
-    "frame_matches",
-    "frame_points",
-    "has_truth",
-    "load",
-    "real_pair",
-    "show",
-    "show_source",
-    "stack",
-    "stereo",
-    "truth",
-]
+from .drawing import figure as figure
+from .drawing import finish as finish
+from .drawing import show as show
+from .drawing import show_source as show_source
+from .frames import frame_matches as frame_matches
+from .frames import frame_points as frame_points
+from .frames import has_truth as has_truth
+from .frames import load as load
+from .frames import real_pair as real_pair
+from .frames import stereo as stereo
+from .frames import truth as truth

@@ -79,11 +79,6 @@ SLIPS: dict[str, tuple[str, Callable[[Any], Any]]] = {
 }
 
 
-def any_order(indices: Array) -> Array:
-    """A result whose order does not matter, sorted."""
-    return np.sort(indices, axis=None) if indices.ndim < 2 else indices
-
-
 @dataclass(eq=False, repr=False)
 class Exercise:
     """An exercise. A call with an answer, and with further data of the task, returns a `Verdict`.
@@ -105,7 +100,7 @@ class Exercise:
         inputs, a value or a `When`; for a panel, a function of the facts, which is True for the mistake.
     slips : messages by slip, in place of `SLIPS`; if `right` is a value, only these slips are tested.
     parts : names of several results, in the order of the comparison.
-    form : function that prepares results for the comparison, such as `any_order`.
+    form : function that prepares results for the comparison, such as `in_order`.
     atol, rtol : absolute tolerance in the unit of the result, and relative tolerance.
     """
 
@@ -217,9 +212,8 @@ class Exercise:
             return Verdict(False, mistake.format_map({"got": wrong, "right": expected, "what": what}))
         constant = first > 0 and not self.parts and all(self._same(each, got[0]) for each in got)
         if constant and expected is not None:
-            return Verdict(
-                False, "the result is the same for all inputs.", "compute the result from the inputs."
-            )
+            hint = "compute the result from the inputs."
+            return Verdict(False, "the result is the same for all inputs.", hint)
         if wrong is not None and np.isnan(wrong).any():
             return Verdict(False, f"{what} contains NaN.", "is there a division by zero?")
         return Verdict(False, self._difference(wrong, expected, what, cases[case]), self.hint)

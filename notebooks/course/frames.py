@@ -31,7 +31,6 @@ from .drawing import beside, show
 from .progress import with_bar
 
 DEFAULT = "synthetic/traffic"
-WARM_UP = 1  # earlier pairs, from which the front end gets a motion for its prediction
 
 Value = TypeVar("Value")
 
@@ -126,7 +125,7 @@ def before_step(sequence: Sequence, frame: int, config: MethodConfig) -> tuple[A
         key = (*key_of(sequence, index), config.features, config.matching)
         return _prepared.get(key, lambda: front_end.prepare(stereo(sequence, index)))
 
-    indices = range(max(frame - 1 - WARM_UP, 0), frame + 1)
+    indices = range(max(frame - 2, 0), frame + 1)  # the front end predicts from the motion before
     with ThreadPoolExecutor(max_workers=2) as pool, single_threaded():
         *earlier, pair = pool.map(prepare, indices)
         for each in earlier:
@@ -168,13 +167,9 @@ def frame_points(sequence: Sequence, frame: int, config: MethodConfig) -> Points
     matches = matches[select_by_bucket(matches.cur_left, matches.age, matches.strength, config.buckets)]
     if len(matches) < 5:
         raise DataError(f"frame {frame} has {len(matches)} matches; the five-point algorithm needs five")
-    return Points(
-        matches,
-        camera.normalise(matches.prev_left),
-        camera.normalise(matches.cur_left),
-        camera.triangulate(matches.prev_left, matches.prev_right),
-        true_motion(sequence, frame),
-    )
+    x_p, x_c = camera.normalise(matches.prev_left), camera.normalise(matches.cur_left)
+    X_p = camera.triangulate(matches.prev_left, matches.prev_right)
+    return Points(matches, x_p, x_c, X_p, true_motion(sequence, frame))
 
 
 def true_poses(sequence: Sequence) -> Array:

@@ -73,10 +73,8 @@ def load(path: Path) -> dict[str, Any]:
         exec(compile(text[: ends[0]], path, "exec"), definitions)
         common = dict(definitions)
         for head, end in zip(heads, ends[1:], strict=True):
-            own, above = (
-                dict(common),
-                "\n" * text.count("\n", 0, head.end()),
-            )  # so that numbers of lines are right
+            own = dict(common)
+            above = "\n" * text.count("\n", 0, head.end())  # so that numbers of lines are right
             exec(compile(above + text[head.end() : end], path, "exec"), own)
             definitions |= own
             if head[1] in own:

@@ -113,10 +113,8 @@ def drive(frames: int) -> Array:
 def frames_of(scene: Scene, frames: int, seed: int) -> Iterator[Pair]:
     """Matches of a scene, frame by frame."""
     if scene.plane:
-        count = scene.tracks.points
-        problems = random_problems(
-            np.random.default_rng(seed), frames, count, "planar_forward", noise_px=scene.tracks.noise
-        )
+        rng, count, noise = np.random.default_rng(seed), scene.tracks.points, scene.tracks.noise
+        problems = random_problems(rng, frames, count, "planar_forward", noise_px=noise)
         yield from map(Pair, problems.x_p, problems.x_c, problems.X_p, problems.R_cp)
         return
     yield from map(pair_of, simulate_tracks(drive(frames), CAMERA, scene.tracks, seed))

@@ -91,10 +91,8 @@ def result(outcome: Any) -> Any:
         if value.dtype.kind not in "iu" and value.dtype != np.float32:
             value = value.astype(np.float64)
     except (TypeError, ValueError):
-        kind = type(outcome).__name__
-        return Unusable(
-            False, f"expected numbers, got {kind}: `np.asarray` makes no array of numbers from it."
-        )
+        got = f"expected numbers, got {type(outcome).__name__}"
+        return Unusable(False, f"{got}: `np.asarray` makes no array of numbers from it.")
     return value.reshape(()) if value.size == 1 else value
 
 

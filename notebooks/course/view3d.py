@@ -1,8 +1,8 @@
 """Shapes in three dimensions, rotated with the mouse, in a cell or a page, without an internet connection.
 
-    view(*camera(np.eye(4), "left camera"), Shape(points, GOOD, name="path"), Shape(corners, BAD, "area"))
+    View(camera(np.eye(4), "left camera"), Shape(points, GOOD, name="path"), Shape(corners, BAD, "area"))
 
-A cell whose last expression is `view(...)` shows the shapes; without scripts, a picture of the shapes.
+A cell whose last expression is a `View` shows the shapes; without scripts, a picture of the shapes.
 """
 
 from __future__ import annotations
@@ -55,20 +55,20 @@ class Shape:
     first: Any = None
 
 
-def camera(T_w_c: Array, name: str = "", colour: str = DARK, size: float = 0.3) -> list[Shape]:
+def camera(T_w_c: Array, name: str = "", colour: str = DARK, size: float = 0.3) -> Shape:
     """A camera at a pose (4, 4): the pyramid of its view, `size` metres deep."""
-    corners = size * np.array([[-1, -0.6, 1], [1, -0.6, 1], [1, 0.6, 1], [-1, 0.6, 1], [-1, -0.6, 1]])
-    edges = [each for corner in corners[:4] for each in (np.zeros(3), corner)]
-    return [
-        Shape(transform(T_w_c, np.array([*edges, np.zeros(3)])), colour, name=name, width=1.2),
-        Shape(transform(T_w_c, corners), colour, width=1.2),
-    ]
+    corners = size * np.array([[-1, -0.6, 1], [1, -0.6, 1], [1, 0.6, 1], [-1, 0.6, 1]])
+    edges = [each for corner in corners for each in (np.zeros(3), corner)]
+    return Shape(transform(T_w_c, np.array([*edges, *corners])), colour, name=name, width=1.2)
 
 
 class View:
-    """Shapes as a page inside a cell, or as a picture if no script runs; the result of `view`."""
+    """Shapes as a page inside a cell, or as a picture if no script runs.
 
-    def __init__(self, shapes: tuple[Shape, ...], height: int, times: Any, title: str):
+    times : (N,) times of the slider's frames, seconds.
+    """
+
+    def __init__(self, *shapes: Shape, title: str, height: int = 420, times: Any = ()):
         self.shapes, self.height, self.times, self.title = shapes, height, times, title
 
     def page(self) -> str:
@@ -109,12 +109,7 @@ class View:
         return {"text/html": framed, "image/png": base64.b64encode(self.still()).decode()}
 
 
-def view(*shapes: Shape, height: int = 420, times: Any = (), title: str = "View in three dimensions") -> View:
-    """Shapes for the last expression of a cell; `times` (N,) are the times of the slider's frames, seconds."""
-    return View(shapes, height, times, title)
-
-
-def view_of_run(run: Run, height: int = 480) -> View:
+def view_of_run(run: Run) -> View:
     """The path of a run, the points of its matches, and the true path if there is one."""
     sequence, points = run.sequence, points_of(run)
     frames = np.arange(len(run.poses))
@@ -125,7 +120,7 @@ def view_of_run(run: Run, height: int = 480) -> View:
         true = from_first(sequence.truth)[:, :3, 3]
         shapes.append(Shape(true, DARK, name="truth", width=1.0))
     title = f"{sequence.name}: path and {len(points)} points"
-    return view(*shapes, height=height, times=sequence.times - sequence.times[0], title=title)
+    return View(*shapes, height=480, times=sequence.times - sequence.times[0], title=title)
 
 
 def points_of(run: Run) -> list[tuple[Array, int, int]]:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from course.ch02 import exercises as ch02
-from course.checker import SLIPS, Exercise, When, any_order
+from course.checker import SLIPS, Exercise, When, in_order
 from course.keep import HEAD, handed_back, keep, load
 from course.results import NOT_YET, NOT_YET_CLASS
 from vo_lib.paper.five_point import null_space as other_name
@@ -51,7 +51,7 @@ MINUS = table(both, numbers, parts=("a", "b"), twice=lambda x: (2 * x + 2.0, x -
 VALUE = table(lambda given: given + 1, rtol=0.1, twice=lambda given: 2 * given)
 FACTS = table({"got": 3.0}, twice=lambda f: f["got"] == 2, odd=lambda f: f["got"] == 9)
 MATRIX = table(same, ones(2, 3))
-ORDER = table(np.argsort, lambda: [(np.array([3.0, 1.0, 2.0]),)], also=(lambda a: [0, 1],), form=any_order)
+ORDER = table(np.argsort, lambda: [(np.array([3.0, 1.0, 2.0]),)], also=(lambda a: [0, 1],), form=in_order)
 STOPS = table(lambda x: None if x else 1.0, numbers, odd=lambda x: [1.0][int(x)])
 SPOILT = table(lambda kept, spoiled: len(spoiled), lambda: [(np.zeros(2), [np.zeros(3)])] * 2)
 # In addition to the bank of wrong answers.

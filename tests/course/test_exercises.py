@@ -148,7 +148,7 @@ def test_every_check_stands_answers_that_are_none(name: str) -> None:
 
 def test_numbers_of_chapters_2_and_6_are_those_of_the_kit() -> None:
     assert [count for count in range(11) if ch02.most_frequent_count(count).passed] in ([2], [4], [6])
-    assert 3.0 < ch02.growth() < 5.0
+    assert 3.0 < ch02.noise_factor.right() < 5.0
     te = kitti_errors(block_tour(), made_up(block_tour(), scale=1.0), lengths=(800,)).te
     assert ch06.once_round(te).passed
     errors = ch07.errors_of_sets()[0]
@@ -157,11 +157,11 @@ def test_numbers_of_chapters_2_and_6_are_those_of_the_kit() -> None:
 
 def test_the_answers_of_chapter_4_are_the_librarys() -> None:
     matches = ch04.exact_matches(30, 5, noise=0.5)
-    A, B, c = feature_rows(ch04.CAMERA, ch04.exact_matches(1, 3), ch04.R_CP)
+    A, B, c = feature_rows(ch00.CAMERA, ch04.exact_matches(1, 3), ch04.R_CP)
     M, right = ch04.eight_rows(*ch04.one_match()[0])
     np.testing.assert_allclose(M, np.concatenate([A[0], B[0]], axis=1), atol=1e-12)
     np.testing.assert_allclose(right, c[0], atol=1e-12)
-    solved = solve_by(METRES, ch04.CAMERA, matches, ch04.R_CP, KitTranslationConfig(max_depth=1000))
+    solved = solve_by(METRES, ch00.CAMERA, matches, ch04.R_CP, KitTranslationConfig(max_depth=1000))
     assert solved is not None
     np.testing.assert_allclose(ch04.stacked(*ch04.noisy_rows(30, 5, 0.5)), solved[0], atol=1e-9)
 

@@ -33,7 +33,7 @@ from ..frames import disparity_map, frame_matches, frame_points, stereo, true_po
 from ..lessons import candidates_of, motion_of
 from ..panel import Control, Drawing, Fact, Panel, State
 from ..simulation.truth import depth as true_depths
-from ..view3d import Shape, View, camera, view
+from ..view3d import Shape, View, camera
 
 LEFT_HEIGHT = 298
 # Writes the place of a click, as shares of the picture, into the hidden text field beside it.
@@ -164,16 +164,16 @@ def rays_view(sequence: Sequence, frame: int) -> View:
         for centre, colour in ((np.zeros(3), GOOD), (right[:3, 3], THIRD))
         for X in some
     ]
-    cameras = *camera(np.eye(4), "left camera"), *camera(right)
-    return view(*cameras, *rays, Shape(some, BAD, "dots", width=5.0), title="Two rays meet in a point")
+    cameras = camera(np.eye(4), "left camera"), camera(right)
+    return View(*cameras, *rays, Shape(some, BAD, "dots", width=5.0), title="Two rays meet in a point")
 
 
 def poses_view(sequence: Sequence, every: int = 20) -> View:
     """The path of the true poses in three dimensions, with a camera at some poses."""
     poses = from_first(true_poses(sequence))
-    cameras = [part for k in range(0, len(poses), every) for part in camera(poses[k], str(k), size=2.0)]
+    cameras = [camera(poses[k], str(k), size=2.0) for k in range(0, len(poses), every)]
     path = Shape(poses[:, :3, 3], GOOD)
-    return view(path, *cameras, title=f"{sequence.name}: every {every}th pose, with the number of its frame")
+    return View(path, *cameras, title=f"{sequence.name}: every {every}th pose, with the number of its frame")
 
 
 def depth_figure(camera: StereoCamera, measured: Array, true: Array) -> Figure:

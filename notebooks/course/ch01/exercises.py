@@ -11,7 +11,7 @@ from vo_lib.geometry.types import Array, BoolArray, Index
 from vo_lib.paper.buckets import select_by_bucket
 from vo_lib.paper.settings import BucketConfig
 
-from ..checker import Case, Exercise, When, any_order
+from ..checker import Case, Exercise, When, in_order
 
 E = 1e-9  # distance from a limit, in cases just outside of it
 
@@ -205,7 +205,7 @@ is_stereo = Exercise(
 loop_closes = Exercise(
     lambda pl_pr, pr_cr, cr_cl, cl_pl: which(pl_pr, pr_cr, cr_cl, cl_pl),
     chains,
-    form=any_order,
+    form=in_order,
     praise="the loop has four matches and one condition, and few wrong matches pass.",
     hint="follow feature i: pl_pr[i] is its number in the next image, and its index in the next list.",
     line="at = step[at]; alive &= at >= 0",
@@ -250,7 +250,7 @@ peak = Exercise(
 buckets = Exercise(
     chosen(),
     crowd,
-    form=any_order,
+    form=in_order,
     praise="the features are spread over the image, and the oldest come first.",
     hint="sort all features, the best first; keep each feature whose square is not yet full.",
     line="for i in np.lexsort((-strength, -age)): square = tuple(uv[i] // size)",

@@ -105,10 +105,6 @@ def whole_pixels(before: DescribedPair, now: DescribedPair, pl_pr: Index, pr_cr:
     """Whole-pixel positions of the best matches of previous left features; undefined where a match is -1."""
     cur_right = pr_cr[pl_pr]
     cur_left, number = now.to_left[cur_right], np.arange(len(pl_pr))
-    places = (
-        before.in_left.uv,
-        before.in_right.uv[pl_pr],
-        now.in_left.uv[cur_left],
-        now.in_right.uv[cur_right],
-    )
-    return StereoMatches(*places, np.ones_like(number), before.in_left.strength, number)
+    previous = before.in_left.uv, before.in_right.uv[pl_pr]
+    current = now.in_left.uv[cur_left], now.in_right.uv[cur_right]
+    return StereoMatches(*previous, *current, np.ones_like(number), before.in_left.strength, number)

@@ -123,11 +123,6 @@ def median_error(noise_px: float) -> float:
     return float(np.median(rotation_errors(candidates.E[best], given.R_cp[candidates.set_index[best], None])))
 
 
-def growth() -> float:
-    """The ratio of the median errors at 0.4 px and at 0.1 px."""
-    return median_error(0.4) / median_error(0.1)
-
-
 epipolar_distance = Exercise(
     distance,
     matches,
@@ -248,7 +243,7 @@ most_frequent_count = Exercise(
 )
 
 noise_factor = Exercise(
-    growth,
+    lambda: median_error(0.4) / median_error(0.1),
     rtol=0.02,
     praise="{right:.2f}: the rotation error grows nearly in proportion to the noise.",
     hint="compute the median error at both noises and divide.",

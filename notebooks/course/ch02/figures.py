@@ -134,12 +134,8 @@ def polynomial_chart(axis: Axes, coefficients: Array, roots: Array) -> None:
     axis.plot(np.degrees(theta), height, color=DARK, linewidth=1)
     axis.plot(roots, np.zeros(len(roots)), "o", color=BAD, markersize=5)
     axis.set(xlim=(-5, 185), ylim=(-TOP, TOP), xticks=(0, 45, 90, 135, 180), yticks=())
-    finish(
-        axis,
-        f"polynomial of degree 10: {len(roots)} real roots",
-        "direction of (z, w) [deg]",
-        "det C, compressed",
-    )
+    title = f"polynomial of degree 10: {len(roots)} real roots"
+    finish(axis, title, "direction of (z, w) [deg]", "det C, compressed")
 
 
 def errors_chart(axis: Axes, errors: Array, winner: float, what: str = "rotation error") -> None:
@@ -183,8 +179,8 @@ def epipolar_plane() -> list[Shape]:
     epipole = TOY[:2, 3] / TOY[2, 3]
     ends = size * np.array([np.append(x_c + k * (epipole - x_c), 1.0) for k in (-0.3, 1.1)])
     return [
-        *view_of(np.eye(4), "previous camera", size=size),
-        *view_of(T_p_c, "current camera", FOURTH, size=size),
+        view_of(np.eye(4), "previous camera", size=size),
+        view_of(T_p_c, "current camera", FOURTH, size=size),
         Shape(np.stack([np.zeros(3), TOY_X, c, np.zeros(3)]), GOOD, "area"),
         Shape(np.stack([size * np.append(x_p, 1.0), TOY_X]), GOOD, name="ray of the previous camera"),
         Shape(np.stack([c / 2, np.zeros(3), c]), DARK, name="t", width=3.0),  # its name is in the middle
@@ -207,7 +203,7 @@ def four_views() -> list[Shape]:
         here = rigid(np.eye(3), np.array([3.5 * k, 0.0, 0.0]))
         other = here @ inverse(rigid(R, t))
         X = transform(here, depth[:, None] * np.append(x_p, [[1.0]], axis=1))[0]
-        shapes += [*view_of(here, f"motion {k + 1}"), *view_of(other, colour=FOURTH)]
+        shapes += [view_of(here, f"motion {k + 1}"), view_of(other, colour=FOURTH)]
         shapes += [Shape(np.stack([T[:3, 3], X]), GOOD if front[0] else BAD) for T in (here, other)]
     return shapes
 
@@ -251,7 +247,7 @@ def degeneracies(noise_px: float, count: int = 200) -> tuple[list[str], list[Sha
         here = rigid(np.eye(3), np.array([45.0 * number, 0.0, 0.0]))
         other = here @ inverse(rigid(given.R_cp[0], given.t_cp[0]))
         X = transform(here, given.X_p[0])
-        shapes += [*view_of(here, name, size=2.5), *view_of(other, colour=FOURTH, size=2.5)]
+        shapes += [view_of(here, name, size=2.5), view_of(other, colour=FOURTH, size=2.5)]
         shapes += [Shape(X, GOOD, "dots", width=3.0), Shape(X[five[0]], BAD, "dots", width=6.0)]
     return lines, shapes
 

@@ -124,11 +124,8 @@ class FivePointPanel(Panel):
         chosen = self._five(view, points)
         threshold = state.config.selection.threshold / camera.f
         R_true = reference_rotation(sequence, frame, clean)
-        what, than, E_true = (
-            "rotation difference",
-            "the estimate from all matches (there is no truth)",
-            np.zeros((3, 3)),
-        )
+        what, than = "rotation difference", "the estimate from all matches (there is no truth)"
+        E_true = np.zeros((3, 3))
         if clean.T_cp is not None:
             what, than = "rotation error", "the true rotation"
             E_true = essential_from_motion(clean.T_cp[:3, :3], clean.T_cp[:3, 3])

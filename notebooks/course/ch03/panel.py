@@ -8,13 +8,7 @@ import numpy as np
 
 from vo_lib.config import preset
 from vo_lib.data.sequence import Sequence
-from vo_lib.geometry.motion import (
-    essential_angle,
-    essential_vector,
-    rigid,
-    rotation_from_vector,
-    transform,
-)
+from vo_lib.geometry.motion import essential_angle, essential_vector, rigid, rotation_from_vector, transform
 from vo_lib.geometry.types import Array, BoolArray
 from vo_lib.paper.five_point import Candidates
 from vo_lib.paper.selection import competing, truncated_errors

@@ -114,14 +114,8 @@ def driven() -> list[Case]:
 
     simple = box(0, 0, 0), box(0, 0, 0.9), box(-0.45, 0, 0)
     hard = box(0, 0, 0, wrong=8), box(-0.45, 0, 0, behind=8), box(0, 0, 0, far=30), box(0, 0, 0.9, count=2)
-    return [
-        *simple,
-        *hard,
-        box(0, 0, 0.9, count=3),
-        box(0.25, 0, 0.25),
-        box(0.2, 0, 0.2),
-        box(0, 0, 0.4, least=0.5),
-    ]
+    limits = box(0, 0, 0.9, count=3), box(0.25, 0, 0.25), box(0.2, 0, 0.2), box(0, 0, 0.4, least=0.5)
+    return [*simple, *hard, *limits]
 
 
 def left_over(X_p: Array, X_c: Array, T_cp: Array) -> Array:

@@ -124,9 +124,8 @@ def precision_recall(sequence: Sequence, frames: range, detector: YoloDetector) 
     """
     pairs, labelled = [], 0
     for frame in frames:
-        boxes = detector.select_boxes(
-            frame_candidates(sequence, frame, detector), LEAST_SCORE, DetectorConfig().nms
-        )
+        output = frame_candidates(sequence, frame, detector)
+        boxes = detector.select_boxes(output, LEAST_SCORE, DetectorConfig().nms)
         shared = overlap(boxes.xyxy, sequence.boxes(frame).xyxy)
         labelled += shared.shape[1]
         for row, score in zip(shared, boxes.score.tolist(), strict=True):
@@ -180,16 +179,10 @@ class FilteringPanel(Panel):
         matches = frame_matches(sequence, frame, state.config)
         result, boxes = filtered_frame(sequence, frame, state.config, state.view)
         judged = result.judgement
-        shown = vehicles(boxes, rule) if judged is None else judged.boxes
+        shown = (vehicles(boxes, rule), None) if judged is None else (judged.boxes, judged.state)
         removed = int(np.sum(~result.keep))
-        picture = filter_picture(
-            stereo(sequence, frame)[0],
-            matches,
-            result.keep,
-            shown,
-            None if judged is None else judged.state,
-            f"frame {frame}, rule {rule.rule}: kept features blue, removed ones orange",
-        )
+        words = f"frame {frame}, rule {rule.rule}: kept features blue, removed ones orange"
+        picture = filter_picture(stereo(sequence, frame)[0], matches, result.keep, *shown, words)
         T_true = true_motion(sequence, frame)
         every = motion_from(sequence, frame, np.ones(len(matches), np.bool_), state.config).T_cp
         kept = motion_from(sequence, frame, result.keep, state.config).T_cp

@@ -155,11 +155,8 @@ sweep = Exercise(
 )
 
 fewer_sets = Exercise(
-    {
-        "five-point sets": 20.0,
-        "settings changed": 2.0,
-        **{"TE": 0.18, "TE of the preset": 0.19, "RE": 0.4, "RE of the preset": 0.5},
-    },
+    {"five-point sets": 20.0, "settings changed": 2.0}
+    | {"TE": 0.18, "TE of the preset": 0.19, "RE": 0.4, "RE of the preset": 0.5},
     praise="{five-point sets:.0f} sets: TE {TE:.3f} % against {TE of the preset:.3f} %, RE {RE:.3f} against "
     "{RE of the preset:.3f} deg/100 m. That is one seed on thirty frames: move *seed*, and look again.",
     mistakes={

@@ -41,16 +41,11 @@ class ExplorePanel(Panel):
         Control("seed", high=9),
     )
 
-    def changed(self, state: State) -> dict[str, Any]:
+    def changed(self) -> dict[str, Any]:
         """Settings that differ from the panel's start values and have an effect, by dotted name."""
-        idle = self.idle(state)
-        settings = {name: knob.value for name, knob in self.knobs.items() if name not in idle}
-        return {
-            name: value
-            for name, value in settings.items()
-            if not (name == "seed" or self._lacks(state.config, name))
-            and _shown(value) != _shown(self._first[name])
-        }
+        active = {name: knob.value for name, knob in self.knobs.items() if not knob.shown.disabled}
+        differ = {name for name, value in active.items() if _shown(value) != _shown(self._first[name])}
+        return {name: value for name, value in active.items() if name in differ - {"seed"}}
 
     def idle(self, state: State) -> set[str]:
         literal = isinstance(state.config, KitConfig) and state.config.selection.mode == "literal"
@@ -58,7 +53,7 @@ class ExplorePanel(Panel):
 
     def draw(self, state: State) -> Drawing:
         variant, sequence = state.config.variant, state.sequence
-        truth, changed = true_poses(sequence), self.changed(state)
+        truth, changed = true_poses(sequence), self.changed()
         base = preset(METHOD, variant=variant, seed=state.config.seed)
         config = functools.reduce(lambda config, name: change(config, name, changed[name]), changed, base)
         paths = {"preset": poses_of(sequence, base), "with these settings": poses_of(sequence, config)}

@@ -142,12 +142,7 @@ def residuals(M: Array, c: Array, t: Array) -> Array:
 
 
 def film(
-    path: Path,
-    mine: Joined,
-    sequence: Sequence,
-    matches: Iterable[TimedMatches],
-    poses: Array,
-    every: int = 1,
+    path: Path, mine: Joined, sequence: Sequence, matches: Iterable[TimedMatches], poses: Array, every: int
 ) -> Image:
     """Write a film of poses (N, 4, 4) and of the features that your stages keep, from each `every`-th frame.
 
