@@ -1,4 +1,4 @@
 """Chapter 5."""
 
-from .lorry import LorryPanel as LorryPanel
 from .panel import FilteringPanel as FilteringPanel
+from .panel import LorryPanel as LorryPanel

@@ -1,4 +1,4 @@
-"""Chapter 5: from a network's candidates to boxes, to the kept features, and to their effect."""
+"""Chapter 5: from a network's candidates to boxes, to the kept features, and to their effect; a lorry."""
 
 from __future__ import annotations
 
@@ -17,11 +17,14 @@ from vo_lib.detection.settings import DetectorConfig
 from vo_lib.detection.yolo import NetworkOutput, YoloDetector
 from vo_lib.errors import DataError
 from vo_lib.geometry.boxes import Boxes, no_boxes, overlap
+from vo_lib.geometry.matches import empty_matches
 from vo_lib.geometry.result import Flag, FrameResult
 from vo_lib.geometry.types import Array, BoolArray, Image
 from vo_lib.kit.boxes import BoxFilter, Filtered
 from vo_lib.kit.settings import KitConfig, KitFilterConfig
 from vo_lib.paper.boxes import on_vehicles, vehicles
+from vo_lib.paper.buckets import select_by_bucket
+from vo_lib.paper.selection import sampson_inliers
 from vo_lib.paper.settings import MethodConfig
 from vo_lib.runs.drive import make_odometry
 from vo_lib.settings import Checked, setting
@@ -30,6 +33,7 @@ from ..controls import Knob
 from ..drawing import WIDTH, caption, photo
 from ..frames import Memory, frame_matches, key_of, stereo, true_motion, truth
 from ..panel import Control, Drawing, Fact, Panel, State
+from ..simulation.lorry import LorryConfig, with_lorry
 from .figures import PHOTO_HEIGHT, candidates_picture, filter_picture
 
 HISTORY = 4  # frames before the one shown, for the rule `moving`
@@ -179,10 +183,10 @@ class FilteringPanel(Panel):
         matches = frame_matches(sequence, frame, state.config)
         result, boxes = filtered_frame(sequence, frame, state.config, state.view)
         judged = result.judgement
-        shown = (vehicles(boxes, rule), None) if judged is None else (judged.boxes, judged.state)
+        shown, states = (vehicles(boxes, rule), None) if judged is None else (judged.boxes, judged.state)
         removed = int(np.sum(~result.keep))
         words = f"frame {frame}, rule {rule.rule}: kept features blue, removed ones orange"
-        picture = filter_picture(stereo(sequence, frame)[0], matches, result.keep, *shown, words)
+        picture = filter_picture(stereo(sequence, frame)[0], matches, result.keep, shown, states, words)
         T_true = true_motion(sequence, frame)
         every = motion_from(sequence, frame, np.ones(len(matches), np.bool_), state.config).T_cp
         kept = motion_from(sequence, frame, result.keep, state.config).T_cp
@@ -218,6 +222,49 @@ class FilteringPanel(Panel):
         count = int(np.count_nonzero(output.scores.max(axis=1) >= score))
         words = f"network's image: {count} candidates orange, {len(boxes)} final boxes blue"
         return candidates_picture(image, output, score, corners, words)
+
+
+class LorryPanel(Panel):
+    """A frame with a lorry: the features that the winner fits, and the error without the lorry's features."""
+
+    title = "A lorry in front of the camera"
+    view = LorryConfig
+    kit = preset("solution_selection", variant="kit")
+    height = PHOTO_HEIGHT
+    controls = (
+        Control("view.share", "share", high=0.9, step=0.05),
+        Control("view.distance", "distance", high=20, step=0.5),
+    )
+
+    def draw(self, state: State) -> Drawing:
+        sequence, frame, config = state.sequence, state.frame, state.config
+        frames = [empty_matches(), frame_matches(sequence, frame, config)]
+        (_, box_p), (matches, box_c) = with_lorry(sequence.camera, frames, state.view)
+        T_true, errors, fits = true_motion(sequence, frame), [], np.zeros(len(matches), np.bool_)
+        for method in ("feature_selection", "solution_selection"):
+            odometry = make_odometry(sequence.camera, preset(method, variant=config.variant))
+            odometry.start(box_p)
+            errors.append(_apart(odometry.step(matches, box_c).T_cp, T_true) / 10)
+        if odometry.e_prev is not None:  # the winner of all features
+            E = odometry.e_prev.reshape(3, 3)
+            fits = sampson_inliers(E, *odometry.points(matches), odometry.threshold)
+        image, lorry = stereo(sequence, frame)[0].copy(), matches.id < 0
+        for x0, y0, x1, y1 in np.rint(box_c.xyxy).astype(int).tolist():
+            image[y0:y1, x0:x1] = image[y0:y1, x0:x1] // 4 + 96
+        words = f"frame {frame}: features that the winner fits blue, others orange; the lorry grey"
+        picture = filter_picture(image, matches, fits, box_c, None, words)
+        used = select_by_bucket(matches.cur_left, matches.age, matches.strength, config.buckets)
+        sentence = (
+            f"The winner of all features fits {np.sum(fits & ~lorry)} of {np.sum(~lorry)} matches on the street "
+            f"and {np.sum(fits & lorry)} of {np.sum(lorry)} on the lorry."
+        )
+        facts = (
+            Fact("on the lorry", 100 * int(np.sum(lorry)) / max(len(lorry), 1), "%"),
+            Fact("after the buckets", 100 * int(np.sum(lorry[used])) / max(len(used), 1), "%"),
+            Fact("error, all features", errors[1], "cm", 2),
+            Fact("error, box removed", errors[0], "cm", 2),
+        )
+        return Drawing([picture], sentence, facts)
 
 
 def _apart(T: Array, T_other: Array | None) -> float:
