@@ -41,11 +41,11 @@ def _data(options: argparse.Namespace) -> int:
 
 
 def scripts() -> dict[str, str]:
-    """The first line of each script's docstring, by script name."""
+    """The first paragraph of each script's docstring as one line, by script name."""
     if not SCRIPTS.is_dir():
         raise DataError("the folder is missing: install the kit with `pip install -e .`", SCRIPTS)
     docs = {path.stem: ast.get_docstring(ast.parse(read_text(path))) for path in SCRIPTS.glob("[!_]*.py")}
-    return {name: (docs[name] or "").partition("\n")[0] for name in sorted(docs)}
+    return {name: " ".join((docs[name] or "").partition("\n\n")[0].split()) for name in sorted(docs)}
 
 
 def run_script(script: ModuleType, words: Sequence[str] | None = None) -> int:
