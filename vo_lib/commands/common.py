@@ -83,6 +83,8 @@ def add_many(parser: argparse.ArgumentParser, jobs: Any) -> None:
 
 def open_with_bar(name: str, cache: Path | None, part: argparse.Namespace | None = None) -> Sequence:
     """A sequence with the options of `add_part`; a progress bar appears while a scene is drawn."""
+    if part and part.frames:
+        parse_frames(part.frames, 0)  # a wrong form is refused before a scene is drawn
     with reporting(f"drawing {name}") as report:
         sequence = open_sequence(name, part.labels if part else None, cache, report)
     if part is None:
