@@ -63,7 +63,7 @@ def test_rows_cost_right_matches_the_loop_costs_few_and_strong_features_are_no_b
     now, _, numbers = look("01", r"\*row tolerance\* to ([.\d]+) px and see", matching__row_tolerance=0.1)
     assert numbers == [0.1]
     assert now["right ones dropped"] > 100
-    more, before, numbers = look("01", r"Raise it to (\d) px: some more", matching__row_tolerance=3.0)
+    more, before, numbers = look("01", r"Raise the tolerance to (\d) px: some more", matching__row_tolerance=3.0)
     assert numbers == [3]
     assert (more["wrong among the kept"] - before["wrong among the kept"]) / (
         more["kept"] - before["kept"]
@@ -124,7 +124,7 @@ def test_the_vote_takes_one_solution_of_a_plane_and_the_prior_stays_with_the_oth
         now, _, (keep, wrong) = look("03", text, **plane)
         assert keep == 1
         assert now["error by consensus"] > wrong > 3 * now["error by selection"]
-        now, _, _ = look("03", "With `k` = 2 it follows the vote", **plane | {"selection__keep": 2})
+        now, _, _ = look("03", "With `k` = 2 the prior follows the vote", **plane | {"selection__keep": 2})
         assert now["error by selection"] > 0.7 * now["error by consensus"]
 
 
