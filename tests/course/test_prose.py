@@ -138,7 +138,7 @@ def test_far_features_are_not_missed_and_near_ones_are(look: Look) -> None:
     assert numbers == [20]
     assert now["features used"] / before["features used"] == pytest.approx(2 / 3, abs=0.05)
     assert max(now["error"], before["error"]) < 1
-    text = r"At (\d+) m about a dozen are left, .* and \*σ in z\* jumps"
+    text = r"At (\d+) m about a dozen features remain, .* and \*σ in z\* jumps"
     now, before, numbers = look("04", text, translation__max_depth=5)
     assert numbers == [5]
     assert 10 <= now["features used"] <= 14
