@@ -63,7 +63,7 @@ def test_rows_cost_right_matches_the_loop_costs_few_and_strong_features_are_no_b
     now, _, numbers = look("01", r"\*row tolerance\* to ([.\d]+) px and see", matching__row_tolerance=0.1)
     assert numbers == [0.1]
     assert now["right ones dropped"] > 100
-    more, before, numbers = look("01", r"Raise the tolerance to (\d) px: some more", matching__row_tolerance=3.0)
+    more, before, numbers = look("01", r"the tolerance to (\d) px: some more", matching__row_tolerance=3.0)
     assert numbers == [3]
     assert (more["wrong among the kept"] - before["wrong among the kept"]) / (
         more["kept"] - before["kept"]
