@@ -39,8 +39,8 @@ def _at_start(truth: Array, estimate: Array, first: int, last: int) -> tuple[Arr
     return truth[first : last + 1], moved
 
 
-def drift_chart(axis: Axes, truth: Array, estimate: Array, first: int, last: int) -> None:
-    """Growth of the error along a sub-sequence aligned at its first pose, in the axes of that pose."""
+def drift_chart(axis: Axes, truth: Array, estimate: Array, first: int, last: int, number: int = 0) -> None:
+    """Growth of the error along a sub-sequence from equal starts; `number` is the first frame's number."""
     piece, moved = _at_start(truth, estimate, first, last)
     error = (moved[:, :3, 3] - piece[:, :3, 3]) @ truth[first, :3, :3]
     way, distance = trajectory_distances(piece), np.linalg.norm(error, axis=1)
@@ -51,7 +51,7 @@ def drift_chart(axis: Axes, truth: Array, estimate: Array, first: int, last: int
         (error[:, 2], THIRD, "ahead"),
     ):
         axis.plot(way, values, color=colour, linewidth=1.5, label=words)
-    title = f"frames {first} to {last}, starts made equal: error"
+    title = f"frames {number + first} to {number + last}, starts made equal: error"
     finish(axis, title, "distance along the path [m]", "error [m]")
 
 
@@ -85,8 +85,8 @@ def paths_figure(pairs: Mapping[str, tuple[Array, Array]], height: int = 300) ->
     return made
 
 
-def part_figure(truth: Array, estimate: Array, first: int, last: int, number: int = 0) -> Figure:
-    """The whole paths, and one sub-sequence with equal first poses; `number` is the first frame's number."""
+def part_figure(truth: Array, estimate: Array, first: int, last: int) -> Figure:
+    """The whole paths, and one sub-sequence with equal first poses."""
     made, (whole, part) = figure(300, 2)
     paths_chart(whole, from_first(truth), from_first(estimate), "the whole path", (first, last))
     piece, moved = _at_start(truth, estimate, first, last)
@@ -103,8 +103,7 @@ def part_figure(truth: Array, estimate: Array, first: int, last: int, number: in
         part.annotate("", tip, pose[[0, 2], 3], arrowprops=arrow)
     part.plot(*piece[0, [0, 2], 3], "o", color=DARK, markersize=5)
     part.set_aspect("equal", adjustable="datalim")
-    title = f"frames {number + first} to {number + last}, starts made equal"
-    finish(part, title, "x, right [m]", "z, forward [m]")
+    finish(part, f"frames {first} to {last}, starts made equal", "x, right [m]", "z, forward [m]")
     return made
 
 
