@@ -22,7 +22,7 @@ from matplotlib.ticker import LogLocator, NullLocator
 from vo_lib.geometry.types import Image
 
 WIDTH = 980  # pixels of every picture
-HALF_HEIGHT = 150  # of a photo of half the width
+PHOTO_HEIGHT, HALF_HEIGHT = 298, 150  # of photos of this width and of half the width
 DPI = 100
 LEFT, RIGHT, ABOVE, BELOW = 58, 14, 26, 42  # margins of an axis for its numbers and names, pixels
 
@@ -138,10 +138,10 @@ def caption(picture: Image, words: str) -> Image:
     return np.asarray(cv2.putText(out, words, (6, h + 5), font, size, white, 1, cv2.LINE_AA), np.uint8)
 
 
-def beside(left: Image, right: Image, *words: str) -> Image:
+def beside(left: Image, right: Image, left_words: str, right_words: str) -> Image:
     """Two pictures side by side, each with half the width and a label."""
-    halves = [photo(each, WIDTH // 2, HALF_HEIGHT) for each in (left, right)]
-    return np.concatenate([*map(caption, halves, words)] if words else halves, axis=1)
+    halves = (photo(each, WIDTH // 2, HALF_HEIGHT) for each in (left, right))
+    return np.concatenate([*map(caption, halves, (left_words, right_words))], axis=1)
 
 
 def stack(parts: Sequence[Image | Figure], height: int) -> bytes:

@@ -40,7 +40,7 @@ TYPED = {
 def panel(request: pytest.FixtureRequest, street: Sequence) -> Iterator[Panel]:
     """One instance of each panel on the same street; the explorer runs over a few frames only."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("course.ch07.explore.FRAMES", 12)
+        patch.setattr("course.ch07.panel.FRAMES", 12)
         made: Panel = request.param(street)
         made.wait(LONG)
         yield made

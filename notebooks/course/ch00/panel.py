@@ -28,14 +28,13 @@ from ..ch03.panel import field_of, previous_vector
 from ..ch04.figures import by_depth_figure
 from ..ch04.weightings import METHOD, solve_by
 from ..colours import BAD, GOOD, PALE, THIRD, bgr
-from ..drawing import HALF_HEIGHT, WIDTH, beside, caption, figure, photo
+from ..drawing import HALF_HEIGHT, PHOTO_HEIGHT, WIDTH, beside, caption, figure, photo
 from ..frames import disparity_map, frame_matches, frame_points, stereo, true_poses, truth
 from ..lessons import candidates_of, motion_of
 from ..panel import Control, Drawing, Fact, Panel, State
 from ..simulation.truth import depth as true_depths
 from ..view3d import Shape, View, camera
 
-LEFT_HEIGHT = 298
 # Writes the place of a click, as shares of the picture, into the hidden text field beside it.
 ON_CLICK = """<div style="height:100%; cursor:crosshair" onclick="
 const box = this.closest('.vo-clicks'), field = box.querySelector('input');
@@ -66,7 +65,7 @@ class StartPanel(Panel):
 
     title = "A sequence: one point, its disparity, its depth"
     view = PointView
-    height = LEFT_HEIGHT + HALF_HEIGHT
+    height = PHOTO_HEIGHT + HALF_HEIGHT
     controls = (
         Control("view.u", "column u / width", step=0.005),
         Control("view.v", "row v / height", step=0.005),
@@ -84,9 +83,9 @@ class StartPanel(Panel):
 
     def _clicked(self, change: Any) -> None:
         camera, (x, y) = self.state().sequence.camera, map(float, change["new"].split(","))
-        scale = min(WIDTH / camera.width, LEFT_HEIGHT / camera.height)
+        scale = min(WIDTH / camera.width, PHOTO_HEIGHT / camera.height)
         u = 0.5 + (x - 0.5) * WIDTH / (scale * camera.width)
-        v = 0.5 + (y * self.height - LEFT_HEIGHT / 2) / (scale * camera.height)
+        v = 0.5 + (y * self.height - PHOTO_HEIGHT / 2) / (scale * camera.height)
         if 0 <= u <= 1 and 0 <= v <= 1:
             self.set(view__u=u, view__v=v)
 
@@ -105,7 +104,7 @@ class StartPanel(Panel):
                 cv2.drawMarker(picture, (round(column), v), bgr(BAD), cv2.MARKER_CROSS, 30, 3)
         words = "right image: the same row", "disparity: bright is near, grey is missing"
         below = beside(right, disparity_picture(coarse, largest), *words)
-        whole = caption(photo(left, WIDTH, LEFT_HEIGHT), f"left image, frame {frame}")
+        whole = caption(photo(left, WIDTH, PHOTO_HEIGHT), f"left image, frame {frame}")
         ground_truth = truth(sequence)
         true_depth = float("nan") if ground_truth is None else float(true_depths(ground_truth, frame)[v, u])
         sentence = (
@@ -205,9 +204,8 @@ def method_stages(sequence: Sequence, frame: int) -> dict[str, Image | Figure]:
     assert solved is not None
     t, residual, _ = solved
     step = ", ".join(f"{value:.2f}" for value in t.round(2) + 0.0)  # no minus before a zero
-    share = (
-        f"orange: {np.mean(np.isfinite(residual) & (residual > 1)):.0%} of the matches, residual above 1 px"
-    )
+    off = np.isfinite(residual) & (residual > 1)
+    share = f"orange: {np.mean(off):.0%} of the matches, residual above 1 px"
     near = np.where(np.isfinite(residual), residual <= 1, np.nan)  # grey beyond the depth limit
     return {
         "matches": features_picture(image, *places, np.ones(count), words),

@@ -15,7 +15,7 @@ from vo_lib.paper.features import DESCRIPTOR_OFFSETS
 
 from ..ch02.figures import draw_dots, draw_flow
 from ..colours import BAD, CYCLE, DARK, FIFTH, FOURTH, GOOD, PALE, THIRD, bgr
-from ..drawing import FONT_SIZE, WIDTH, caption, figure, finish, log_axis, photo, raster, room
+from ..drawing import FONT_SIZE, PHOTO_HEIGHT, WIDTH, caption, figure, finish, log_axis, photo, raster, room
 from ..frames import stereo
 from .exercises import eigenvalues
 from .trace import CHECKS, CHOSEN, LOST, OPEN, SURPLUS, Trace
@@ -138,7 +138,7 @@ def fates_picture(image: Image, trace: Trace, wrong: NDArray[np.bool_], words: s
     for place in np.rint(16 * matches.cur_left[wrong & (names == CHOSEN)]).astype(int).tolist():
         for shade, width in (((255, 255, 255), 3), (bgr(DARK), 1)):
             cv2.circle(picture, place, 6 * 16, shade, width, cv2.LINE_AA, shift=4)
-    return caption(photo(picture, WIDTH, 298), words)
+    return caption(photo(picture, WIDTH, PHOTO_HEIGHT), words)
 
 
 def by_fate(trace: Trace, error: Array) -> dict[str, Array]:

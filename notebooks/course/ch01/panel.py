@@ -7,13 +7,14 @@ import numpy as np
 from vo_lib.config import preset
 from vo_lib.errors import DataError
 
+from ..drawing import PHOTO_HEIGHT
 from ..frames import stereo, truth
 from ..panel import Control, Drawing, Fact, Panel, State
 from ..simulation.truth import match_errors
 from .figures import RIGHT, by_fate, fates_picture, step_figure
 from .trace import trace
 
-PHOTO_HEIGHT, CHART_HEIGHT = 298, 290
+CHART_HEIGHT = 290
 
 
 class MatchingPanel(Panel):

@@ -16,7 +16,6 @@ from vo_lib.paper.five_point import five_point
 from ..checker import Case, Exercise, When
 from .panel import first_of_each_set, rotation_errors
 
-PROBLEMS = 500
 FIRST = "rotation error of solution 1"
 
 
@@ -116,7 +115,7 @@ def counts() -> Index:
 @functools.cache
 def median_error(noise_px: float) -> float:
     """Median rotation error of the best candidate of a set, degrees, with a noise of `noise_px` pixels."""
-    given = random_problems(np.random.default_rng(0), PROBLEMS, motion="forward", noise_px=noise_px)
+    given = random_problems(np.random.default_rng(0), 500, motion="forward", noise_px=noise_px)
     candidates = five_point(given.x_p, given.x_c)
     agreement = np.abs(np.sum(candidates.E * given.E[candidates.set_index], axis=(1, 2)))
     best = np.flatnonzero(first_of_each_set(-agreement, candidates.set_index))

@@ -17,13 +17,13 @@ from vo_lib.paper.selection import draw_sets, sampson_inliers, truncated_errors
 from vo_lib.settings import Checked, setting
 
 from ..colours import BAD, CYCLE, DARK, PALE, THIRD
-from ..drawing import WIDTH, caption, figure, photo
+from ..drawing import PHOTO_HEIGHT, WIDTH, caption, figure, photo
 from ..frames import Memory, Points, frame_points, key_of, stereo
 from ..lessons import consensus_rotation
 from ..panel import Control, Drawing, Fact, Panel, State
 from . import figures as draw
 
-PHOTO_HEIGHT, CHART_HEIGHT = 298, 230
+CHART_HEIGHT = 230
 SETS = 200  # in the histogram
 OUTLIER_PX = 1.0  # from the true epipolar line
 FIVE = (CYCLE[0], CYCLE[5], CYCLE[4], CYCLE[3], CYCLE[6])

@@ -14,9 +14,8 @@ from vo_lib.geometry.types import Array, BoolArray, Image
 
 from ..ch02.figures import draw_flow
 from ..colours import BAD, DARK, FIFTH, GOOD, PALE, bgr
-from ..drawing import WIDTH, caption, figure, finish, log_axis, photo
+from ..drawing import PHOTO_HEIGHT, WIDTH, caption, figure, finish, log_axis, photo
 
-PHOTO_HEIGHT = 298
 LEAST, MOST = 1e-3, 180.0  # degrees shown of a rotation error
 ALIKE = 0.02  # largest relative difference of curves that look the same
 

@@ -17,10 +17,11 @@ from vo_lib.settings import Checked, setting
 
 from ..ch02.figures import pixels
 from ..ch02.panel import reference_rotation, rotation_errors
+from ..drawing import PHOTO_HEIGHT
 from ..frames import Memory, Points, frame_points, key_of, stereo
 from ..lessons import candidates_of, motion_of, turned, winner_of
 from ..panel import Control, Drawing, Fact, Panel, State
-from .figures import PHOTO_HEIGHT, Field, features_picture, field_figure
+from .figures import Field, features_picture, field_figure
 
 CHART_HEIGHT = 260
 WALL = np.array([0.35, -0.2, 1.0])  # its normal: WALL · X = 12 m

@@ -16,9 +16,8 @@ from vo_lib.geometry.types import Array, BoolArray, Image
 from vo_lib.report.plots import match_image
 
 from ..colours import BAD, GOOD, bgr
-from ..drawing import WIDTH, caption, figure, finish, photo
+from ..drawing import PHOTO_HEIGHT, WIDTH, caption, figure, finish, photo
 
-PHOTO_HEIGHT = 298
 MOST_DRAWN = 400  # candidates; more would hide the picture
 LEAST_LABELLED = 44  # pixels of a box, for its score above it
 

@@ -29,12 +29,11 @@ from vo_lib.paper.settings import MethodConfig
 from vo_lib.runs.drive import make_odometry
 from vo_lib.settings import Checked, setting
 
-from ..controls import Knob
-from ..drawing import WIDTH, caption, photo
+from ..drawing import PHOTO_HEIGHT, WIDTH, caption, photo
 from ..frames import Memory, frame_matches, key_of, stereo, true_motion, truth
 from ..panel import Control, Drawing, Fact, Panel, State
 from ..simulation.lorry import LorryConfig, with_lorry
-from .figures import PHOTO_HEIGHT, candidates_picture, filter_picture
+from .figures import candidates_picture, filter_picture
 
 HISTORY = 4  # frames before the one shown, for the rule `moving`
 LABELS = "labels"  # in place of a model: the boxes of the sequence's own folder
@@ -159,20 +158,14 @@ class FilteringPanel(Panel):
         Control("filter.rule", "rule"),
     )
 
-    def _make_knobs(self, first: dict[str, Any]) -> dict[str, Knob]:
-        knobs = super()._make_knobs(first)
-        rule, variant = knobs["filter.rule"].widget, self.variant
-
-        def offer(_: Any = None) -> None:
-            kept, rules = rule.value, RULES[variant.value]
+    def redraw(self, _: Any = None) -> None:
+        """Offer the rules of the variant, and draw the current state."""
+        rule, rules = self.knobs["filter.rule"].widget, RULES[self.variant.value]
+        if rule.options != rules:
+            quiet, self._quiet, kept = self._quiet, True, rule.value
             rule.options, rule.value = rules, kept if kept in rules else "all"
-
-        offer()
-        # Before the panel draws.
-        variant.unobserve(self.redraw, "value")
-        variant.observe(offer, "value")
-        variant.observe(self.redraw, "value")
-        return knobs
+            self._quiet = quiet
+        super().redraw()
 
     def idle(self, state: State) -> set[str]:
         labels = {"filter.score", "view.nms"} if state.view.model.strip() == LABELS else set()

@@ -1,4 +1,4 @@
 """Chapter 7."""
 
-from .explore import ExplorePanel as ExplorePanel
-from .reproduce import ReproducePanel as ReproducePanel
+from .panel import ExplorePanel as ExplorePanel
+from .panel import ReproducePanel as ReproducePanel
