@@ -6,7 +6,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from operator import attrgetter
 from typing import Any, Generic, TypeVar
 
@@ -18,6 +18,7 @@ from vo_lib.data.drawn import ensure_scene
 from vo_lib.data.sequence import Sequence
 from vo_lib.data.truth import Truth, open_truth
 from vo_lib.errors import DataError
+from vo_lib.geometry.boxes import Boxes
 from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.motion import inverse
 from vo_lib.geometry.types import Array, Image, Progress
@@ -99,6 +100,16 @@ def load_part(name: str, first: int, last: int) -> Sequence:
         return sequence.part(start, start + len(frames))
 
     return with_bar(f"drawing frames {first} to {last} of {name}", find)
+
+
+@dataclass(frozen=True)
+class Boxed(Sequence):
+    """A sequence with given boxes for each frame, in place of its labels."""
+
+    given: list[Boxes] = field(kw_only=True)
+
+    def boxes(self, index: int) -> Boxes:
+        return self.given[index]
 
 
 def key_of(sequence: Sequence, frame: int) -> tuple[Hashable, ...]:

@@ -196,22 +196,14 @@ class Panel:
         raise NotImplementedError
 
     def set(self, **values: Any) -> None:
-        """Set controls from code, including `frame`, `sequence` and `variant`, and draw once.
+        """Set controls from code, including `frame` and `variant`, and draw once.
 
         A dot in the name of a setting is written as two underscores: panel.set(selection__keep=3, frame=20).
         """
-        sequence = values.pop("sequence", None)
         if self._sequence is None:
             self.job.wait()
         self._quiet = True
         try:
-            if sequence is not None:
-                self._offer(sequence)
-                self.error = ""
-                self._open(sequence)
-                self.job.wait()
-                if self.error:
-                    return
             others = {"frame": self.frame, "variant": self.variant}
             for name, value in values.items():
                 widget = others.get(name) or self.knobs[name.replace("__", ".")].widget

@@ -193,10 +193,11 @@ def test_each_sequence_has_its_own_frame_and_only_the_panel_changes(
     for side in ("image_0", "image_1"):
         (other / side / "000005.png").unlink()
     example.frame.value = 5
-    example.set(sequence=str(other))
+    example.folder.value = str(other)
+    example.wait(LONG)
     assert example.frame.value == example.frame.max == 4
     assert "Only the panel shows shorter" in example._text.value
-    example.set(sequence=str(bands))
+    example.chooser.value = str(bands)
     assert example.frame.value == 5
     assert "Only the panel" not in example._text.value
 

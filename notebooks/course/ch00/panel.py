@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 from vo_lib.config import preset
 from vo_lib.data.poses import from_first
 from vo_lib.data.sequence import Sequence
-from vo_lib.geometry.boxes import Boxes
 from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.types import Array, Image
 from vo_lib.kit.surface import CoarseDisparity
@@ -29,7 +28,7 @@ from ..ch04.figures import by_depth_figure
 from ..ch04.weightings import METHOD, solve_by
 from ..colours import BAD, GOOD, PALE, THIRD, bgr
 from ..drawing import HALF_HEIGHT, PHOTO_HEIGHT, WIDTH, beside, caption, figure, photo
-from ..frames import disparity_map, frame_matches, frame_points, stereo, true_poses, truth
+from ..frames import Boxed, disparity_map, frame_matches, frame_points, stereo, true_poses, truth
 from ..lessons import candidates_of, motion_of
 from ..panel import Control, Drawing, Fact, Panel, State
 from ..simulation.truth import depth as true_depths
@@ -123,23 +122,16 @@ class StartPanel(Panel):
         return Drawing([whole, below], sentence, facts)
 
 
-@dataclass(frozen=True)
-class Watched(Sequence):
-    """A drawn sequence in which only `vehicles`, numbers of vehicles in the truth, have labels."""
-
-    vehicles: tuple[int, ...] = field(default=(), kw_only=True)
-
-    def boxes(self, index: int) -> Boxes:
-        ground_truth, boxes = truth(self), super().boxes(index)
-        assert ground_truth is not None
+def watched(sequence: Sequence, *vehicles: int) -> Boxed:
+    """A drawn sequence with the boxes of only some vehicles, given by their numbers in the truth."""
+    ground_truth, given = truth(sequence), []
+    assert ground_truth is not None
+    for index, frame in enumerate(sequence.frames):
+        boxes = sequence.boxes(index)
         corners = np.rint(boxes.xyxy).astype(int)
-        at_middle = ground_truth.vehicle_at(int(self.frames[index]), (corners[:, :2] + corners[:, 2:]) / 2)
-        return boxes[np.isin(at_middle, self.vehicles)]
-
-
-def watched(sequence: Sequence, *vehicles: int) -> Watched:
-    """The sequence with only the boxes of the given vehicles."""
-    return Watched(**vars(sequence), vehicles=vehicles)
+        at_middle = ground_truth.vehicle_at(int(frame), (corners[:, :2] + corners[:, 2:]) / 2)
+        given.append(boxes[np.isin(at_middle, vehicles)])
+    return Boxed(**vars(sequence), given=given)
 
 
 def boxed_picture(sequence: Sequence, frame: int) -> Image:
