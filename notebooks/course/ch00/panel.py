@@ -173,7 +173,7 @@ def depth_figure(camera: StereoCamera, measured: Array, true: Array) -> Figure:
     measured, true, fb = measured[good], true[good], camera.f * camera.baseline
     sigma = float(np.median(np.abs(fb / measured - fb / true)))
     labels = f"{len(true)} matches", f"Z² / (f b) · {sigma:.2f} px"
-    return by_depth_figure(true, np.abs(measured - true), sigma / fb, labels, "error of the depth")
+    return by_depth_figure(true, np.abs(measured - true), labels, "error of the depth", sigma / fb)
 
 
 def method_stages(sequence: Sequence, frame: int) -> dict[str, Image | Figure]:

@@ -67,19 +67,14 @@ def ellipse_chart(
     finish(axis, "t_cp relative to the cross, from above", "x, right [mm]", "z, forward [mm]", boxed=True)
 
 
-def spread_figure(depth: Array, distance: Array) -> Figure:
-    """Distances (N,), metres, of t from single features to the reference t, by depth (N,) of the feature."""
-    near = (depth > 5) & (depth < 80)
-    factor = float(np.median(distance[near] / depth[near] ** 2)) if near.any() else 1e-4
-    labels = "one feature", "grows with Z²"
-    return by_depth_figure(depth, distance, factor, labels, "t of one feature: distance from the reference")
-
-
 def by_depth_figure(
-    depth: Array, distance: Array, factor: float, labels: tuple[str, str], title: str
+    depth: Array, distance: Array, labels: tuple[str, str], title: str, factor: float | None = None
 ) -> Figure:
     """Distances (N,) over depths (N,), metres, as dots on logarithmic axes, and the line `factor` · Z²."""
     made, (axis,) = figure(260)
+    if factor is None:  # the line is the median of the distances between 5 and 80 m
+        near = (depth > 5) & (depth < 80)
+        factor = float(np.median(distance[near] / depth[near] ** 2)) if near.any() else 1e-4
     Z = np.array(DEPTHS)
     axis.plot(depth, np.clip(distance, *DISTANCES), ".", color=GOOD, markersize=4, label=labels[0])
     axis.plot(Z, factor * Z**2, color=BAD, linewidth=1.5, label=labels[1])

@@ -42,8 +42,7 @@ def judged_pair() -> tuple[Array, Array]:
     The car drives 1 to 3 m per frame, so a length in metres is not a number of frames. The camera is tilted,
     so the rotation error has components about all axes.
     """
-    truth = block_tour(1)
-    truth = truth[np.cumsum(np.resize([0, 1, 2, 3, 2], 400))]
+    truth = block_tour(1)[np.cumsum(np.resize([0, 1, 2, 3, 2], 400))]
     tilted = rigid(rotation_from_vector(np.array([0.5, 0.3, 0.6])), np.zeros(3))
     estimate = made_up(truth, scale=2.0, yaw=3.0, noise=20.0, jitter=0.1, seed=3)
     return np.linalg.inv(tilted) @ truth @ tilted, np.linalg.inv(tilted) @ estimate @ tilted
