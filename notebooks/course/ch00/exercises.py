@@ -169,8 +169,8 @@ wrong_depth = Exercise(
         "no true depth here: choose a drawn street, and not the sky.": lambda now: np.isnan(
             now["true depth"]
         ),
-        "{depth Z:.1f} m instead of {true depth:.1f} m is less than 20 % wrong. Look for speckles in the disparity "
-        "picture, or for outlines in front of a far background.": lambda now: (
+        "the depth is {depth Z:.1f} m, the true depth {true depth:.1f} m: the error is at most 20 %. Look for speckles in "
+        "the disparity picture, or for outlines in front of a far background.": lambda now: (
             abs(now["depth Z"] - now["true depth"]) <= 0.2 * now["true depth"]
         ),
     },

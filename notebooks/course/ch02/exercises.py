@@ -68,11 +68,15 @@ def ten(E: Array, times: float = 1.0, half: float = 0.5) -> Array:
 
 
 def up_to_scale(values: Array) -> Array:
-    """Ones if nine of the values are a case's matrix constraints in any order and scale; else the values."""
-    nine = [np.sort(np.abs(each)) for each in (values[:9], values[1:])]  # the determinant is last, or first
-    right = [np.sort(np.abs(ten(E)[:9])) for (E,) in essentials()[5:]]
-    alike = [np.allclose(a / a[-1], b / b[-1]) for a in nine for b in right if a[-1] > 1e-9]
-    return np.ones(10) if any(alike) and values.min() < 0.0 else np.asarray(values)
+    """Ones if the values are a case's ten constraints in any order and scale; else the values."""
+    for nine, last in ((values[:9], values[9]), (values[1:], values[0])):  # the determinant is last, or first
+        for constraints in (ten(E) for (E,) in essentials()[5:]):
+            given, right = np.sort(np.abs(nine)), np.sort(np.abs(constraints[:9]))
+            scale = given[-1] / right[-1]
+            determinant = np.isclose(abs(last), abs(constraints[9]) * np.array([1.0, scale])).any()
+            if determinant and scale > 1e-9 and np.allclose(given, scale * right) and values.min() < 0.0:
+                return np.ones(10)
+    return np.asarray(values)
 
 
 def is_essential(E: Array) -> bool:
