@@ -224,7 +224,8 @@ class CalibrationPanel(Panel):
             Fact("disparities still wrong by up to", float(remaining[0]), "px", 2),
             Fact("rows still wrong by up to", float(remaining[1]), "px", 2),
         )
-        sentence = f"Learnt in {len(lengths['corrected'])} frames: {describe_errors(errors, learnt.covariance, camera)}."
+        words = describe_errors(errors, learnt.covariance, camera)
+        sentence = f"Learnt in {len(lengths['corrected'])} frames, away from the edges of the image: {words}."
         return Drawing([maps, lengths_figure(lengths, CHART_HEIGHT)], sentence, facts)
 
 
