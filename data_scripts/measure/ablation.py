@@ -138,7 +138,7 @@ def without_faults(*names: str) -> dict[str, Any]:
 
 IDEAS = (
     Idea(
-        "front end (the paper's instead)",
+        "front end (turned off: the paper's)",
         600,
         {"vo_lib.runs.front_end.make_front_end": lambda *_: LoopMatcher(FeatureConfig(), MatchingConfig())},
     ),
@@ -175,22 +175,22 @@ IDEAS = (
         "dropping of the prior",
         35,
         {"selection.prior_rejection_ratio": 1000.0},
-        stays="chapter 3 explains it",
+        stays="it is part of chapter 3",
     ),
     Idea("refinement of the winner", 100, {"selection.mode": "literal"}),
-    Idea("translation (the paper's instead)", 190, {f"{ODO}.robust_translation": papers_translation}),
+    Idea("translation (turned off: the paper's)", 190, {f"{ODO}.robust_translation": papers_translation}),
     Idea(
         "robust start of the translation",
         26,
         {"vo_lib.kit.translation.robust_start": least_squares},
         stays="without it, steps of 01 are 12 % too short with coarse matches",
     ),
-    Idea("more than one robust step", 8, {"translation.iterations": 1}),
+    Idea("robust steps after the first step", 8, {"translation.iterations": 1}),
     Idea("calibration", 460, {"calibration.estimate": False}),
     Idea("field", 70, without("disparity", "row")),
     Idea("field: all terms except the constant", 60, without("disparity x", "disparity y", "row x", "row y")),
     Idea(
-        "field: residuals of an undistortion",
+        "field: remaining errors of the undistortion",
         5,
         without_faults("columns", "rows"),
         stays="drives that were not used to choose the settings need it",
@@ -207,8 +207,8 @@ IDEAS = (
         {"vehicle.check": False},
         stays="without it, a frame with a wrong zoom disturbs the calibration and causes an error of 3.9 m",
     ),
-    Idea("boxes: rule all, not none", 80, {"filter.rule": "none"}),
-    Idea("boxes: rule moving, not all", 290, {"filter.rule": "all"}, MOVING),
+    Idea("boxes: rule `all` (turned off: `none`)", 80, {"filter.rule": "none"}),
+    Idea("boxes: rule `moving` (turned off: `all`)", 290, {"filter.rule": "all"}, MOVING),
     Idea("boxes: removal of disagreeing features", 8, {"filter.moving.agreement": 1000.0}, MOVING),
     Idea(
         "boxes: mean of the moving features",
@@ -247,13 +247,14 @@ def tables(rows: Sequence[Sequence[str]]) -> list[ReportTable]:
         "In each row, one idea is turned off in the complete kit; a positive change is an increase. The "
         "cells are means ± standard deviations over five seeds. The errors are over sub-sequences of 20, 50 "
         "and 100 m that start at every frame. Drawn scenes have 100 frames; TE of drive_0013 is computed "
-        "with fitted axes. Ideas of the rule `moving` are turned off in `moving_selection`, all others in "
-        "`feature_selection`. The column `lines` has the approximate lines of code, and `ms` the mean change "
-        "of the processor time per frame. A dash means: not measured."
+        "with the pitch and yaw that minimise TE. The method is `moving_selection` for ideas of the rule "
+        "`moving`, and `feature_selection` for all other ideas. The column `lines` has the approximate lines "
+        "of code, and `ms` the mean change of the processor time per frame. A dash is a change that was not "
+        "measured."
     )
     reasons = "; ".join(f"{name} ({stays[name]})" for name in names if stays.get(name))
     notes = [
-        f"Ideas with almost no effect on the errors, each with the reason why it stays: {reasons}.",
+        f"Ideas that hardly change the errors but stay in the kit, each with the reason: {reasons}.",
         f"Ideas that were removed from the kit after a measurement with two seeds: "
         f"{', '.join(name for name in names if name not in stays)}.",
     ]

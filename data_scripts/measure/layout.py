@@ -20,7 +20,7 @@ SHARE = 0.02  # a change counts if it exceeds the spread and this share of the e
 def tables(title: str, cells: Cells, sentences: list[str], name: str = "sequence") -> list[ReportTable]:
     """Tables of TE and RE and of their standard deviations, with `sentences` above the first table.
 
-    Numbers of `mesvo_f` that equal `solution_selection` are not repeated. Rows without a spread are omitted.
+    If `mesvo_f` has the numbers of `solution_selection`, the cell is `SAME`. Rows without spread are omitted.
     """
     columns = list(next(iter(cells.values())))
     result = []
@@ -37,7 +37,7 @@ def tables(title: str, cells: Cells, sentences: list[str], name: str = "sequence
                 if not part and _repeats(row.get("mesvo_f"), row.get("solution_selection")):
                     texts["mesvo_f"] = SAME
                 rows.append([label, *texts.values()])
-            notes = [f"{SAME}: equal to solution_selection."] if any(SAME in row for row in rows) else []
+            notes = [f"{SAME}: as for solution_selection."] if any(SAME in row for row in rows) else []
             if rows:
                 result.append(ReportTable(f"{title}: {words}{unit}", [name, *columns], rows, notes))
     result[0].head.extend(sentences)
@@ -54,7 +54,7 @@ def _repeats(cell: Cell, other: Cell) -> bool:
 
 
 def compared(cells: Cells, before: str, after: str, subject: str) -> list[str]:
-    """Two sentences, for TE and for RE, that list the rows with `after` clearly below or above `before`."""
+    """Texts, for TE and for RE, that list the rows with `after` clearly below or above `before`."""
     sentences = []
     for kind, unit in enumerate(KINDS):
         sides: dict[bool, list[str]] = {True: [], False: []}
@@ -71,10 +71,10 @@ def compared(cells: Cells, before: str, after: str, subject: str) -> list[str]:
                 sides[change < 0].append(
                     f"{label} ({number(float(old[kind, 0]))} → {number(float(new[kind, 0]))})"
                 )
-        lower, higher = (", ".join(sides[side]) or "no row" for side in (True, False))
+        lower, higher = ("; ".join(sides[side]) or "no row" for side in (True, False))
         rest = count - sum(map(len, sides.values()))
         sentences.append(
-            f"{subject} lowers {unit.split(',')[0]} on {lower}; it raises {unit.split(',')[0]} on {higher}. "
+            f"{subject} lowers {unit.split(',')[0]} on {lower}. {unit.split(',')[0]} is higher on {higher}. "
             f"In {rest} of {count} rows, the change is within two standard deviations or {100 * SHARE:.0f} %."
         )
     return sentences

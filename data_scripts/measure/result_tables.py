@@ -164,7 +164,7 @@ def page_tables(
         result += tables(VARIANT_WORDS[variant].capitalize(), cells, sentences)
     result += other_systems(systems)
     ours = {label: row for label, row in rules.items() if label.endswith(RULED[1])}
-    sentences = compared(ours, "none", "moving", f"In {RULED[1]}, the rule `moving`, instead of `none`,")
+    sentences = compared(ours, "none", "moving", f"For `{RULED[1]}`, the rule `moving` in place of `none`")
     result += tables("Box rules, variant kit", rules, sentences, "sequence, method")
     result.append(plain("Box rules, variant kit: features removed, %", "sequence, method", removed, 0))
     learning = with_numbers(learning)
@@ -172,10 +172,10 @@ def page_tables(
     result += tables("Effect of the estimated calibration", learning, sentences, "sequence, method")
     result.append(plain("Axes of the truth, and the length of the path", "sequence, method", axes, 3))
     result[-1].notes.append(
-        "The columns TE, pitch and yaw are for the rotation between camera and truth that minimises TE (`vo "
-        "data measure_axes`), with seed 0. Length is the excess length of the path over the truth. The "
-        "settings of the calibration were chosen on 00, 01, KITTI's raw drive 0005 and the drawn scenes, so "
-        "these rows do not test the settings; see the appendix."
+        "The columns TE, pitch and yaw have the smallest TE and the rotation between camera and truth with "
+        "this TE (`vo data measure_axes`), for seed 0. The column length has the length of the path minus "
+        "the true length. The settings of the calibration were chosen on 00, 01, KITTI's raw drive 0005 and "
+        "the drawn scenes, so these rows do not test the settings; see the appendix."
     )
     return result
 
@@ -200,7 +200,7 @@ def other_systems(systems: Mapping[str, Cells]) -> list[ReportTable]:
     table = plain("Other systems on the same frames", "sequence, system", rows, 2)
     table.notes.append(
         "Published trajectories of libviso2 and ORB-SLAM2, and methods of the kit (means over the seeds), on "
-        "the first 201 frames of KITTI's 00 and the first 51 of 01. A sub-sequence starts at every frame."
+        "frames 0 to 200 of KITTI's 00 and frames 0 to 50 of 01. A sub-sequence starts at every frame."
     )
     return [table]
 
