@@ -149,10 +149,10 @@ def field_maps(image: Image, camera: StereoCamera, fields: dict[str, Array]) -> 
     return np.vstack([np.hstack([one(words[i] + name, e[i]) for name, e in errors.items()]) for i in (0, 1)])
 
 
-def arrows_figure(camera: StereoCamera, moved: dict[str, tuple[Array, ...]], height: int = 130) -> Figure:
+def arrows_figure(camera: StereoCamera, moved: dict[str, tuple[Array, ...]]) -> Figure:
     """A chart per title: displacements (2, N) of the `image_grid` as arrows, the last array in blue."""
     points, lines, width = image_grid(camera), -(-len(moved) // 4), min(len(moved), 4)
-    made = Figure(figsize=(WIDTH / DPI, lines * height / DPI), dpi=DPI, layout="constrained")
+    made = Figure(figsize=(WIDTH / DPI, lines * 130 / DPI), dpi=DPI, layout="constrained")
     for axis, (title, parts) in zip(made.subplots(lines, width).flat, moved.items(), strict=True):
         axis.plot(*points.T, ".", color=PALE, markersize=1.5)
         for arrows, colour in zip(parts, (PALE, GOOD)[-len(parts) :], strict=True):

@@ -256,9 +256,9 @@ POWERS = [["", name, f"{name}²", f"{name}³"] for name in "xyzw"]
 MONOMIALS = ["".join(names[power] for names, power in zip(POWERS, row, strict=True)) for row in EXPONENTS]
 
 
-def cubics_figure(before: Array, after: Array, height: int = 250) -> Figure:
+def cubics_figure(before: Array, after: Array) -> Figure:
     """Magnitudes of the coefficients (10, 20) of ten cubics before and after elimination; white is zero."""
-    made, (*axes, bar) = figure(height, 3, (1.0, 1.0, 0.02))
+    made, (*axes, bar) = figure(250, 3, (1.0, 1.0, 0.02))
     titles = "the ten cubics", "x³, y³, x²y, xy² eliminated"
     for axis, matrix, title in zip(axes, (before, after), titles, strict=True):
         size = np.log10(np.maximum(np.abs(matrix) / np.abs(matrix).max(), 1e-9))

@@ -55,9 +55,7 @@ def drift_chart(axis: Axes, truth: Array, estimate: Array, first: int, last: int
     finish(axis, title, "distance along the path [m]", "error [m]")
 
 
-def length_chart(
-    axis: Axes, errors: KittiErrors, others: Mapping[str, KittiErrors], rotation: bool = False
-) -> None:
+def length_chart(axis: Axes, errors: KittiErrors, others: Mapping[str, KittiErrors], rotation: bool) -> None:
     """Errors of sub-sequences by length, as dots; lines: mean errors by length, for `others` too."""
     values = 100.0 * (np.degrees(errors.r_err) if rotation else errors.t_err)
     lengths = np.unique(errors.length).tolist()
@@ -77,9 +75,9 @@ def length_chart(
     finish(axis, f"{kind} error by length", "length [m]", unit)
 
 
-def paths_figure(pairs: Mapping[str, tuple[Array, Array]], height: int = 300) -> Figure:
+def paths_figure(pairs: Mapping[str, tuple[Array, Array]]) -> Figure:
     """Truth and estimate of several paths side by side, by title."""
-    made, axes = figure(height, len(pairs))
+    made, axes = figure(300, len(pairs))
     for axis, (title, (truth, estimate)) in zip(axes, pairs.items(), strict=True):
         paths_chart(axis, truth, estimate, title)
     return made
@@ -107,9 +105,9 @@ def part_figure(truth: Array, estimate: Array, first: int, last: int) -> Figure:
     return made
 
 
-def starts_figure(truth: Array, lengths: tuple[float, ...], step: int, height: int = 210) -> Figure:
+def starts_figure(truth: Array, lengths: tuple[float, ...], step: int) -> Figure:
     """All sub-sequences as bars along the path, with a row per start and a colour per nominal length."""
-    made, (axis,) = figure(height)
+    made, (axis,) = figure(210)
     path, every = trajectory_distances(truth), kitti_errors(truth, truth, lengths, step)
     for length, colour in reversed([*zip(lengths, (*CYCLE, DARK), strict=False)]):
         these = every[every.length == length]
@@ -121,9 +119,9 @@ def starts_figure(truth: Array, lengths: tuple[float, ...], step: int, height: i
     return made
 
 
-def curves_figure(errors: Mapping[str, KittiErrors], height: int = 230) -> Figure:
+def curves_figure(errors: Mapping[str, KittiErrors]) -> Figure:
     """Mean TE of named estimates by sub-sequence length and by speed."""
-    made, axes = figure(height, 2)
+    made, axes = figure(230, 2)
     titles = ("by length", "length [m]"), ("by mean speed of the sub-sequence", "speed [km/h]")
     for axis, by, (title, x) in zip(axes, ("length", "speed"), titles, strict=True):
         for (name, each), colour in zip(errors.items(), CYCLE, strict=False):
@@ -135,9 +133,9 @@ def curves_figure(errors: Mapping[str, KittiErrors], height: int = 230) -> Figur
     return made
 
 
-def distances_figure(errors: Mapping[str, AbsoluteError], height: int = 200) -> Figure:
+def distances_figure(errors: Mapping[str, AbsoluteError]) -> Figure:
     """Distance from the truth, frame by frame, after each alignment."""
-    made, (axis,) = figure(height)
+    made, (axis,) = figure(200)
     for (name, each), colour in zip(errors.items(), (BAD, PALE, GOOD, THIRD), strict=True):
         words = f"{name}: RMSE {rmse(each.distance):.2f} m"
         axis.plot(each.distance, color=colour, linewidth=1.5, label=words)
