@@ -86,7 +86,7 @@ def test_changed_files_are_kept(tmp_path: Path, source: Path, capsys: pytest.Cap
     assert update() == ""
     for version in ("second = 2", "third = 3"):
         theirs.write_text(version, encoding="utf-8")
-        assert update() == "You changed course/a.py, so it is kept; the new version is course/a.new.py\n"
+        assert update() == "Your change of course/a.py is kept; the new version is course/a.new.py\n"
         assert update() == ""
         assert beside.read_text(encoding="utf-8") == version
         assert mine.read_text(encoding="utf-8") == "first"
@@ -110,4 +110,4 @@ def test_executed_notebooks_are_updated(
     (source / mine.name).write_text(notebook("third"), encoding="utf-8")
     lab.copy_course(source, mine.parent, teacher=False)
     assert mine.read_text(encoding="utf-8") == "no JSON"
-    assert capsys.readouterr().out.startswith("You changed 01.ipynb")
+    assert capsys.readouterr().out.startswith("Your change of 01.ipynb is kept")

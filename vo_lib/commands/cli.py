@@ -1,4 +1,4 @@
-"""The `vo` command: the list of its commands, and the call of a command."""
+"""The `vo` command: list of the commands, and call of a command."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ COMMANDS = {
     "demo": ("demo", "the paper's claim on a drawn traffic jam; nothing is downloaded"),
     "run": ("run", "one method on one sequence"),
     "reproduce": ("reproduce", "Table 1 and Figure 4: methods over sequences and seeds"),
-    "sweep": ("sweep", "a grid over settings on cached matches: table, CSV, heat map"),
+    "sweep": ("sweep", "a grid of settings, computed on cached matches: table, CSV, heat map"),
     "evaluate": ("evaluate", "KITTI errors, ATE and RPE of runs and trajectory files"),
     "list": ("sequences", "available sequences: frames, length, truth, boxes, size"),
     "check": ("environment", "state of packages, data and caches, with a remedy for each problem"),
@@ -57,7 +57,7 @@ def main(words: Items[str] | None = None) -> int:
 
 def make_parser(words: Items[str]) -> argparse.ArgumentParser:
     """The parser of all commands, with the options of the command in `words`."""
-    parser = OneLineParser(prog="vo", description="Stereo visual odometry without features on vehicles.")
+    parser = OneLineParser(prog="vo", description="Stereo visual odometry that ignores features on vehicles.")
     parser.add_argument("--version", action="version", version=f"vo {metadata.version('stereo-vo-kit')}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     for name, (module, text) in COMMANDS.items():

@@ -38,7 +38,7 @@ def add_loops(parser: argparse.ArgumentParser) -> None:
 
 
 def loops_with_bar(sequence: Sequence, method: MethodConfig, config: LoopConfig) -> Loops:
-    """The compared places of a sequence, with a progress bar."""
+    """Compare the places of a sequence, and show a progress bar."""
     with reporting(f"loops of {sequence.name}") as report, single_threaded():
         return find_loops(sequence, method, config, report)
 
@@ -64,9 +64,10 @@ def loops_csv(frames: tuple[str, ...], closed: Closed) -> str:
 
 
 def close_outcomes(outcomes: list[Outcome], config: LoopConfig) -> list[ReportTable]:
-    """Close the loops of finished runs in their folders; return a table of errors, or none without truth.
+    """Close the loops of finished runs in their folders; return a table of errors, or [] without truth.
 
-    Runs with the same settings for the comparison of places share the compared places.
+    Places are compared once for all runs of a sequence with equal seed, box rule, buckets and reprojection
+    settings.
     """
     shared: dict[Any, Loops] = {}
     errors: dict[tuple[str, str, str], list[list[float]]] = {}

@@ -32,7 +32,7 @@ DEFAULT_METHOD, DEFAULT_VARIANT = "feature_selection", "published"
 
 def add_cache(parser: argparse.ArgumentParser) -> None:
     """Add the option for the cache folder."""
-    text = f"folder of the drawn scenes; default {cache_folder()}"
+    text = f"folder of drawn scenes and matches; by default in {cache_folder().parent}"
     parser.add_argument("--cache", type=Path, metavar="DIR", help=text.replace("%", "%%"))
 
 
@@ -82,7 +82,7 @@ def add_many(parser: argparse.ArgumentParser, jobs: Any) -> None:
 
 
 def open_with_bar(name: str, cache: Path | None, part: argparse.Namespace | None = None) -> Sequence:
-    """A sequence with the options of `add_part`; a progress bar appears while a scene is drawn."""
+    """A sequence by name, with the options of `add_part`; a progress bar appears while a scene is drawn."""
     if part and part.frames:
         parse_frames(part.frames, 0)  # a wrong form is refused before a scene is drawn
     with reporting(f"drawing {name}") as report:
@@ -136,14 +136,14 @@ def parse_methods(text: str | None, variant: str | None) -> dict[str, list[str]]
 
 
 def parse_whole(name: str, text: str, least: int = 1, most: int = 1_000_000) -> int:
-    """A whole number from `least` to `most`, or a `DataError` with the name of the option."""
+    """A whole number from `least` to `most`; `DataError` with the option's name for other text."""
     if re.fullmatch(r"\d{1,9}", text, re.ASCII) is None or not least <= int(text) <= most:
         raise DataError(f"{name} {text!r}: expected a whole number from {least} to {most}")
     return int(text)
 
 
 def parse_frames(text: str, number: int) -> tuple[int, int]:
-    """Start and stop of "A:B"; either may be missing."""
+    """Start and stop in a text "A:B"; A or B may be missing."""
     match = re.fullmatch(r"(-?\d{1,9}|):(-?\d{1,9}|)", text, re.ASCII)
     if match is None:
         raise DataError(f"--frames {text!r}: expected A:B, two whole numbers")
@@ -151,7 +151,7 @@ def parse_frames(text: str, number: int) -> tuple[int, int]:
 
 
 def parse_lengths(text: str) -> tuple[float, ...]:
-    """Sub-sequence lengths of a comma-separated list, metres."""
+    """Sub-sequence lengths, metres, from a comma-separated list."""
     try:
         lengths = tuple(float(word) for word in text.split(","))
     except ValueError:
@@ -171,7 +171,7 @@ def parse_delta(text: str) -> Delta:
 
 
 def warn_without_boxes(runs: Iterable[tuple[Sequence, MethodConfig]]) -> list[str]:
-    """Warn of sequences without boxes if a method removes features in boxes; return the warning, if any."""
+    """If a method removes features in boxes, print and return a warning about sequences without boxes."""
     without = (s.name for s, config in runs if s.labels is None and config.filter.rule in ("all", "moving"))
     if not (names := ", ".join(dict.fromkeys(without))):
         return []
@@ -186,7 +186,7 @@ def warn_without_boxes(runs: Iterable[tuple[Sequence, MethodConfig]]) -> list[st
 def labelled(
     sequence: Sequence, options: argparse.Namespace, cache: Path | None, config: DetectorConfig | None = None
 ) -> Sequence:
-    """The sequence with the boxes of --detector, if that option is present; the cache stores the boxes."""
+    """The sequence, with the boxes of --detector if the option is present; the cache stores the boxes."""
     if options.detector is None:
         return sequence
     if options.detector == "street" and not sequence.name.startswith(SYNTHETIC):

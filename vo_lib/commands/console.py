@@ -22,7 +22,7 @@ SPEED_PERIOD_S = 180.0  # time over which a progress bar averages the speed
 
 @contextmanager
 def reporting(label: str, in_bytes: bool = False) -> Iterator[Progress]:
-    """A progress function: in a terminal, a bar that is removed at the end; elsewhere, a line per minute."""
+    """A progress function: in a terminal, a bar that is removed at the end; elsewhere, one line a minute."""
     console = Console(stderr=True)
     if not console.is_interactive:
         printed = time.monotonic()

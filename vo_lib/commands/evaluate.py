@@ -24,9 +24,9 @@ def add(parser: argparse.ArgumentParser) -> None:
     option("paths", nargs="+", type=Path, metavar="RUN_OR_FILE", help=text)
     text = "ground-truth file of all paths (KITTI, TUM or EuRoC); default: the truth of the runs' sequences"
     option("--truth", type=Path, metavar="FILE", help=text)
-    text = "sub-sequence lengths, metres; default 100,…,800, for short paths 20,50,100"
+    text = "sub-sequence lengths, metres; default 100,…,800, or 20,50,100 for short paths"
     option("--lengths", metavar="L,L,…", help=text)
-    text = "frames from one sub-sequence start to the next; default 10, for short paths 1"
+    text = "frames between the starts of sub-sequences; default 10, or 1 for short paths"
     option("--step", metavar="N", help=text)
     text = "transformation of the path before the ATE is computed; default %(default)s"
     option("--alignment", default="se3", choices=[each.value for each in Alignment], help=text)

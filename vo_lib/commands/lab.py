@@ -30,7 +30,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo lab`."""
     parser.description = (
         f"Open the course in JupyterLab. The course is copied to {COURSE} in your home folder; each call "
-        "updates the copy. A file that you changed is kept, and its new version is added with .new in its "
+        "updates the copy. A file that you changed is kept; the new version is a file with .new in the "
         "name. Running a notebook does not count as a change. A file that you deleted is copied again."
     )
     parser.epilog = "example: vo lab -- --port 8889 --no-browser"
@@ -68,10 +68,10 @@ def _without_news(handler: object, page: dict[str, Any]) -> dict[str, Any]:
 def copy_course(source: Path, target: Path, teacher: bool) -> None:
     """Update the course in `target` from `source`, and keep the files that the reader changed.
 
-    A file counts as changed if its digest is neither in DIGESTS_FILE nor the source's digest. The new
-    version of a changed file is written once, under another name, with a message. In a student's copy, a link
-    to a file for teachers becomes the command that copies the file. Raises `DataError` if DIGESTS_FILE is
-    damaged or a file cannot be read or written.
+    A file counts as changed if its digest differs from the digest in DIGESTS_FILE and from the digest of the
+    source. The new version of a changed file is written once, under another name, with a message. In a
+    student's copy, the address in a link to a file for teachers is replaced by the command that copies the
+    file. Raises `DataError` if DIGESTS_FILE is damaged or a file cannot be read or written.
     """
     digests_file = target / DIGESTS_FILE
     copied = read_mapping(digests_file, "digests of copied files by name") if digests_file.exists() else {}
@@ -90,7 +90,7 @@ def copy_course(source: Path, target: Path, teacher: bool) -> None:
         if place != name:
             if copied.get(name) in versions:
                 continue
-            say(f"You changed {name}, so it is kept; the new version is {place}")
+            say(f"Your change of {name} is kept; the new version is {place}")
         if not file.exists() or present != new:
             file.parent.mkdir(parents=True, exist_ok=True)
             write_atomic(file, content)

@@ -33,7 +33,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     common.add_variant(parser, both=True)
     option("--methods", metavar="M,M,…", help="methods; default: all methods of the variant")
     common.add_config(parser)
-    text = "sub-sequence lengths in metres, from every frame; default: as KITTI, for short paths 20,50,100"
+    text = "sub-sequence lengths in metres, from every frame; default: KITTI's, or 20,50,100 for short paths"
     option("--lengths", metavar="L,L,…", help=text)
     option("--out", default="runs/table1", metavar="DIR", help="folder; default %(default)s")
     common.add_detector(parser, " in sequences without labels")

@@ -45,13 +45,13 @@ def add(parser: argparse.ArgumentParser) -> None:
     common.add_method(parser)
     common.add_part(parser)
     common.add_detector(parser)
-    option("--out", metavar="DIR", help="folder for the results; a finished run in it is not repeated")
+    option("--out", metavar="DIR", help="folder for the results; a finished run there is not repeated")
     option("--fresh", action="store_true", help="ignore a finished run in the folder")
-    text = "initial calibration.json (variant kit); --calibration.estimate off keeps it unchanged"
+    text = "calibration.json with initial errors (variant kit); --calibration.estimate off keeps these errors"
     option("--calibration", type=Path, metavar="FILE", help=text)
     text = f"store and reuse matches and drawn scenes in DIR, by default {match_folder(None).parent}"
     option("--cache", nargs="?", const="", metavar="DIR", help=text.replace("%", "%%"))
-    text = f"film ({FILM_ENDING}) of features, boxes and path; a report includes the films in its run folders"
+    text = f"film ({FILM_ENDING}) of features, boxes and path; a report includes the films of its runs"
     option("--video", type=Path, metavar="FILE", help=text)
     closing.add_loops(parser)
     option(SETTINGS_PAGE, action="store_true", help="list the threshold options, which override --config")

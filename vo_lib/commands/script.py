@@ -24,7 +24,7 @@ class OneLineParser(argparse.ArgumentParser):
     _words: Sequence[str] = ()
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Options and unknown arguments as in the base class; an unknown argument is an error."""
+        """Parse the arguments as the base class does; an unknown argument is an error."""
         self._words = sys.argv[1:] if args is None else list(args)
         options, unknown = super().parse_known_args(args, namespace)
         if unknown:
@@ -45,9 +45,9 @@ class OneLineParser(argparse.ArgumentParser):
 
 
 def exit_code(program: str, error: BaseException) -> int:
-    """Print the message of an exception in `ENDINGS` on stderr, and return the exit code.
+    """Print the message of an exception of `ENDINGS` to stderr, and return the exit code.
 
-    2 for bad input and errors of the system, 130 for Ctrl-C, 1 (without a message) for a closed output pipe.
+    Code 2: bad input, or an error of the system; 130: Ctrl-C; 1, without a message: a closed output pipe.
     """
     if isinstance(error, BrokenPipeError):
         # At its end, Python writes the rest of its buffer, here to the null device.

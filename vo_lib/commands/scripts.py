@@ -1,4 +1,4 @@
-"""`vo data`: the scripts of the folder data_scripts, imported on use."""
+"""`vo data`: the scripts of the folder data_scripts. A script is imported only to run or describe it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SCRIPTS = Path(__file__).resolve().parents[2] / "data_scripts"
 def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo data`."""
     parser.epilog = "example: vo data get_kitti --sequences 07"
-    parser.add_argument("name", nargs="?", metavar="NAME", help="script; without a name, `vo data` lists all")
+    parser.add_argument("name", nargs="?", metavar="NAME", help="script; without NAME, a list of the scripts")
     parser.add_argument("words", nargs=argparse.REMAINDER, metavar="…", help="options of the script")
     parser.set_defaults(command=_data)
 

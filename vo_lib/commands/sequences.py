@@ -1,4 +1,4 @@
-"""`vo list`: the sequences that are available."""
+"""`vo list`: the available sequences."""
 
 from __future__ import annotations
 

@@ -25,8 +25,8 @@ def add(parser: argparse.ArgumentParser) -> None:
     option = parser.add_argument
     option("--sequence", required=True, metavar="S", help="a name from `vo list`, or a folder")
     common.add_method(parser)
-    text = "values of a setting of `vo run --help-settings`; repeat for more settings. Semicolons separate "
-    text += "values that are lists: filter.classes='2;2,5,7'"
+    text = "values of a setting of `vo run --help-settings`; repeat the option for more settings. "
+    text += "Semicolons separate values that are lists: filter.classes='2;2,5,7'"
     option("--set", dest="axes", action="append", required=True, metavar="SETTING=V,V,…", help=text)
     common.add_part(parser)
     where = parser.add_mutually_exclusive_group()

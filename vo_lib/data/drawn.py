@@ -41,7 +41,7 @@ def scene_key(config: SceneConfig) -> str:
 
 
 def scene_folder(config: SceneConfig, cache: Path | None = None) -> Path:
-    """The path of a scene's folder, in the user's cache by default; the folder exists if the scene does."""
+    """The path of a scene's folder, by default in the user's cache; drawing the scene creates the folder."""
     return (cache_folder() if cache is None else Path(cache)).absolute() / scene_key(config)
 
 
@@ -60,8 +60,8 @@ def ensure_scene(
     jobs : number of processes that draw; the images do not depend on this number.
     frames : if the complete scene is not in the cache, draw only these frames, in a separate folder.
 
-    Raises `DataError` if the scene is unknown, the cache not writable, or the kit not installed from its
-    folder.
+    Raises `DataError` if the scene is unknown, the cache is not writable, or the kit is not installed from
+    its folder.
     """
     config = name_or_config if isinstance(name_or_config, SceneConfig) else scene_config(name_or_config)
     folder = scene_folder(config, cache)

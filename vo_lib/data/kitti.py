@@ -34,8 +34,8 @@ def read_calibration(path: Path, width: int = 0, height: int = 0) -> StereoCamer
 
     width, height : image size, pixels; 0 if unknown.
 
-    Raises `DataError` with the line for a missing matrix, wrong numbers, cameras that are not rectified, a
-    principal point outside the images, or a baseline that is not positive or longer than 10 m.
+    Raises `DataError` with the line number for a missing matrix, wrong numbers, cameras that are not
+    rectified, a principal point outside the images, or a baseline that is not positive or longer than 10 m.
     """
     (P0, line0), (P1, line1) = _read_projections(path)
     f, cx, cy = float(P0[0, 0]), float(P0[0, 2]), float(P0[1, 2])
@@ -126,7 +126,7 @@ def read_part(folder: Path) -> tuple[str, range] | None:
 
 
 def wanted_frames(folder: Path) -> range | None:
-    """Frame numbers of the complete sequence or part, from the benchmark or part.txt; None if unknown."""
+    """Frame numbers of the complete part (part.txt) or sequence of the benchmark; None if unknown."""
     if (part := read_part(folder)) is not None:
         return part[1]
     return range(EXPECTED_FRAMES[folder.name]) if folder.name in EXPECTED_FRAMES else None

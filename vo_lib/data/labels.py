@@ -14,7 +14,7 @@ MAX_CLASS_ID = 10**6  # no data set has more classes; a larger number belongs to
 
 
 def read_labels(path: str | Path, width: int, height: int) -> Boxes:
-    """Boxes, in pixels, of a YOLO label file. Lines are `class cx cy w h [score]`, in shares of the image.
+    """Boxes, in pixels, of a YOLO label file: lines `class cx cy w h [score]`, as shares of the image size.
 
     Raises `DataError` with file and line for a wrong number of fields, a value outside 0..1 or an invalid
     class number.

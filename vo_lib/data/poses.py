@@ -65,7 +65,7 @@ def read_tum(path: str | Path) -> tuple[Array, Array]:
 
 
 def read_euroc(path: str | Path) -> tuple[Array, Array]:
-    """Times (N,) in seconds and body poses (N, 4, 4) from a EuRoC truth file; raises like `read_tum`."""
+    """Times (N,) in seconds and body poses (N, 4, 4) from a EuRoC truth file; errors as in `read_tum`."""
     rows, lines = read_rows(path, EUROC_ROW, 8, comment="#", separator=",")
     rows[:, 0] *= 1e-9
     return _timed_poses(rows[:, [0, 1, 2, 3, 5, 6, 7, 4]], lines, path, EUROC_ROW)
@@ -101,7 +101,7 @@ def _timed_poses(rows: Array, lines: list[int], path: str | Path, expected: str)
 def match_times(
     times_a: Array, times_b: Array, tolerance: float = TIME_TOLERANCE_S
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Indices, in two arrays of increasing times in seconds, of the pairs of nearest times."""
+    """Indices into two arrays of increasing times, seconds: the pairs of nearest times within `tolerance`."""
     few, many = (times_a, times_b) if len(times_a) <= len(times_b) else (times_b, times_a)
     after = np.clip(np.searchsorted(many, few), 1, max(len(many) - 1, 1))
     nearest = after - (np.abs(few - many[after - 1]) <= np.abs(few - many[np.minimum(after, len(many) - 1)]))
@@ -145,7 +145,7 @@ def _refuse(invalid: NDArray[np.bool_], message: str, path: str | Path, lines: l
 def read_rows(
     path: str | Path, expected: str, columns: int, comment: str | None = None, separator: str | None = None
 ) -> tuple[Array, list[int]]:
-    """Finite numbers of a text table, (N, columns), and the line number of each row, from 1.
+    """Finite numbers of a text table, (N, columns), and the line number of each row, counted from 1.
 
     Without a `separator`, numbers are separated by blanks. With a separator, a row may have further columns.
     """

@@ -1,4 +1,4 @@
-"""A stereo sequence in a folder of KITTI's layout; images are read one stereo pair at a time."""
+"""A stereo sequence in a folder in KITTI's layout; images are read one stereo pair at a time."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MIN_IMAGE_SIDE_PX = 32  # OpenCV's windows need this much
 
 @dataclass(frozen=True)
 class Sequence:
-    """A stereo sequence of N frames in a folder of KITTI's layout; images are read on use.
+    """A stereo sequence of N frames in a folder in KITTI's layout; images are read on use.
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ def open_folder(folder: Path, name: str, labels: str | Path | None = None) -> Se
 
 
 def _rows_of_frames(rows: Array, frames: list[str], path: Path) -> Array:
-    """The rows of these frames in a table that has either these frames only or the whole sequence."""
+    """The rows of these frames, from a table of only these frames or of the whole sequence."""
     if len(rows) == len(frames):
         return rows
     if len(rows) > int(frames[-1]):

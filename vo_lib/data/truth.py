@@ -30,7 +30,7 @@ class Truth:
     ----------
     folder : the sequence's folder.
     config : the scene's settings.
-    poses : (N, 4, 4) T_w_c of the left camera; the world is the first left camera.
+    poses : (N, 4, 4) T_w_c of the left camera; the world has the axes of the first left camera.
     objects : (N, K, 4, 4) vehicle poses T_w_o. Axes: x right, y down, z forward, origin on the ground.
     """
 
@@ -95,7 +95,7 @@ _cached_truth = functools.lru_cache(maxsize=4)(open_truth)
 
 @functools.lru_cache(maxsize=8)
 def read_picture(path: Path) -> NDArray[np.uint16]:
-    """Values (H, W) of an image of the truth, read-only; `DataError` if it is missing or damaged."""
+    """Values (H, W) of an image of the truth, read-only; `DataError` if the file is missing or damaged."""
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.exists() else None
     if image is None or image.ndim != 2:
         raise DataError("the image of the truth is missing or damaged", path)

@@ -101,7 +101,7 @@ def labelled_sequence(
 
 
 def _claim(folder: Path, record: dict[str, Any], replace: bool) -> None:
-    """Write the detector's record unless it exists; `replace` deletes the labels of another detector."""
+    """Write the detector's record if missing; `replace` deletes the labels of another detector."""
     path, labels = folder / RECORD, list(folder.glob("*.txt"))
     with suppress(DataError):  # a missing or damaged record counts as another detector's
         if read_mapping(path, "the record of a detector") == record:

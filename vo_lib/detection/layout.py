@@ -93,8 +93,8 @@ def read_yolov8(output: Float32) -> tuple[Array, Array]:
 def read_yolox(output: Float32, width: int, height: int) -> tuple[Array, Array]:
     """Corners (N, 4) in pixels and class scores (N, C), from an output (N, 5 + C) of YOLOX.
 
-    In the output, centres are relative to the cell and sizes are logarithms, both in strides. The score of a
-    class is the class output times the objectness.
+    In the output, a centre is relative to its cell, in strides, and a size is the logarithm of a number of
+    strides. The score of a class is the class output times the objectness.
     """
     rows = output.astype(np.float64)
     cells = []

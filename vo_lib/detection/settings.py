@@ -9,18 +9,18 @@ from ..settings import Checked, setting
 
 @dataclass(frozen=True)
 class DetectorConfig(Checked):
-    """Vehicle boxes from a YOLO network (chapter 5); these settings affect a run only through the boxes."""
+    """Settings of the vehicle detector (chapter 5), which affect a run only through the boxes."""
 
     size: int = setting(
         0,
-        "longer side of the network's input, if the model does not fix it; 0: the side used in training",
+        "longer side of the network's input, if not fixed by the model; 0: the side used in training",
         unit="px",
         low=0,
         high=4096,
     )
     score: float = setting(0.25, "boxes with a lower score are not reported", low=0.001, high=1)
     nms: float = setting(
-        0.5, "largest overlap (IoU) of boxes of a class; above it, the worse box is dropped", low=0.05, high=1
+        0.5, "largest IoU of two boxes of a class; the box with the lower score is dropped", low=0.05, high=1
     )
     classes: tuple[str, ...] = setting(
         ("car", "bus", "truck"), "classes to report, by name or COCO number; an empty list means all"

@@ -35,7 +35,7 @@ class NetworkOutput:
 
     Attributes
     ----------
-    letterbox : place of the image in the network's image. width, height : size of the original image, pixels.
+    letterbox : position of the image in the network's image. width, height : size of the image, pixels.
     corners : (N, 4) x0, y0, x1, y1 in the network's image, pixels; scores : (N, C) of the classes.
     """
 
@@ -52,14 +52,14 @@ class YoloDetector:
     Attributes
     ----------
     path : the file. config : the settings.
-    names : class names from the model's metadata; COCO's for 80 classes without names.
+    names : class names from the model's metadata; COCO's names for 80 classes without names.
     layout : "yolov8", output [1, 4 + C, N], or "yolox", output [1, N, 5 + C] before decoding.
     """
 
     def __init__(
         self, model: str | Path, config: DetectorConfig | None = None, *, provider: str = "cpu"
     ) -> None:
-        """Load a model (name, or path of an ONNX file) on the provider "cpu" or "cuda", and run it once.
+        """Load a model (name, or path of an ONNX file) on provider "cpu" or "cuda"; run the model once.
 
         Raises `DataError` for a file that is not a usable model, or a provider that is not installed.
         """
@@ -106,7 +106,7 @@ class YoloDetector:
         """Width and height of the network's image for an image of this size.
 
         A size fixed by the model is used. Otherwise the input has the aspect ratio of the image. The longer
-        side is `config.size`, or, if `config.size` is 0, the size in the model's metadata, or 640.
+        side is `config.size`, or, if that is 0, the size in the model's metadata, or else 640.
         """
         free_width, free_height = layout.fit_size(width, height, self.config.size or self._default_size)
         return self._width or free_width, self._height or free_height

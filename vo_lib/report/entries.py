@@ -61,7 +61,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Group:
-    """Entries that may be averaged: one variant, one measure, and only KITTI's or only other sequences.
+    """Entries that may be averaged: equal variant and measure; either all from KITTI or none.
 
     `entries` : entries by (sequence, method); `kitti` : whether the sequences are from the benchmark.
     """
@@ -78,7 +78,7 @@ class Group:
 
     @property
     def averaged(self) -> list[str]:
-        """Names of the sequences in the mean: all except KITTI's 01, or only 01 if there are no others."""
+        """Names of the sequences in the mean: all except KITTI's 01, or 01 if it is the only sequence."""
         return [name for name in self.sequences if name != f"{KITTI}{LEFT_OUT}"] or self.sequences
 
     @property
@@ -88,7 +88,7 @@ class Group:
 
     @property
     def is_papers(self) -> bool:
-        """Whether the group has complete runs of the paper's ten sequences, so its means are comparable."""
+        """Whether the group has complete runs of the paper's ten sequences, so the means are comparable."""
         complete = {entry.sequence for entry in self.entries.values() if entry.is_whole}
         return {f"{KITTI}{row}" for row in PAPER_ROWS[1:]} <= complete
 
@@ -104,7 +104,7 @@ class Group:
         return np.reshape(means, (-1, 2)).T
 
     def pooled(self, method: str) -> Array:
-        """TE and RE of each seed, (2, S), over all sub-sequences together, like the devkit's total."""
+        """TE and RE of each seed, (2, S), over all sub-sequences together, as on KITTI's server."""
         return te_and_re(joined(parts) for parts in _by_seed(self.of_method(method)))
 
 

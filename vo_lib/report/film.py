@@ -89,7 +89,7 @@ def film_frames(
 
 
 class Film:
-    """A video file of a run's frames; the file appears, complete, at the end of the context.
+    """A video file of a run's frames; the complete file appears at the end of the context.
 
     `loops` : pairs of frames at one place; a pair is drawn from its second frame on. `method` : name of the
     method, for the colour of the path.
@@ -142,7 +142,7 @@ class Film:
         return page
 
     def _draw_paths(self, part: Image, index: int) -> None:
-        """Draw the path from above up to a frame, and the complete truth in a pale colour."""
+        """Draw the path up to a frame, and the complete truth in a pale colour, both seen from above."""
         points = [poses[:, [0, 2], 3] for poses in self._paths]
         low, high = np.concatenate(points).min(axis=0), np.concatenate(points).max(axis=0)
         size = np.array(part.shape[1::-1])

@@ -21,7 +21,7 @@ SPREADS = 2.0  # number of standard deviations above which a difference counts
 class ReportTable:
     """A table of formatted cells, some with a line break; the first column has the rows' names.
 
-    `head` : sentences above the table; `notes` : sentences below.
+    `head` : sentences above the table; `notes` : sentences below the table.
     """
 
     title: str
@@ -61,7 +61,7 @@ def mean_and_spread(values: Array) -> tuple[float, float]:
 
 
 def plus_minus(mean: float | None, deviation: float | None) -> str:
-    """The text "mean ± deviation"; only the mean without a deviation; a dash without a mean."""
+    """The text "mean ± deviation"; without a deviation, only the mean; without a mean, a dash."""
     return number(mean) + ("" if finite(deviation) is None else f" ± {number(deviation)}")
 
 

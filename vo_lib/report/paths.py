@@ -33,7 +33,7 @@ GIVE_TRUTH = "give its ground truth with --truth FILE"
 class ComparedPaths:
     """The true path (N, 4, 4) of a sequence, and estimates (N, 4, 4) of this path by label.
 
-    `times` : (N,) seconds, or None if unknown. `matched` : a sentence if not all true poses matched.
+    `times` : (N,) seconds, or None if unknown. `matched` : a sentence if some true poses have no estimate.
     """
 
     name: str
@@ -46,7 +46,7 @@ class ComparedPaths:
 def read_paths(
     sources: list[Path], truth_file: Path | None = None, tolerance: float = TIME_TOLERANCE_S
 ) -> list[ComparedPaths]:
-    """Paths from run folders and pose files, grouped by ground truth (of the truth file or the sequences).
+    """Paths from run folders and pose files, grouped by ground truth (a truth file, or the sequences' truth).
 
     Poses correspond to true poses by time, within `tolerance` seconds, or row by row if one file has no
     times. Only frames that occur in all paths are compared. Raises `DataError` if the truth of a path is

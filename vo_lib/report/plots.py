@@ -1,6 +1,6 @@
 """Figures: functions that draw on an axis or return a Matplotlib Figure, without pyplot.
 
-Matplotlib is imported only with the first figure, since the import takes half a second.
+Matplotlib is imported only for the first figure, since the import takes half a second.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def bgr(colour: str) -> tuple[int, int, int]:
 
 
 def method_colour(name: str, number: int) -> str:
-    """The colour of the truth or of a method; for another name, the colour with this number."""
+    """The colour of the truth or of a method; for another name, colour `number` of a list."""
     return TRUTH_COLOUR if name == TRUTH else METHOD_COLOURS.get(name, CYCLE[number % len(CYCLE)])
 
 
@@ -82,7 +82,7 @@ def label_axis(axis: Axes, x: str, y: str) -> None:
 
 
 def draw_trajectories(axis: Axes, title: str, truth: Array | None, estimates: Mapping[str, Array]) -> None:
-    """Draw the truth and named estimates, (N, 4, 4) each, in metres from above; a dot marks the start."""
+    """Draw the truth and named estimates, (N, 4, 4) each, seen from above; a dot marks the start."""
     # An estimate starts at the identity, but the truth of part of a sequence does not.
     paths = {} if truth is None else {TRUTH: from_first(truth)}
     for _, poses, style in styled({**paths, **estimates}):
@@ -102,7 +102,7 @@ def distance_from_truth(poses: Array, truth: Array) -> Array:
 def draw_drift(axis: Axes, truth: Array, estimates: Mapping[str, Array]) -> None:
     """Draw the distance of estimates from the truth against the length of the true path, in metres.
 
-    The distance shows differences that are invisible from above.
+    The distance shows differences that are invisible in a view from above.
     """
     path = trajectory_distances(truth)
     for _, poses, style in styled(estimates):
@@ -112,7 +112,7 @@ def draw_drift(axis: Axes, truth: Array, estimates: Mapping[str, Array]) -> None
 
 
 def draw_loops(axis: Axes, poses: Array, loops: Sequence[tuple[int, int]]) -> None:
-    """Draw a line between the two frames of each loop, on a path (N, 4, 4) from above."""
+    """Draw a line between the two frames of each loop, on a path (N, 4, 4) seen from above."""
     ends = poses[np.array(loops).T][:, :, [0, 2], 3]
     axis.plot(*np.moveaxis(ends, 2, 0), "-o", color=LOOP_COLOUR, markersize=3, linewidth=1.2, label="loop")
 
@@ -120,7 +120,7 @@ def draw_loops(axis: Axes, poses: Array, loops: Sequence[tuple[int, int]]) -> No
 def trajectories_figure(
     panels: Mapping[str, tuple[Array | None, dict[str, Array]]], loops: Sequence[tuple[int, int]] = ()
 ) -> Figure:
-    """One row per panel (title, truth, named estimates): paths from above, and distances from truth."""
+    """One row per panel (title, truth, named estimates): paths seen from above, and distances from truth."""
     rows, columns = len(panels), 1 + any(truth is not None for truth, _ in panels.values())
     width, height = SMALL_PAGE
     figure = page(width=width * columns, height=(height - 1.0) * rows + 1.0)
@@ -166,7 +166,7 @@ def errors_figure(title: str, errors: Mapping[tuple[str, str], Array]) -> Figure
 
 
 def error_curves_figure(title: str, by: str, curves: Mapping[str, ErrorCurve]) -> Figure:
-    """The devkit's curves of named methods: TE and RE by sub-sequence "length" or "speed"."""
+    """The devkit's curves of named methods: TE and RE by "length" or "speed" of the sub-sequences."""
     figure = page(title)
     axes = figure.subplots(2, sharex=True)
     for name, points, style in styled(curves):
@@ -226,7 +226,7 @@ def match_image(
 
 
 def _draw_box(picture: Image, corners: list[int], state: int, thick: bool) -> None:
-    """Draw a box into the picture, in the line style of its state."""
+    """Draw a box in the line style of its state."""
     x0, y0, x1, y1 = corners
     if state == MOVING:
         cv2.rectangle(picture, (x0, y0), (x1, y1), BOX, 2 if thick else 1, cv2.LINE_AA)

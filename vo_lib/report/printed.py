@@ -27,12 +27,12 @@ PAPER_ROWS = (AVERAGE, *SUB_SEQUENCES)
 CLAIMS = {"solution_selection": (8.0, 7.0), "mesvo_f": (6.0, 15.0)}
 
 REMARKS = (
-    "The paper calls its numbers RMSE of 11 sequences, but they are means, and Avg is the mean of ten rows.",
+    "The paper calls its numbers RMSE of 11 sequences. The numbers are means; Avg is the mean of ten rows.",
     "The paper's VISO2 average is shown as printed, 2.43 / 1.106; the mean of its rows is 2.10 / 1.247.",
-    "The RE of the paper's other three columns is shown as printed. All its values are multiples of 1/180: "
+    "The RE of the paper's other three columns is shown as printed. All these values are multiples of 1/180: "
     "radians were probably converted with 5555.6 instead of 5729.6, so the RE is about 3 % too low.",
-    "The paper names MESVO_F but does not describe it. In our interpretation it is RANSAC: no prior, and the "
-    "candidate with the most inliers wins.",
+    "The paper names MESVO_F but does not describe it. In our interpretation, MESVO_F is RANSAC: no prior, "
+    "and the candidate with the most inliers wins.",
 )
 
 

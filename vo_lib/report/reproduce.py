@@ -58,7 +58,7 @@ class Reproduction:
         sentences = [f"Not found, so not run: {', '.join(self.missing)}."] if self.missing else []
         if bare := sorted({name for (_, name), (truth, _) in self.paths.items() if truth is None}):
             sentences.append(
-                f"No errors, since there is no ground truth; poses are in the folder runs: {', '.join(bare)}."
+                f"No ground truth, so no errors: {', '.join(bare)}; the poses are in the folder runs."
             )
         if short := dict.fromkeys(e.sequence for e in self.entries if not np.isfinite(e.errors).any()):
             sentences.append(f"Shorter than every sub-sequence, so no errors: {', '.join(short)}.")
@@ -94,7 +94,7 @@ def plan_jobs(
 ) -> list[Job]:
     """A job for each variant, sequence, method and seed 0 … seeds - 1.
 
-    methods : names by variant; config : settings that replace those of a single method.
+    methods : names by variant; config : settings of a single method, in place of its preset.
     """
     names = [sequence.name for sequence in sequences]
     duplicates = [name for name in names if names.count(name) > 1]
@@ -179,7 +179,7 @@ def _pictures(folder: Path, result: Reproduction, groups: list[Group]) -> list[P
         figures |= {f"figure4_{variant}": figure_4} if figure_4 else {}
         for file, rows in figures.items():
             caption = f"{'Figure 4: ' * (rows is figure_4)}{' and '.join(rows)}, paths from above and, "
-            caption += f"with truth, the distance from it; {words}, first seed."
+            caption += f"with truth, the distance from the truth; {words}, first seed."
             paths.append(Picture(png(trajectories_figure(rows)), caption))
             write_atomic(folder / f"{file}.png", paths[-1].data)
     return [*paths[:1], *bars, *paths[1:]]

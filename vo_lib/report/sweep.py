@@ -83,7 +83,7 @@ def run_sweep(
     folder: Path,
     run: Callable[[list[Job]], list[Outcome]],
 ) -> Sweep:
-    """Run all combinations with seeds 0 … seeds - 1, each in a run folder in `folder`/cells.
+    """Run all combinations with seeds 0 … seeds - 1, each in its own folder in `folder`/cells.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def sweep_table(sweep: Sweep) -> ReportTable:
 
 
 def heat_map(sweep: Sweep) -> bytes:
-    """PNG of TE and RE; the last setting is the horizontal axis, dark means large, a cross no result."""
+    """PNG of TE and RE; the last setting is the horizontal axis; dark is a large error, a cross no result."""
     *down, across = sweep.axes
     columns = [settings.as_typed(value) for value in across.values]
     rows = [

@@ -1,4 +1,4 @@
-"""Table 1: a list of records, and its layout with the paper's numbers next to ours."""
+"""Table 1 as a list of records, and as tables with the paper's numbers next to ours."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ ERROR_KINDS = {"te_percent": ("TE %", 2), "re_deg_per_100m": ("RE deg/100 m", 3)
 def table_records(groups: list[Group], paper: PaperTable) -> list[dict[str, Any]]:
     """Table 1 as a record per row and method, in the order of the rows; None for a missing number.
 
-    Rows of a group: the mean (the paper's Avg, for complete runs of its ten sequences), each sequence with 01
-    last, and all sub-sequences pooled. Only complete sequences are compared with the paper's numbers.
+    Rows of a group: the mean (the paper's Avg, if all ten sequences are complete), each sequence (01 last),
+    and the mean over all sub-sequences. Only complete sequences are compared with the paper's numbers.
     """
     return [record for group in groups for record in _records(group, paper)]
 
@@ -59,7 +59,7 @@ def number_fields(errors: Array, entry: Entry | None) -> dict[str, float | None]
 
 
 def layout_tables(group: Group, paper: PaperTable) -> list[ReportTable]:
-    """Tables of a group's records: one table or, with the paper's numbers, one for TE and one for RE.
+    """Tables of a group's records: one table, or two (TE and RE) with the paper's numbers.
 
     A group without errors has no table.
     """
@@ -115,9 +115,9 @@ def caveats(group: Group) -> list[str]:
 
 
 def results(groups: list[Group]) -> list[str]:
-    """Sentences on each group: the proposal compared with the same methods as in the paper.
+    """Sentences that compare the proposal with other methods, for each group.
 
-    The first comparison is with the same method without removal; the others are as in the paper.
+    The other method is `solution_selection` and, in a group with the paper's sequences, also `mesvo_f`.
     """
     compared = ((group, other) for group in groups for other in list(CLAIMS)[: 2 if group.is_papers else 1])
     return [sentence for group, other in compared for sentence in _comparison(group, other)]

@@ -42,7 +42,7 @@ class Run:
     Attributes
     ----------
     sequence : the input; config : the settings.
-    poses : (N, 4, 4) T_w_c of the left camera, the first the identity, metres.
+    poses : (N, 4, 4) T_w_c of the left camera, metres; the first pose is the identity.
     motions : (N - 1) motions from each frame to the next.
     calibration : calibration errors estimated up to the last frame; None for `published`.
     """
@@ -110,7 +110,7 @@ def make_odometry(
     times: Array | None = None,
     on_moving: Callable[[int, StereoMatches], BoolArray] | None = None,
 ) -> Odometry:
-    """The odometry for a configuration: the paper's, VISO2, or the odometry of variant `kit`.
+    """The odometry for a configuration: the paper's method, VISO2, or a method of variant `kit`.
 
     Variant `kit` uses initial calibration errors, the frames' times for the vehicle check, and the truth
     about moving vehicles for the box rule `truth`; see `kit.odometry`.
@@ -123,7 +123,7 @@ def make_odometry(
 
 
 def unmasked(sequence: Sequence, frames: Iterable[TimedMatches]) -> Iterator[TimedMatches]:
-    """The matches of each frame outside the masks of that frame and of the previous frame."""
+    """The matches of each frame that are outside the masks of the frame and of the previous frame."""
     if sequence.masks is None:
         yield from frames
         return
@@ -154,13 +154,13 @@ def run_methods(
     matches: Iterable[TimedMatches] | None = None,
     calibration: Calibration | None = None,
 ) -> dict[str, Run]:
-    """Runs of several methods over one sequence; the matches are computed once for all of them.
+    """Runs of several methods over one sequence; the matches are computed once for all methods.
 
     Parameters
     ----------
     configs : name and configuration of each method; variant, feature and matching settings must be equal.
     progress : called with (frames done, total frames) after each frame.
-    matches : matches of every frame with these settings, such as `matches.CachedMatches`; default: computed.
+    matches : matches of every frame with these settings, such as `CachedMatches`; by default computed here.
     calibration : initial calibration errors of variant `kit`, see `kit.calibration`.
 
     Raises
@@ -196,7 +196,7 @@ def single_threaded() -> Iterator[None]:
     """A context without threads of BLAS and OpenCV, which slow down work on small matrices and images.
 
     The kit itself prepares frames in threads. Threads enter and leave the context in any order: the first
-    thread sets the limit, the last removes the limit.
+    thread sets the limit, the last thread removes the limit.
     """
     with _ThreadLimit.lock:
         _ThreadLimit.contexts += 1

@@ -1,4 +1,4 @@
-"""Run folders: the files of a run, written atomically, and their reading."""
+"""Run folders: atomic writing and reading of the files of a run."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def run_folder(folder: str | Path) -> Iterator[Path]:
 
 
 def refuse_foreign_files(folder: Path) -> None:
-    """`DataError` if a folder without a finished run contains files other than those of a run."""
+    """Raise `DataError` if a folder without a finished run contains files other than `RUN_FILES`."""
     if is_finished(folder):
         return
     for path in sorted(folder.iterdir()):
@@ -142,7 +142,7 @@ def timing(result: Run) -> dict[str, Any]:
 
 
 def read_config(path: Path) -> dict[str, Any]:
-    """The content of config.json, by its path or its folder; `DataError` if it is missing or invalid."""
+    """The content of config.json, from its path or folder; `DataError` if the file is missing or invalid."""
     path, expected = path / CONFIG if path.is_dir() else path, "the settings of a run, as written by `vo run`"
     data = read_mapping(path, expected)
     if not isinstance(data.get("settings"), dict):

@@ -21,16 +21,16 @@ Prepared = TypeVar("Prepared")
 
 
 class FrontEnd(Protocol):
-    """The first half of a method: matches in four images from stereo pairs.
+    """The first half of a method: from stereo pairs to matches in four images.
 
     `prepare` may run in other threads, in advance and in any order; `step` gets the results in order.
     """
 
     def prepare(self, pair: tuple[Image, Image]) -> Any:
-        """The work on a single pair, left and right image, (H, W) uint8."""
+        """The work that needs only a single pair: left and right image, (H, W) uint8."""
 
     def step(self, pair: Any) -> StereoMatches:
-        """Matches of the previous pair with this one; empty for the first pair."""
+        """Matches of the previous pair with this pair; empty for the first pair."""
 
 
 def make_front_end(camera: StereoCamera, config: MethodConfig) -> FrontEnd:

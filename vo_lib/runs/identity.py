@@ -51,7 +51,7 @@ def code_digest(modules: tuple[str, ...]) -> str:
 
 
 def import_closure(modules: Iterable[str]) -> tuple[Path, ...]:
-    """Sorted files of modules of vo_lib and of the modules of vo_lib that they import at top level."""
+    """Sorted files of `modules` and of all modules of vo_lib that these files import at top level."""
     waiting, files = [PACKAGE.joinpath(*name.split(".")).with_suffix(".py") for name in modules], set[Path]()
     while waiting:
         path = waiting.pop()
@@ -106,7 +106,7 @@ def _read_hashes(path: Path) -> dict[str, str]:
 
 
 def labels_digest(sequence: Sequence) -> str:
-    """Digest of the label files of the sequence's frames; the digest of an empty text without label files."""
+    """Digest of the label files of the sequence's frames; without label files, of an empty text."""
     files = [] if sequence.labels is None else [sequence.labels / f"{frame}.txt" for frame in sequence.frames]
     return _digest_of_data(files)
 
@@ -143,7 +143,7 @@ def matches_identity(sequence: Sequence, config: MethodConfig) -> dict[str, Any]
 def run_identity(
     sequence: Sequence, config: MethodConfig, method: str, calibration: Calibration | None = None
 ) -> dict[str, Any]:
-    """All inputs that determine the poses of a run, and the run's names, as returned by a JSON reader.
+    """All inputs that determine the poses of a run, and names of method and sequence, in types of JSON.
 
     Runs with equal identities have byte-identical poses.
     """

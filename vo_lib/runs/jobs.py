@@ -1,4 +1,4 @@
-"""Runs with one folder each: a run is computed once, and later read from its folder. Jobs run in parallel."""
+"""Runs in one folder each: a run is computed once, and later read from its folder. Jobs run in parallel."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def run_once(
 
     Files are written after the last frame. A run that is killed and repeated gives the same bytes. `matches`,
     `calibration` and `progress` are as in `run_methods`; `method` is the name written into the folder.
-    `fresh` computes the run in any case; new files replace the finished files at the end.
+    `fresh` computes the run in any case; the new files replace the old files at the end.
 
     Raises `DataError` if the folder is missing, not writable, in use by another process, or contains another
     run or other files.
@@ -64,7 +64,7 @@ def run_once(
 
 
 def _refuse_another(folder: Path, identity: dict[str, Any]) -> None:
-    """`DataError` with the differences, if the folder contains a run with another identity."""
+    """Raise `DataError` with the differences if the folder contains a run with another identity."""
     stored, expected = dict(_flat(read_config(folder))), dict(_flat(identity))
     del expected["sequence"]  # the name may change
     if differences := [name for name, value in expected.items() if stored.get(name) != value]:
@@ -87,7 +87,7 @@ def _flat(mapping: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]
 
 @dataclass(frozen=True)
 class Job:
-    """A run to do. The folder is created if missing, and not changed if it has the finished run."""
+    """A run to do. A missing folder is created; a folder with the finished run is not changed."""
 
     sequence: Sequence
     method: str
@@ -102,7 +102,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Outcome:
-    """A job, and the cause of its failure in one line or None for success."""
+    """A job, and the cause of its failure as one line; None for success."""
 
     job: Job
     error: str | None
@@ -124,7 +124,7 @@ def run_jobs(
     workers : number of processes; 1 means this process.
     progress : called with (frames done, total frames); a frame of a front end counts as `MATCHING_FRAMES`.
     cache : folder of the match cache; default the user's cache folder.
-    scheduler : address of a Dask scheduler, "tcp://host:port", used instead of local processes; its workers
+    scheduler : address of a Dask scheduler, "tcp://host:port", used instead of local processes; the workers
         need the same files under the same paths.
     fresh : repeat finished runs.
 
@@ -209,7 +209,7 @@ def _attempt(function: Callable[[Job], None], job: Job) -> str | None:
 
 @contextmanager
 def executor(workers: int, scheduler: str | None = None) -> Iterator[Executor]:
-    """Local processes, or the workers of a Dask scheduler; `DataError` if there are no workers."""
+    """Local processes, or the workers of a Dask scheduler; `DataError` if the scheduler has no workers."""
     if scheduler is None:
         with local_pool(workers) as pool:
             yield pool

@@ -41,8 +41,8 @@ def code_folder(variant: str, cache: Path | None = None) -> Path:
 class CachedMatches:
     """Matches of every frame with the previous frame, read from the cache, or computed and stored there.
 
-    Equivalent to `front_end.find_matches`, to the last bit. If the file is missing or damaged, the matches
-    are computed and written again.
+    The result is identical to the result of `front_end.find_matches`. If the file is missing or damaged, the
+    matches are computed and written again.
 
     Attributes
     ----------
@@ -111,6 +111,6 @@ def _from_rows(rows: Array) -> StereoMatches:
 
 
 def folder_size(path: Path) -> int:
-    """Bytes of a file, or of all files in a folder."""
+    """Size in bytes of a file, or of all files in a folder."""
     files = [path] if path.is_file() else path.rglob("*")
     return sum(file.stat().st_size for file in files if file.is_file())
