@@ -88,7 +88,7 @@ class Site:
 
         Parameters
         ----------
-        name : name of the texture; columns along the route, rows from the first line to the second.
+        name : name of the texture: columns along the route, rows from the first line to the second line.
         s : (n,) arc lengths, metres.
         offset, up : lateral offset and height of the first and of the second line, a number or (n,), metres.
         period : length of one repeat of the texture along the route, metres.

@@ -72,7 +72,7 @@ def blend(image: Image, mask: Image, grey: Image | float) -> None:
 
 
 def asphalt(rng: Rng, lanes: int, width: float, length: float, solid_centre: bool) -> Image:
-    """A stretch of road: rows go from left to right, columns go along the road. Periodic along the road.
+    """A stretch of road, periodic along the road. Row indices increase to the right, column indices ahead.
 
     Parameters
     ----------

@@ -96,7 +96,7 @@ class Traffic:
         for lane in range(config.lanes):
             s0 = self.drive.s[0] + float(rng.uniform(15.0, 35.0))
             last = self.drive.s[-1] + speed * times[-1] + 120.0
-            if self.route.lap is not None:  # the last one drives ahead of the first
+            if self.route.lap is not None:  # the last vehicle drives ahead of the first
                 last = s0 + self.route.lap - 25.0
             while s0 < last:
                 model = self.pick(0.2)

@@ -89,7 +89,7 @@ def visible_boxes(
 
 
 def outline_area(world: World, vehicle: int, frame: int) -> float:
-    """Number of visible and hidden pixels inside the convex outline of a vehicle in the left image."""
+    """Numbers of visible and hidden pixels inside the convex outline of a vehicle in the left image."""
     camera = world.config.camera
     one = world.vehicles[vehicle]
     T_c_o = inverse(world.drive.poses[frame]) @ one.poses[frame]

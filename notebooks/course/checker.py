@@ -1,4 +1,4 @@
-"""The checker of all exercises: it calls an answer with each case and names the mistake."""
+"""The checker of all exercises: calls of an answer with each case, and messages about mistakes."""
 
 from __future__ import annotations
 
@@ -59,13 +59,13 @@ SLIPS: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "double": ("{what} is off by a factor of two.", lambda right: 2.0 * right),
     "half": ("{what} is off by a factor of two.", lambda right: 0.5 * right),
     "share": (
-        "{what} is a hundredth of the right one: a share instead of per cent?",
+        "{what} is a hundredth of the right value: a share instead of per cent?",
         lambda right: right / 100,
     ),
     "radians": ("{what} is in radians; the task asks for degrees.", np.radians),
     "degrees": ("{what} is in degrees; the task asks for radians.", np.degrees),
-    "inverse": ("{what} is one divided by the right one.", lambda right: 1.0 / right),
-    "square": ("{what} is the square of the right one.", np.square),
+    "inverse": ("{what} is the inverse of the right value.", lambda right: 1.0 / right),
+    "square": ("{what} is the square of the right value.", np.square),
     "one more": ("{what} is too large by one: is the first index zero?", lambda right: right + 1),
     "one less": ("{what} is too small by one: is the first index zero?", lambda right: right - 1),
     "transposed": ("{what} is transposed.", lambda right: np.swapaxes(right, -1, -2)),
@@ -97,7 +97,7 @@ class Exercise:
     line : the code of a right answer, shown after the third different failure; by default the hint.
     library : functions of the library that an answer must not call.
     mistakes : messages (fields as in `praise`) and their wrong answers. A wrong answer is a function of the
-        inputs, a value or a `When`; for a panel, a function of the facts, which is True for the mistake.
+        inputs, a value or a `When`; for a panel, a function of the facts, True for the mistake.
     slips : messages by slip, in place of `SLIPS`; if `right` is a value, only these slips are tested.
     parts : names of several results, in the order of the comparison.
     form : function that prepares results for the comparison, such as `in_order`.

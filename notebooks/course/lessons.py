@@ -121,7 +121,7 @@ def frames_of(scene: Scene, frames: int, seed: int) -> Iterator[Pair]:
 
 
 def turned(R: Array, R_other: Array | None) -> float:
-    """Angle between two rotations (3, 3), degrees; NaN if the second is None."""
+    """Angle between two rotations (3, 3), degrees; NaN if the second rotation is None."""
     return np.nan if R_other is None else float(np.degrees(rotation_angle(R.T @ R_other)))
 
 

@@ -128,7 +128,7 @@ class Panel:
     start : configuration with the initial values of the controls.
     kit : configuration for the switch "published | kit"; if None, there is no switch.
     height : height of the picture, pixels.
-    needs_truth : whether a sequence without poses is shown only as its image, with a sentence.
+    needs_truth : whether only the image and a sentence are shown for a sequence without poses.
     long_job : label of the Run button, if `work` takes more than a second; else empty.
 
     Attributes

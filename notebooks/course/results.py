@@ -54,7 +54,7 @@ def marked(text: str) -> str:
 
 
 class Unusable(Verdict):
-    """A result that cannot be compared. Two results are equal if their messages are equal up to the colon."""
+    """A result that cannot be compared. Such results are equal if their messages agree before the colon."""
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Unusable) and self.message.split(":")[0] == other.message.split(":")[0]

@@ -1,4 +1,4 @@
-"""Simulated drives, a made-up tour, and the order of chapter 4's weightings."""
+"""Simulated drives and estimates, and the order of chapter 4's weightings."""
 
 from __future__ import annotations
 

@@ -69,7 +69,7 @@ def test_a_drive_is_judged_and_not_what_is_said_of_it(street: Sequence) -> None:
         ),
         (lambda *_, seed: published[str(seed)].poses, "more than half"),
         (lambda *_, seed: None, "the path is missing: the function returns None"),
-        (lambda *_, seed: np.full((30, 4, 4), np.nan), "are no rotation, or NaN"),
+        (lambda *_, seed: np.full((30, 4, 4), np.nan), "is not a rotation, or is NaN"),
         (lambda *_, seed: np.array([np.eye(4)] * 30), "this is not the path of the camera"),
     ):
         assert words in ch08.better(answer, part).message

@@ -87,7 +87,7 @@ def test_block_repeats_its_outer_houses() -> None:
 
 
 class Fronts:
-    """Replacement for a mesh: collects texture numbers and corners of house fronts."""
+    """Replacement for a mesh, which collects texture numbers and corners of house fronts."""
 
     def __init__(self) -> None:
         self.fronts: list[tuple[int, Array]] = []

@@ -85,7 +85,7 @@ disparity_at_20_m = Exercise(
 back_project = Exercise(
     point,
     lambda: [(810.0, 250.0, 14.0, CAMERA), (350.0, 90.0, 7.0, CAMERA)],
-    praise="X = ({got[0]:.2f}, {got[1]:.2f}, {got[2]:.2f}) m, as `camera.back_project` has it.",
+    praise="X = ({got[0]:.2f}, {got[1]:.2f}, {got[2]:.2f}) m, the result of `camera.back_project`.",
     hint="compute Z from the disparity first. Then X is to Z as u - cx is to f, and Y is to Z as v - cy is to f.",
     line="np.array([(u - camera.cx) / camera.f * Z, (v - camera.cy) / camera.f * Z, Z])",
     library=("back_project", "triangulate"),

@@ -26,7 +26,7 @@ def windows() -> list[Case]:
 
 
 def eigenvalues(gx: Array, gy: Array, total: Callable[..., Any] = np.sum) -> Array:
-    """Eigenvalues (2,) of the structure tensor, the smaller one first."""
+    """Eigenvalues (2,) of the structure tensor, the smaller eigenvalue first."""
     return np.linalg.eigvalsh([[total(gx * gx), total(gx * gy)], [total(gx * gy), total(gy * gy)]])
 
 
@@ -36,13 +36,13 @@ def strength(gx: Array, gy: Array, total: Callable[..., Any] = np.sum) -> Any:
 
 
 def unsorted(gx: Array, gy: Array) -> Any:
-    """The square root of the first eigenvalue of `np.linalg.eig`, which is not always the smaller one."""
+    """The square root of the first eigenvalue of `np.linalg.eig`, not always the smaller eigenvalue."""
     M = [[np.sum(gx * gx), np.sum(gx * gy)], [np.sum(gx * gy), np.sum(gy * gy)]]
     return np.sqrt(max(np.linalg.eig(M)[0][0], 0.0))
 
 
 def stereo_pairs() -> list[Case]:
-    """Cases with a good match twice and a third match; then cases with six matches, and with other limits."""
+    """Cases of three matches, two of them equal and good; then cases of six matches, with several limits."""
     left = np.tile([100.0, 50.0], (6, 1))
     right = np.array([[90.0, 50.4], [99.5, 51.0], [90.0, 52.0], [99.8, 50.0], [110.0, 50.0], [90.0, 48.0]])
     some = [(left[[0, 0, i]], right[[0, 0, i]], 1.0, 0.5) for i in (0, 2, 3, 4, 5)]
@@ -151,7 +151,7 @@ corner_strength = Exercise(
     library=("corner_strength",),
     slips={"square": "this is correct except for the square root."},
     mistakes={
-        "this is the larger eigenvalue, also large on an edge.": lambda *g: np.sqrt(eigenvalues(*g)[1]),
+        "this is the larger eigenvalue; it is large on an edge.": lambda *g: np.sqrt(eigenvalues(*g)[1]),
         "`np.linalg.eig` gives the eigenvalues in no order, and the first is not always the smaller; "
         "`np.linalg.eigvalsh` sorts them.": unsorted,
         "both eigenvalues are returned; return only the smaller one.": eigenvalues,
@@ -213,7 +213,7 @@ loop_closes = Exercise(
         "a match of -1 was followed: to numpy, index -1 is the last element.": When(
             lambda got, *chain: set(which(*chain)) < set(got) and len(got) < len(chain[0])
         ),
-        "these reach the current left image; the loop has to end at the feature where it began.": lambda *chain: (
+        "these reach the current left image; the loop has to end at its first feature.": lambda *chain: (
             np.flatnonzero(follow(*chain[:3])[1])
         ),
         "this tests for -1 at i in each list, but the feature's number changes with every step.": (
@@ -243,7 +243,7 @@ peak = Exercise(
     },
     slips={
         "sign": "the sign is wrong: the top is on the side of the larger neighbour.",
-        "one more": "this is counted from the left value; count from the middle one.",
+        "one more": "this is counted from the left value; count from the middle value.",
     },
 )
 

@@ -35,7 +35,7 @@ class FivePointView(Checked):
 
     draw: int = setting(0, "seed of the random choice of five matches", low=0, high=999)
     points: tuple[int, ...] = setting((), "numbers of five matches; empty: a random choice", low=0)
-    match: float = setting(0.3, "match with a drawn epipolar line, ordered from left to right", low=0, high=1)
+    match: float = setting(0.3, "match of the epipolar line; 0: leftmost, 1: rightmost", low=0, high=1)
     candidate: int = setting(1, "displayed solution of the set; 1 is the best", low=1, high=10)
     noise: float = setting(0.0, "noise added to every coordinate", unit="px", low=0, high=3)
     spread: str = setting(

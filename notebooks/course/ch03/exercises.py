@@ -1,4 +1,4 @@
-"""Exercises of chapter 3: the angle, the k nearest, the truncated error, the selection, how many sets."""
+"""Exercises of chapter 3: the angle, the k nearest, the truncated error, the selection, number of sets."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def by_order(measure: Callable[[Array, Array], Array]) -> Callable[..., int]:
 
 
 def sets_for(good: float) -> float:
-    """Number of sets for a correct set with probability 99 %; `good` is the share of correct sets."""
+    """Number of sets for at least one correct set at 99 % probability; `good`: share of correct sets."""
     return float(np.log(0.01) / np.log(1.0 - good))
 
 
@@ -140,7 +140,7 @@ angle = Exercise(
     hint="dot product, absolute value, arc cosine, in this order.",
     line="np.arccos(min(abs(e1 @ e2), 1))",
     library=("essential_angle",),
-    slips={"degrees": "this is in degrees; inside the code angles are radians."},
+    slips={"degrees": "this is in degrees; in the code, angles are in radians."},
     mistakes={
         "this is the cosine, not yet the angle.": lambda a, b: abs(a @ b),
         "e and -e are the same essential matrix, but the angle differs.": lambda a, b: np.arccos(
@@ -205,7 +205,7 @@ select = Exercise(
     selected,
     frames,
     praise="the paper's section 2.2: k of each set by angle, then the smallest image error of all kept candidates.",
-    hint="for each set, find its members and the k of them nearest to e_prev; then compare the errors of all kept.",
+    hint="for each set, find its k candidates nearest to e_prev; then compare the errors of all kept candidates.",
     line="members = np.flatnonzero(set_index == s); kept += [*members[nearest(E[members], e_prev, k)]]",
     library=("nearest_to_prior", "choose"),
     mistakes={says: by_order(measure) for says, measure in ORDERS.items()}
@@ -226,7 +226,7 @@ select = Exercise(
             lambda E, s, errors, e, k: selected(E, s, errors, e, 2),
             lambda E, s, errors, e, k: selected(E, s, errors, e, 1),
         ),
-        "prior and image error are exchanged: the angle selects the candidates, the error the winner.": (
+        "prior and image error are exchanged: the angle selects candidates, the error selects the winner.": (
             lambda E, s, errors, e, k: least(angles(E, e), first_of_each_set(errors, s, k))
         ),
         "this is the nearest of the winners of the sets; the image error also decides between sets.": of_winners,
@@ -243,7 +243,7 @@ select = Exercise(
         "this is the image error of the winner; return its index.": lambda E, s, errors, *more: errors[
             selected(E, s, errors, *more)
         ],
-        "only k candidates of all sets compete; k candidates of each set may.": lambda E, s, errors, e, k: (
+        "only k candidates compete in all; k candidates of each set may compete.": lambda E, s, errors, e, k: (
             least(errors, first_of_each_set(angles(E, e), 0 * s, k))
         ),
     },
@@ -281,7 +281,7 @@ consensus_fooled = Exercise(
         ),
         "consensus is only {error by consensus:.3f}° wrong. Which matches agree among themselves: wrong matches, or "
         "matches on one moving object?": lambda now: not now["error by consensus"] > 0.5,
-        "no match is disturbed: noise chose between the two solutions of a plane. Untick *one plane* and disturb "
-        "matches instead.": lambda now: not now["disturbed"] > 0,
+        "no match is disturbed: noise decided between the two solutions of a plane. Untick `one plane` and "
+        "disturb matches instead.": lambda now: not now["disturbed"] > 0,
     },
 )

@@ -25,7 +25,7 @@ from .figures import Field, features_picture, field_figure
 
 CHART_HEIGHT = 260
 WALL = np.array([0.35, -0.2, 1.0])  # its normal: WALL · X = 12 m
-# Motion of the bus from frame to frame: it turns into our street.
+# Motion of the bus from frame to frame: the bus turns into the street of the camera.
 STEP, TURN = np.array([0.5, 0.0, 0.3]), rotation_from_vector(np.radians([0.0, 2.0, 0.0]))
 
 
@@ -165,7 +165,7 @@ class SelectionPanel(Panel):
         chart = field_figure(field, error, CHART_HEIGHT)
         same = "also" if field.selected == field.consensus else "not"
         sentence = (
-            f"Of {len(candidates.E)} solutions of {selection.sets} sets {np.count_nonzero(field.kept)} may "
+            f"Of {len(candidates.E)} solutions of {selection.sets} sets, {np.count_nonzero(field.kept)} may "
             f"compete. The winner is {same} the winner of consensus."
             + (" The first pair has no previous essential vector." if e_prev is None else "")
             + (" The sequence has no ground truth." if R_true is None else "")

@@ -188,7 +188,7 @@ stack = Exercise(
     stacked,
     lambda: [noisy_rows(30, 5, 0.5)],
     atol=1e-6,
-    praise="t = ({got[0]:.4f}, {got[1]:.4f}, {got[2]:.4f}) m, as the library's `eliminate_points` has it.",
+    praise="t = ({got[0]:.4f}, {got[1]:.4f}, {got[2]:.4f}) m, the result of `eliminate_points`.",
     hint="for each feature compute N_i; add up B_iᵀ N_i B_i and B_iᵀ N_i c_i; solve one 3×3 system at the end.",
     line="N = np.eye(8) - A_i @ np.linalg.pinv(A_i); H += B_i.T @ N @ B_i; g += B_i.T @ N @ c_i",
     library=("eliminate_points", "solve_translation", "robust_translation"),
@@ -248,7 +248,7 @@ robust_weight = Exercise(
             np.minimum(1.0, s / np.maximum(np.abs(r), 1e-12))
         ),
         "this is all or nothing; the Cauchy weight falls smoothly.": lambda r, s: np.abs(r) <= s,
-        "the weights are divided by their sum; each depends on its own residual alone.": lambda r, s: (
+        "the weights are divided by their sum; each weight depends only on its own residual.": lambda r, s: (
             cauchy(r, s) / cauchy(r, s).sum()
         ),
         "this is a Gaussian, which falls much faster than Cauchy's weight.": (
@@ -269,8 +269,8 @@ robust_weight = Exercise(
 turned_sideways = Exercise(
     {"error in x": -35.0, "error in z": 10.0, "error in x / rotation error": 10.0, "depth limit": 15.0}
     | {"rotation error": 0.2, "wrong share": 0.0, "noise added": 0.1},
-    praise="{error in x:.0f} mm by {rotation error:.2f}°, a mean depth of {error in x / rotation error:.0f} m: near "
-    "features slip less, so the rotation error has to be larger than with all features.",
+    praise="{rotation error:.2f}° cause {error in x:.0f} mm in x; the ratio is the mean depth, "
+    "{error in x / rotation error:.0f} m. Near features need a larger rotation error for the same error in x.",
     mistakes={
         "there is no ground truth: choose another sequence.": lambda now: np.isnan(now["error in x"]),
         "the rotation is exact, so this error has another cause: move `rotation error`.": lambda now: (
@@ -283,7 +283,7 @@ turned_sideways = Exercise(
         "features up to {depth limit:.0f} m are used: lower `depth limit` to 15 m.": lambda now: (
             not now["depth limit"] <= 15.0
         ),
-        "the error in x is only {error in x:.1f} mm: a slip is the depth times the angle, and these features are near."
+        "only {error in x:.1f} mm: the error in x is the depth times the angle, and these features are near."
         "": lambda now: not abs(now["error in x"]) > 30.0,
         "{error in x:.0f} mm in x, but {error in z:.0f} mm in z as well. Choose the first weighting of the list: with "
         "the other weightings, moving cars cause the error in z.": lambda now: (

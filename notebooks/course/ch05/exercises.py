@@ -26,7 +26,7 @@ KEPT, LOST = "on moving things, kept", "on standing things, removed"
 
 
 def net_boxes() -> list[Case]:
-    """Cases of boxes: two inside the image; one over the lower right corner; one over the upper left; all."""
+    """Cases: boxes inside the image, over its lower right corner, over its upper left corner; all boxes."""
     inner = [[10.0, 240, 90.5, 300], [320, 280, 470, 360]]
     low, high = [[600.0, 250, 655, 420]], [[-9.0, 200, 60, 300]]
     letterbox = fit_letterbox(*SIZE, *NET)
@@ -212,12 +212,12 @@ iou = Exercise(
 suppress = Exercise(
     suppressed,
     heaps,
-    praise="the same boxes in the same order as greedy suppression keeps, also for 20 random groups.",
+    praise="the same boxes in the same order as by greedy suppression, for 20 random groups, too.",
     hint="keep the best box, drop the boxes whose IoU with this box is above `most`, and repeat.",
     line="for k in np.argsort(-scores): if all(shared[k, other] <= most for other in kept): kept.append(k)",
     library=("best_boxes", "NMSBoxes"),
     mistakes={
-        "the worse of two boxes on one car stays: begin with the best box.": When(
+        "the worse of two boxes on one car is kept: begin with the best box.": When(
             lambda got, corners, *case: len(corners) == 5 and 0 in got and 1 not in got
         ),
         "boxes with a small overlap are dropped, too: compare with `most`, not with 0.": When(
@@ -282,11 +282,11 @@ box_moves = Exercise(
     judged(middle),
     driven,
     praise="the answer is right for boxes of parked, leading, crossing, hidden and far vehicles.",
-    hint="compute the place of each feature as if it stood still. The median difference is the step of the box.",
+    hint="compute the place of each feature without its own motion. The median difference is the step of the box.",
     line="step = np.median(X_c - (X_p @ T_cp[:3, :3].T + T_cp[:3, 3]), axis=0)",
     library=("point_steps", "box_steps", "states"),
     mistakes={
-        "these steps contain the motion of the camera: a standing feature is at R_cp X_p + t_cp now.": (
+        "these steps contain the motion of the camera: a static feature is at R_cp X_p + t_cp now.": (
             judged(middle, lambda X_p, X_c, T_cp: X_c - X_p),
             judged(middle, lambda X_p, X_c, T_cp: left_over(X_c, X_p, T_cp)),
             judged(middle, lambda X_p, X_c, T_cp: X_c - X_p @ T_cp[:3, :3].T),
@@ -306,7 +306,7 @@ box_moves = Exercise(
             lambda steps: np.linalg.norm(steps, axis=1).min()
         ),
         "with two features the answer is None.": (judged(middle, few=True), judged(middle, few=False)),
-        "three features are enough: return None for fewer only.": judged(middle, fewest=4),
+        "three features are enough: return None only for fewer features.": judged(middle, fewest=4),
         "the length of a step is the root of the sum of the three squares.": (
             judged(lambda steps: np.abs(np.median(steps, axis=0)).max()),
             judged(lambda steps: np.abs(np.median(steps, axis=0)).sum()),
@@ -320,7 +320,7 @@ box_moves = Exercise(
 
 sparing_rule = Exercise(
     {"removed": 40.0, KEPT: 1.0, LOST: 15.0},
-    praise=f"{{{KEPT}:.0f}} stay of the features on moving things, {{{LOST}:.0f}} go of those on standing things.",
+    praise=f"{{{KEPT}:.0f}} features on moving things remain, {{{LOST}:.0f}} on standing things are removed.",
     mistakes={
         "this sequence has no truth of moving things; choose synthetic/traffic.": lambda now: (
             not np.isfinite(now[KEPT] + now[LOST])
@@ -328,13 +328,13 @@ sparing_rule = Exercise(
         "nothing is removed: choose another rule than `none`, and a score below 1.": lambda now: (
             not now["removed"] > 0
         ),
-        "nothing that moves stays and nothing that stands still goes: this is the rule `truth`. It reads the answer "
-        "from the drawn scene. Find a rule that a car on a real road could use.": lambda now: (
+        "exactly the features on moving things are removed: this is the rule `truth`, which reads the answer from "
+        "the drawn scene. Find a rule that a car on a real road could use.": lambda now: (
             now[KEPT] == now[LOST] == 0
         ),
-        f"{{{KEPT}:.0f}} features on moving things stay. Some are on the rim of a vehicle, just outside its box: "
+        f"{{{KEPT}:.0f}} features on moving things remain. Some are on the rim of a vehicle, outside its box: "
         "let the boxes grow a little.": lambda now: now[KEPT] > 1,
-        f"{{{LOST}:.0f}} features on standing things go. Parked cars, and houses in a box's corner, need not go: "
-        "which rule of the kit looks at motion?": lambda now: now[LOST] > 20,
+        f"{{{LOST}:.0f}} features on standing things are removed. Parked cars, and houses in the corner of a "
+        "box, need not be removed: which rule of the kit depends on motion?": lambda now: now[LOST] > 20,
     },
 )

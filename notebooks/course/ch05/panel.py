@@ -178,7 +178,7 @@ class FilteringPanel(Panel):
         judged = result.judgement
         shown, states = (vehicles(boxes, rule), None) if judged is None else (judged.boxes, judged.state)
         removed = int(np.sum(~result.keep))
-        words = f"frame {frame}, rule {rule.rule}: kept features blue, removed ones orange"
+        words = f"frame {frame}, rule {rule.rule}: kept features blue, removed features orange"
         picture = filter_picture(stereo(sequence, frame)[0], matches, result.keep, shown, states, words)
         T_true = true_motion(sequence, frame)
         every = motion_from(sequence, frame, np.ones(len(matches), np.bool_), state.config).T_cp
@@ -244,7 +244,7 @@ class LorryPanel(Panel):
         image, lorry = stereo(sequence, frame)[0].copy(), matches.id < 0
         for x0, y0, x1, y1 in np.rint(box_c.xyxy).astype(int).tolist():
             image[y0:y1, x0:x1] = image[y0:y1, x0:x1] // 4 + 96
-        words = f"frame {frame}: features that the winner fits blue, others orange; the lorry grey"
+        words = f"frame {frame}: the winner's inliers blue, other features orange, the lorry grey"
         picture = filter_picture(image, matches, fits, box_c, None, words)
         used = select_by_bucket(matches.cur_left, matches.age, matches.strength, config.buckets)
         sentence = (

@@ -128,7 +128,7 @@ def plain(errors: list[Array]) -> float:
 end_frame = Exercise(
     end,
     paths,
-    praise="the first frame beyond the length, or none. Standing still (frames 3 and 4) does no harm.",
+    praise="the first frame beyond the length, or None. The standstill (frames 3 and 4) has no effect.",
     hint="the path is 0, 1.5, 3.5, 6, 6, 7, 9.5, 12 m.",
     line="beyond = np.flatnonzero(path > path[first] + length)",
     mistakes={
@@ -225,7 +225,7 @@ all_errors = Exercise(
     lambda: [(*judged_pair(), KITTI_LENGTHS[:4], 10), (*judged_pair(), (150.0,), 25)],
     parts=("te", "re"),
     atol=1e-6,
-    praise="TE {got[0]:.3f} %, RE {got[1]:.3f} deg/100 m over all sub-sequences, as `kitti_errors` has it.",
+    praise="TE {got[0]:.3f} %, RE {got[1]:.3f} deg/100 m over all sub-sequences, as in `kitti_errors`.",
     hint="leave out the sub-sequences for which `end_frame` returns None; take one mean over all the others.",
     line="if (last := end_frame(path, first, length)) is not None: "
     "errors.append(part_errors(truth, estimate, first, last, length))",
@@ -255,7 +255,7 @@ averages = Exercise(
     lambda errors: (pooled(errors), plain(errors)),
     sequences,
     parts=("pooled", "plain"),
-    praise="1.4 and 2.0 of the same errors. A table has to say which average it gives.",
+    praise="the same errors have the means 1.4 and 2.0. A table must name its kind of mean.",
     hint="one mean is over all errors, the other over the sequences' own means.",
     line="np.concatenate(errors).mean(), np.mean([each.mean() for each in errors if len(each)])",
     mistakes={
@@ -268,7 +268,7 @@ averages = Exercise(
             np.mean([each.sum() / max(len(each), 1) for each in errors]),
         ),
         "the last sequence is missing.": lambda errors: (pooled(errors[:-1]), plain(errors[:-1])),
-        "a sequence without sub-sequences makes it NaN; leave empty ones out of the plain mean.": When(
+        "a sequence without sub-sequences makes the plain mean NaN; leave out empty sequences.": When(
             lambda got, errors: np.isnan(got)
         ),
     },
@@ -277,14 +277,14 @@ averages = Exercise(
 blind_ate = Exercise(
     {"TE": 4.0, "RE": 0.0, "ATE": 0.05},
     praise="TE {TE:.1f} %, RE {RE:.2f} deg/100 m, ATE {ATE:.2f} m. Every step is too long by the same share. The "
-    "alignment sim3 scales the estimate before the distances are taken, so ATE does not contain this error.",
+    "alignment sim3 scales the estimate before ATE is computed, so ATE does not contain this error.",
     mistakes={
         "the panel shows no TE: choose a sequence with a ground truth, and press Run for a method.": (
             lambda now: np.isnan(now["TE"])
         ),
         "TE is only {TE:.2f} %: which made-up error lengthens every step?": lambda now: not now["TE"] > 3,
         "RE is {RE:.2f} deg/100 m: which made-up errors turn the car?": lambda now: not now["RE"] < 0.5,
-        "ATE is {ATE:.2f} m: which alignment removes an error of scale before ATE is taken?": lambda now: (
+        "ATE is {ATE:.2f} m: which alignment removes an error of scale before ATE is computed?": lambda now: (
             not now["ATE"] < 0.2
         ),
     },

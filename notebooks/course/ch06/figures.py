@@ -120,7 +120,7 @@ def starts_figure(truth: Array, lengths: tuple[float, ...], step: int) -> Figure
 
 
 def curves_figure(errors: Mapping[str, KittiErrors]) -> Figure:
-    """Mean TE of named estimates by sub-sequence length and by speed."""
+    """Mean TE of each estimate by sub-sequence length and by speed."""
     made, axes = figure(230, 2)
     titles = ("by length", "length [m]"), ("by mean speed of the sub-sequence", "speed [km/h]")
     for axis, by, (title, x) in zip(axes, ("length", "speed"), titles, strict=True):

@@ -34,7 +34,7 @@ class EvaluationView(Checked):
     estimate: str = setting(
         MADE_UP, "the truth with added errors, or the path of a method", choices=(MADE_UP, *PUBLISHED)
     )
-    lengths: tuple[float, ...] = setting((), "empty: KITTI's, or 20, 50, 100", unit="m", low=1, high=10000)
+    lengths: tuple[float, ...] = setting((), "empty: selected by path length", unit="m", low=1, high=10000)
     step: int = setting(10, "frames from one start to the next", low=1, high=50)
     alignment: str = setting(
         Alignment.SE3.value,
@@ -45,7 +45,7 @@ class EvaluationView(Checked):
     yaw: float = setting(1.0, "added: excess turn to the right", unit="deg/100 m", low=-5, high=5)
     noise: float = setting(5.0, "added: noise of each step", unit="mm", low=0, high=100)
     jitter: float = setting(0.0, "added: noise of each rotation", unit="deg", low=0, high=0.5)
-    file: str = setting("", "path of a pose file to evaluate instead: KITTI, TUM or EuRoC")
+    file: str = setting("", "path of a pose file (KITTI, TUM or EuRoC) that replaces the estimate")
 
 
 class EvaluationPanel(Panel):

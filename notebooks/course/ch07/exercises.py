@@ -76,7 +76,7 @@ paper_average = Exercise(
             lambda te: sum(rows(te)) / 11,
             lambda te: sum(rows(te)) / len(te),
         ),
-        "this is the median; *Avg* is a mean.": lambda te: np.median(rows(te)),
+        "this is the median; `Avg` is a mean.": lambda te: np.median(rows(te)),
         "the mean includes row 01, which has dashes in the paper's table.": lambda te: np.mean(
             rows(te, without="")
         ),
@@ -158,16 +158,16 @@ fewer_sets = Exercise(
     {"five-point sets": 20.0, "settings changed": 2.0}
     | {"TE": 0.18, "TE of the preset": 0.19, "RE": 0.4, "RE of the preset": 0.5},
     praise="{five-point sets:.0f} sets: TE {TE:.3f} % against {TE of the preset:.3f} %, RE {RE:.3f} against "
-    "{RE of the preset:.3f} deg/100 m. That is one seed on thirty frames: move *seed*, and look again.",
+    "{RE of the preset:.3f} deg/100 m. This is one seed on thirty frames: move `seed`, and look again.",
     mistakes={
         "the panel shows no TE. Wait until its bar is gone, then run this cell again.": lambda now: (
             not np.isfinite(now["TE"])
         ),
         "{five-point sets:.0f} sets are more than 20.": lambda now: not now["five-point sets"] <= 20,
-        "one setting is changed. The kit refines the winner, so few sets suffice there: solve it with *method* "
-        "`published`, and change a second setting.": lambda now: not now["settings changed"] >= 2,
-        "RE is {RE:.3f} deg/100 m, above the preset's {RE of the preset:.3f}: with few sets, which setting tells a "
-        "good winner from a poor one?": lambda now: now["RE"] > now["RE of the preset"],
+        "one setting is changed. The kit refines the winner, so few sets suffice in variant `kit`: select "
+        "`published` as `method`, and change a second setting.": lambda now: not now["settings changed"] >= 2,
+        "RE is {RE:.3f} deg/100 m, above the preset's {RE of the preset:.3f}: with few sets, which setting "
+        "improves the choice of the winner?": lambda now: now["RE"] > now["RE of the preset"],
         "TE is {TE:.3f} %, above the preset's {TE of the preset:.3f} %: try another second setting.": (
             lambda now: now["TE"] > now["TE of the preset"]
         ),

@@ -34,7 +34,7 @@ CELL = '<{0} style="padding:1px 10px;text-align:{1}">{2}</{0}>'
 
 
 def paths_figure(title: str, truth: Array, runs: dict[str, Array], frame: int = 0, words: str = "") -> Figure:
-    """Paths from above, as the paper's Figure 4, and beside them their distances from the truth.
+    """Paths from above, as in the paper's Figure 4, and beside them the distances from the truth.
 
     truth : (N, 4, 4); runs : (N, 4, 4) by name; frame : marked frame; words : text if `runs` is empty.
     """
@@ -63,8 +63,8 @@ def verdicts(folder: Path, paper: table1.PaperTable) -> list[ReportTable]:
     """A verdict on each printed TE and RE that has a result in a report of `vo reproduce` in `folder`.
 
     The paper's number counts as one more run. Let s be the standard deviation of our n seeds. The number is
-    within the spread if it differs from their mean by at most `SPREADS` s √(1 + 1/n) plus half a unit of the
-    last printed digit.
+    within the spread if it differs from the mean of the seeds by at most `SPREADS` s √(1 + 1/n) plus half a
+    unit of the last printed digit.
     """
     path, tables = folder / "table1.csv", []
     names, *lines = (cells for _, cells in read_csv(path)) if path.exists() else ([],)
@@ -129,7 +129,7 @@ def table_html(table: ReportTable) -> str:
 def choice_ratios(path: Path = CHOICES) -> dict[str, dict[str, dict[str, float]]]:
     """Ratio of TE with another choice to TE of variant `published`: by choice, alternative and sequence.
 
-    The choices come in the order of their largest mean |log ratio| over the sequences.
+    The choices are sorted by their largest mean |log ratio| over the sequences.
     """
     with path.open(encoding="utf-8", newline="") as lines:
         rows = [row for row in csv.DictReader(lines) if row["te"] and row["choice"] != THRESHOLD_AND_BOXES]

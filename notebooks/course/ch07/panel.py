@@ -144,7 +144,7 @@ class ReproducePanel(Panel):
         tables = "".join(map(table_html, tables_of(entries)))
         sentence = " ".join(results(group_entries(entries)))
         if not any(entry.labels for entry in entries):
-            sentence = "No boxes: feature_selection equals solution_selection. Name a detector under *boxes*."
+            sentence = "No boxes: feature_selection equals solution_selection. Name a detector under `boxes`."
         return Drawing([paths], sentence, tables=tables)
 
     def work(self, state: State, progress: Progress) -> None:

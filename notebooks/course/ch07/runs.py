@@ -81,8 +81,8 @@ def clip(
 
     `first` : first frame of the part, as in `part_of`.
 
-    For a sequence without labels, `detector` gives the boxes: a name or the path of an ONNX file; by default,
-    the first detector on this machine. Without a detector, there are no boxes.
+    For a sequence without labels, the boxes are from `detector` (a name or the path of an ONNX file); by
+    default, from the first detector on this machine. Without a detector, there are no boxes.
     """
     names = sorted((name for name in available() if name.startswith(KITTI)), key=lambda name: name != WHOLE)
     opened_ones = ((name, open_sequence(name)) for name in names)

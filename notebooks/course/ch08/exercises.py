@@ -102,8 +102,8 @@ less_luck = Exercise(
         "chain of all motions, from the camera to the world (chapter 0)?": lambda now: (
             now["RE"] > 10 * now["RE published"]
         ),
-        "RE {RE:.3f} against {RE published:.3f} deg/100 m is more than half. The winner fits five noisy matches "
-        "only: refine it on its inliers (chapter 3).": lambda now: now["RE"] > 0.5 * now["RE published"],
+        "RE {RE:.3f} deg/100 m is more than half of {RE published:.3f}. The winner fits only five noisy "
+        "matches: refine it on its inliers (chapter 3).": lambda now: now["RE"] > 0.5 * now["RE published"],
     },
 )
 
@@ -126,7 +126,7 @@ def better(drive: Any, sequence: Sequence) -> Verdict:
         if fault := unusable(T, true_poses(sequence), "the path", "return poses (N, 4, 4), one per frame."):
             return fault
         if not np.allclose(T[:, :3, :3] @ T[:, :3, :3].transpose(0, 2, 1), np.eye(3), atol=1e-3):
-            return Verdict(False, "in some poses the first three rows and columns are no rotation, or NaN.")
+            return Verdict(False, "in some poses, R (3, 3) is not a rotation, or is NaN.")
     configs = {str(seed): preset("feature_selection", variant="published", seed=seed) for seed in SEEDS}
     paper = [run.poses for run in run_methods(sequence, configs).values()]
     mine, theirs = (

@@ -121,7 +121,7 @@ candidates = Exercise(
 residual = Exercise(
     edge_residual,
     plane_edges,
-    praise="the residual is 0 if the poses agree with the edge. It has metres in the axes of pose i, and radians.",
+    praise="the residual is 0 if the poses agree with the edge. Its units are metres and radians.",
     hint="rotate the difference of the two positions into the axes of pose i, then subtract z.",
     line="place = turn(p_i[2]).T @ (p_j[:2] - p_i[:2]) - z[:2]; angle = (d + np.pi) % (2 * np.pi) - np.pi",
     mistakes={
@@ -175,11 +175,11 @@ step = Exercise(
             np.linalg.lstsq(J, -r, rcond=None)[0]
         ),
         "three numbers are missing: the first pose has a step too, zero.": lambda *x: gauss_newton(*x)[3:],
-        "the step leads uphill: r + J delta should become small.": lambda J, r: -gauss_newton(J, r),
+        "the sign is wrong: r + J delta should become small.": lambda J, r: -gauss_newton(J, r),
         "three numbers of the shortest step are set to zero: solve without the first three columns.": lambda J, r: (
             np.r_[np.zeros(3), np.linalg.lstsq(J, -r, rcond=None)[0][3:]]
         ),
-        "the last pose stays; it should be the first.": lambda J, r: np.r_[
+        "the last pose is fixed; fix the first pose instead.": lambda J, r: np.r_[
             np.linalg.lstsq(J[:, :-3], -r, rcond=None)[0], np.zeros(3)
         ],
         "this is the gradient alone: divide by JᵀJ, that is, solve.": lambda J, r: np.concatenate(
@@ -220,7 +220,7 @@ bends = Exercise(
         "all loops have full weight: switch `robust weights` on.": lambda now: now["robust"] == 0,
         "{ATE before:.2f} m before, {ATE after:.2f} m after: are the loops closed, and is there a drift to "
         "remove?": lambda now: now["ATE after"] > 0.5 * now["ATE before"],
-        "a true loop has the weight {smallest weight, true:.2f} only: which control gives it 0.95?": lambda now: (
+        "a true loop has the weight {smallest weight, true:.2f} only: which control raises it to 0.95?": lambda now: (
             now["smallest weight, true"] < 0.95
         ),
     },

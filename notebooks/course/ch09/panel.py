@@ -1,4 +1,4 @@
-"""Chapter 9: a path with made-up drift, its true and false loops, and the closed path."""
+"""Chapter 9: a path with simulated drift, its true and false loops, and the closed path."""
 
 from __future__ import annotations
 
