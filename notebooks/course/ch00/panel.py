@@ -60,7 +60,7 @@ def disparity_picture(disparity: CoarseDisparity, largest: int) -> Image:
 
 
 class StartPanel(Panel):
-    """One frame of a sequence, and the depth of one point in it."""
+    """One frame of a sequence, and the depth of one point in this frame."""
 
     title = "A sequence: one point, its disparity, its depth"
     view = PointView

@@ -128,7 +128,7 @@ def solve_sets(mine: Joined, x_p: Array, x_c: Array) -> tuple[Array, IntArray]:
 
 
 def mixed(rotations: Array, translations: Array) -> Array:
-    """A path (N, 4, 4) with the rotation of each step of one path and the translation of another."""
+    """A path (N, 4, 4): the rotation of each step is from one path, the translation from another path."""
     T, other = (inverse(path[1:]) @ path[:-1] for path in (rotations, translations))
     T[:, :3, 3] = other[:, :3, 3]
     return np.array(right_chain(T))
