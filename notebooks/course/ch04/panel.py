@@ -31,7 +31,6 @@ CHART_HEIGHT = 290
 GROUPS = 10  # of features that are solved separately
 TRUE, RECORDED, ESTIMATE = "the truth", "the recorded truth", "the published estimate"
 ABOUT = {
-    TRUE: "",
     RECORDED: " In one frame an error of the calibration looks like one of the recorded truth.",
     ESTIMATE: " Without ground truth, the reference is the result of variant `published` for undisturbed matches.",
 }
@@ -146,7 +145,7 @@ class TranslationPanel(Panel):
         slip = abs(float(error[0]) / MILLI / np.radians(view.turn)) if view.turn else np.nan
         sentence = f"t_cp = ({t[0]:.3f}, {t[1]:.3f}, {t[2]:.3f}) m, compared with {name}. "
         sentence += f"The length of the step differs by {round(length, 3) + 0.0:+.1%} from {step:.2f} m."
-        sentence += ABOUT[name]
+        sentence += ABOUT.get(name, "")
         what = "difference" if name == ESTIMATE else "error"
         facts = (
             Fact(what, float(np.linalg.norm(error)), "mm", 1),

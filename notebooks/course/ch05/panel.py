@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from vo_lib.config import change, preset
-from vo_lib.data.catalogue import SYNTHETIC, available, open_sequence
 from vo_lib.data.sequence import Sequence
 from vo_lib.data.truth import matches_on_moving
 from vo_lib.detection.models import find_model
@@ -65,11 +63,6 @@ def frame_candidates(sequence: Sequence, frame: int, detector: YoloDetector) -> 
     """Output of a detector for a frame's left image."""
     key = (*key_of(sequence, frame), detector.path)
     return _candidates.get(key, lambda: detector.candidates(stereo(sequence, frame)[0]))
-
-
-def real_drives() -> Iterator[Sequence]:
-    """The real drives on this machine, one after the other."""
-    return (open_sequence(name) for name in available() if not name.startswith(SYNTHETIC))
 
 
 def frame_boxes(sequence: Sequence, frame: int, model: str, score: float, nms: float) -> Boxes:
