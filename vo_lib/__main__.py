@@ -1,4 +1,4 @@
-"""Entry point of the `vo` command, also as `python -m vo_lib`."""
+"""Entry point of the `vo` command and of `python -m vo_lib`."""
 
 import os
 import sys

@@ -45,7 +45,7 @@ KIT: dict[str, KitConfig] = {
 VARIANTS: dict[str, Mapping[str, MethodConfig]] = {"published": PUBLISHED, "kit": KIT}
 CONFIG_CLASSES: dict[str, type[MethodConfig]] = {"published": PublishedConfig, "kit": KitConfig}
 SETTINGS = {item.name: item for cls in CONFIG_CLASSES.values() for item in settings.declared(cls)}
-METHODS = tuple(KIT)  # the paper's four methods and moving_selection, a method of `kit` only
+METHODS = tuple(KIT)  # the paper's four methods and moving_selection, which only variant `kit` has
 
 
 @overload
@@ -83,7 +83,7 @@ def config_class(variant: str) -> type[MethodConfig]:
 
 
 def change(config: AnyConfig, name: str, value: Any) -> AnyConfig:
-    """A copy of a configuration with a new, checked value of one setting, given by its dotted name.
+    """A copy of a configuration in which the setting with this dotted name has a new, checked value.
 
     Raises `DataError` for an unknown name or a value out of range. If only the other variant has the setting
     or the value, the message says so.

@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Iterable
 from pathlib import Path
 
-RENAMED = {"finish_window": "subpixel_window"}  # settings of earlier versions, by earlier name
+RENAMED = {"finish_window": "subpixel_window"}  # new names of settings, by name in earlier versions
 
 
 class DataError(Exception):
@@ -25,6 +25,6 @@ def did_you_mean(name: str, names: Iterable[str]) -> str:
     """A question for an error message, with the valid name nearest to `name`; "" if no name is near."""
     for earlier, new in RENAMED.items():
         name = name.replace(earlier, new)
-    words = {valid.removeprefix("--"): valid for valid in names}  # two short options would be near by "--"
+    words = {valid.removeprefix("--"): valid for valid in names}  # "--" makes short options similar
     near = difflib.get_close_matches(name.removeprefix("--"), words, n=1)
     return f"did you mean {words[near[0]]}? " if near else ""

@@ -25,7 +25,7 @@ DRAFT = ".tmp"  # ending of the name of a partly written file
 
 @contextmanager
 def open_binary(path: str | Path) -> Iterator[BinaryIO]:
-    """A file open for reading; `DataError` if it is missing, a folder, or unreadable."""
+    """A file open for reading; `DataError` if the file is missing, a folder, or unreadable."""
     try:
         with open(path, "rb") as file:
             yield file
@@ -44,7 +44,7 @@ def read_bytes(path: str | Path) -> bytes:
 
 
 def read_text(path: str | Path) -> str:
-    """Text of a UTF-8 file, with \\n as line end; `DataError` if it is missing, unreadable or not text."""
+    """Text of a UTF-8 file, with line ending \\n; `DataError` if the file cannot be read or is not text."""
     data = read_bytes(path)
     try:
         return data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
@@ -133,7 +133,7 @@ def writing(path: str | Path) -> Iterator[BinaryIO]:
 
 
 def write_atomic(path: str | Path, data: bytes | str) -> None:
-    """Write bytes or UTF-8 text to `path`, completely or not at all; line ends are kept.
+    """Write bytes or UTF-8 text to `path`, completely or not at all; line endings are kept.
 
     A character without a UTF-8 form, such as an undecodable byte of a file name, becomes a question mark.
     """
@@ -142,7 +142,7 @@ def write_atomic(path: str | Path, data: bytes | str) -> None:
 
 
 def csv_text(rows: Iterable[Sequence[object]]) -> str:
-    """CSV text of rows, the first of which is the heading; the line end is \\n."""
+    """CSV text of rows, the first of which is the heading; the line ending is \\n."""
     buffer = io.StringIO()
     csv.writer(buffer, lineterminator="\n").writerows(rows)
     return buffer.getvalue()

@@ -20,7 +20,7 @@ class ThisProcess(Executor):
     """An executor without worker processes: `submit` makes the call at once."""
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """The completed future; an exception of the call is raised here."""
+        """The completed future; `submit` raises an exception of the call at once."""
         future: Future[Any] = Future()
         future.set_result(function(*args, **kwargs))
         return future

@@ -124,7 +124,7 @@ def test_kitti_errors_equal_the_development_kit(name: str) -> None:
     errors = kitti_errors(truth, estimate)
     np.testing.assert_array_equal(errors.first, first)
     np.testing.assert_array_equal(errors.length, length)
-    # The speed shows the end of a sub-sequence: one frame more or less is at least 0.006 m/s.
+    # The speed determines the end of a sub-sequence: one frame more or less changes the speed by 0.006 m/s.
     np.testing.assert_allclose(errors.speed, speed, rtol=0.0, atol=2e-6)
     np.testing.assert_allclose(errors.t_err, t_err, rtol=0.0, atol=5.0001e-7)
     np.testing.assert_allclose(errors.r_err, r_err, rtol=0.0, atol=5.0001e-7)
@@ -157,7 +157,7 @@ def test_identical_paths_have_no_error() -> None:
     errors = kitti_errors(printed, printed, LENGTHS, step=1)
     assert len(errors) > 500
     assert errors.t_err.max() < 1e-12
-    # acos near 1 amplifies rounding of 1e-16 to 1e-8; the transpose as inverse would give 4e-4.
+    # acos near 1 amplifies rounding of 1e-16 to 1e-8; the transpose as inverse would give errors of 4e-4.
     assert (errors.r_err * errors.length).max() < 1e-7
     assert absolute_error(printed, printed).distance.max() < 1e-9
 

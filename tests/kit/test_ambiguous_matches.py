@@ -47,10 +47,10 @@ def waves(seed: int, shift: float) -> Array:
 def window_pane(slip: float) -> list[Pair]:
     """Two stereo pairs of a camera at standstill: a wall behind a window pane with a reflection.
 
-    The reflection is faint in the first right image, the wall in the second left image. Matching from right
-    to right therefore follows the wall, and matching within the second pair follows the reflection. Wall and
-    reflection have the same position in every image, except that the reflection of the last image is `slip`
-    pixels to the right.
+    The reflection is faint in the first right image, and the wall is faint in the second left image. Matching
+    from right to right therefore follows the wall, and matching in the second pair follows the reflection.
+    Wall and reflection have the same position in every image, except that the reflection in the last image is
+    `slip` pixels to the right.
     """
 
     def image(of_wall: float, mirrored: float, place: float, slipped: float = 0.0) -> Image:
@@ -66,12 +66,12 @@ def test_mixed_textures_do_not_close_a_loop(kind: str) -> None:
     default = KitMatchingConfig().loop_tolerance
 
     def share(slip: float, tolerance: float = default) -> float:
-        """Fraction of all loops that close."""
+        """Share of the loops that are closed."""
         closed, any_loop = (len(matched(kind, window_pane(slip), each)) for each in (tolerance, 10.0))
         assert any_loop > 100
         return closed / any_loop
 
-    # With equal positions in all images, the loops close; with a slip of 1.5 px, most stay open.
+    # With equal positions in all images, loops are closed; with a slip of 1.5 px, many loops are rejected.
     assert share(0.0) > {"kit": 0.8, PAPER: 0.85}[kind]
     assert share(1.5) < 0.6
     # Two textures in one window move a position by some tenths of a pixel.

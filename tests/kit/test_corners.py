@@ -26,7 +26,7 @@ def test_corner_strength_is_the_smaller_eigenvalue() -> None:
     strength = corner_strength(image)
     assert strength.shape == (30, 40)
     row, column = 12, 17
-    # The 3×3 pixels around, and one more on each side for Sobel's gradients.
+    # The 3×3 pixels around the pixel, and one more pixel on each side for Sobel's gradients.
     grey = half[row - 2 : row + 3, column - 2 : column + 3].astype(float)
     along_u = np.outer([1.0, 2.0, 1.0], [-1.0, 0.0, 1.0]) / 4.0
     windows = np.lib.stride_tricks.sliding_window_view(grey, (3, 3))

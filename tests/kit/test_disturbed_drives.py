@@ -22,7 +22,7 @@ from vo_lib.kit.odometry import SelfCalibratingOdometry
 from vo_lib.runs.drive import MethodRun, Run, run_methods
 from vo_lib.runs.front_end import find_matches
 
-FIRST, FRAMES, AT = 100, 14, 6  # of the street; the fault begins at the sixth of fourteen frames
+FIRST, FRAMES, AT = 100, 14, 6  # first frame in the street, number of frames, first frame with the fault
 OMITTED = 5  # frames
 FRAME_S = 0.1  # seconds between frames
 WORSE_M = 0.05  # tolerance of the last position

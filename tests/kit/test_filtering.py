@@ -38,10 +38,10 @@ def going(*steps: tuple[Point, Point]) -> StereoMatches:
 # Whether a match is kept when the box moves from LEFT to MIDDLE.
 STEPS = {
     (IN_LEFT, IN_MIDDLE): False,  # on the car
-    (IN_LEFT, AWAY): False,  # on the old position of the car, covered by the car then
-    (AWAY, IN_MIDDLE): False,  # on the new position of the car, covered by the car now
-    (IN_MIDDLE, AWAY): True,  # where the car was not yet
-    (AWAY, IN_LEFT): True,  # where the car no longer is
+    (IN_LEFT, AWAY): False,  # previous point in the previous box
+    (AWAY, IN_MIDDLE): False,  # current point in the current box
+    (IN_MIDDLE, AWAY): True,  # previous point in the current box
+    (AWAY, IN_LEFT): True,  # current point in the previous box
     (AWAY, AWAY): True,
 }
 
@@ -69,15 +69,15 @@ def test_filter_is_off_with_too_few_matches() -> None:
     assert BoxFilter(CAMERA, KitFilterConfig()).step(matches, no_boxes()).flags == ()
 
 
-def filtered(config: KitFilterConfig, kept: slice = slice(None), outline: float = 0.0) -> list[Filtered]:
-    """The results of a rule: features 200 … 219 are on a car at constant distance, 20 are on a parked car.
+def filtered(config: KitFilterConfig, kept: slice = slice(None), jump: float = 0.0) -> list[Filtered]:
+    """The results of a rule for 200 static features, 20 on a car at constant distance, 20 on a parked car.
 
-    kept : indices of the input features. outline : jump of the last feature in the sixth frame, pixels.
+    kept : indices of the input features. jump : displacement of the last feature in the sixth frame, pixels.
     """
     ahead = tuple((-STEP[:3, 3]).tolist())
     first, frames = drive([Vehicle((-0.5, 0.8, 14.0), ahead), Vehicle((4.0, 0.8, 22.0))], 6, noise=0.1)
     for uv in (frames[-1][0].cur_left, frames[-1][0].cur_right):
-        uv[-1, 0] += outline
+        uv[-1, 0] += jump
     rule = BoxFilter(CAMERA, config)
     rule.start(first)
     return [rule.step(matches[np.arange(240)[kept]], boxes) for matches, boxes in frames]
@@ -86,7 +86,7 @@ def filtered(config: KitFilterConfig, kept: slice = slice(None), outline: float 
 @pytest.mark.parametrize(("agreement", "stays"), [(2.0, False), (1000.0, True)])
 def test_features_of_parked_cars_must_agree_with_the_street(agreement: float, stays: bool) -> None:
     config = KitFilterConfig(rule="moving", moving=MovingConfig(agreement=agreement))
-    assert filtered(config, outline=3.0)[-1].keep[-1] == stays
+    assert filtered(config, jump=3.0)[-1].keep[-1] == stays
 
 
 def test_moving_vehicles_of_a_drawn_street_are_detected(street: Sequence) -> None:

@@ -19,7 +19,7 @@ from vo_lib.paper.settings import FeatureConfig
 from vo_lib.runs.front_end import FrontEnd, make_front_end
 
 FEATURES = FeatureConfig(blob_cell=9, blob_quality=30)
-# Minimal number of matches, their median error and its 90 % quantile, pixels.
+# Lower limit of the number of matches; upper limits of the errors' median and 90 or 95 % quantile, pixels.
 FRONT_ENDS = {"kit": (60, 0.02, 0.1), "published": (30, 0.03, 0.2)}
 
 
@@ -59,7 +59,7 @@ def test_age_and_id_continue_over_frames(bands: Path, kind: str) -> None:
     _, i, j = np.intersect1d(before.id, after.id, return_indices=True)
     assert len(i) > 15
     np.testing.assert_array_equal(after.age[j], before.age[i] + 1)
-    # As published, a feature starts from its whole pixel in every pair, up to 2 px from the refined position.
+    # In variant `published`, each pair starts from whole pixels, up to 2 px from the refined position.
     apart = 0.0 if kind == "kit" else 2.0
     np.testing.assert_allclose(after.prev_left[j], before.cur_left[i], rtol=0, atol=apart)
     np.testing.assert_allclose(after.prev_right[j], before.cur_right[i], rtol=0, atol=apart)

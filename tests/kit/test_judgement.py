@@ -42,7 +42,7 @@ def test_car_ahead_at_constant_distance_moves() -> None:
 
 
 def test_features_of_moving_boxes_are_removed() -> None:
-    """A car crosses at 3 m per frame, so some features of the street are in only one of its boxes."""
+    """A car crosses at 3 m per frame, so some features of the street are in only one of the two boxes."""
     before, frames = drive([Vehicle((-6.0, 0.8, 14.0), (3.0, 0.0, 0.0))], 3)
     for number, judgement in enumerate(judged(before, frames)):
         matches, boxes = frames[number]
@@ -50,7 +50,7 @@ def test_features_of_moving_boxes_are_removed() -> None:
         now = inside(matches.cur_left, boxes.xyxy).any(axis=1)
         assert min(np.count_nonzero(now & ~was), np.count_nonzero(was & ~now)) >= 3
         assert judgement.state.tolist() == [MOVING]
-        # The first box was not judged.
+        # The box in the first frame has no state.
         assert judgement.removed[now | (was & (number > 0))].all()
         assert not judgement.removed[~(was | now)].any()
         before = boxes

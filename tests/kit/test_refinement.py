@@ -66,7 +66,7 @@ def test_refinement_derivative_equals_finite_differences(axis: str, turned: floa
 def test_motion_of_a_winner_with_a_large_rotation(mode: str, axis: str, turned: float) -> None:
     R = turn(axis, turned)
     x_p, x_c, X_p = visible_points(R)
-    # The winner is near the truth; after the refinement, it is the truth.
+    # The winner is near the truth; the refined winner is the truth.
     E = essential_from_motion(turn("mixed", 0.0 if mode == "literal" else 0.05) @ R, DIRECTION)
     result, direction, best, inliers = motion_of_winner(
         E, x_p, x_c, X_p, KitSelectionConfig(mode=mode), FOCAL

@@ -54,7 +54,7 @@ def learnt(
 
 
 def true_field(faults: Faults) -> Array:
-    """Errors (2, N) of disparity and row at the points of `GRID`."""
+    """Errors (2, N) of disparity and row difference at the points of `GRID`, pixels."""
     x, y = CAMERA.normalise(GRID).T
     return np.stack([faults.disparities(x, y), faults.rows(x, y)])
 
@@ -94,7 +94,7 @@ def test_error_field_is_estimated_over_the_image(faults: Faults, k1: float) -> N
     ("faults", "errors", "atol"),
     [
         (Faults(p1=1.2, p2=-1.4, k1=-3.0), by_name(p1=1.2, p2=-1.4, k1=-3.0), 0.05),
-        (KITTI, None, 0.2),  # as learnt
+        (KITTI, None, 0.2),  # with the estimated errors
     ],
 )
 def test_corrected_positions_equal_the_exact_ones(faults: Faults, errors: Array | None, atol: float) -> None:
@@ -159,7 +159,7 @@ def test_rows_of_real_pairs_agree_after_correction(clips: Path, name: str) -> No
     rig = Rig(sequence.camera, config.calibration)
     for matches, _ in find_matches(sequence, config):
         if len(matches):
-            corrected = rig.correct(matches)  # with the estimate before this frame
+            corrected = rig.correct(matches)  # with the estimate from the frames before
             rig.update_from_rows(matches)
     before, after = (
         float(np.median(np.abs(m.cur_left[:, 1] - m.cur_right[:, 1]))) for m in (matches, corrected)

@@ -93,7 +93,7 @@ def pull(depth: float, error: tuple[float, ...], scale: float = 20.0) -> Array:
     """
     x, y, z = np.random.default_rng(0).uniform([0.5, -2, 6], [6, 2, 30], (200, 3)).T
     crowd = [np.stack([a * x, b * y, z], 1) for a in (1, -1) for b in (1, -1)]
-    # Half way between both cameras, the ray of the feature is the axis.
+    # At half of the baseline, the mean ray of the feature is the optical axis.
     X = np.array([CAMERA.baseline / 2, 0.0, 0.0]) + np.concatenate([*crowd, [[0.0, 0.0, depth]]])
     matches = match_points(X, X)
     matches.cur_left[-1] += error[:2]
@@ -104,6 +104,6 @@ def pull(depth: float, error: tuple[float, ...], scale: float = 20.0) -> Array:
 @pytest.mark.parametrize("scale", [0.5, 2.0])
 @pytest.mark.parametrize(("residual", "weight"), [(1.0, 1 / 2), (3**0.5, 1 / 4), (2.0, 1 / 5)])
 def test_weight_is_halved_at_the_scale(scale: float, residual: float, weight: float) -> None:
-    # A feature lower by e in both current images has residuals of e / 2 in four rows along v: e in all.
+    # A feature lower by e in both current images has four residuals of e / 2 along v: their norm is e.
     little, much = (pull(10.0, (0.0, e, 0.0, e), scale)[1] / e for e in (0.02 * scale, residual * scale))
     assert much / little == pytest.approx(weight, rel=0.02)

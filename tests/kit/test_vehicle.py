@@ -62,7 +62,7 @@ def test_flagged_motion_is_kept_but_not_a_reference() -> None:
 
 
 def test_new_speed_becomes_plausible_with_time() -> None:
-    assert flags(*[motion(1.8)] * 4) == [SPEED, SPEED, (), ()]  # 8 m/s more need 0.27 s
+    assert flags(*[motion(1.8)] * 4) == [SPEED, SPEED, (), ()]  # an increase of 8 m/s needs 0.27 s
 
 
 def test_last_plausible_motion_replaces_missing_ones() -> None:

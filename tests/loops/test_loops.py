@@ -108,7 +108,7 @@ def test_loops_take_out_the_drift_and_a_false_one_has_no_weight() -> None:
     assert closed.gap.max() < 0.05
     assert np.array_equal(closed.poses[0], drifted[0])
     loops = loops_between(truth, [*pairs, (0, 60)])
-    loops.motion[-1] = np.eye(4)  # a false motion: frame 60, on the opposite side, is at the start
+    loops.motion[-1] = np.eye(4)  # a false motion: frame 60, which is on the opposite side, at the start
     with_false = close_path(drifted, loops, config)
     assert with_false.weight[-1] < 0.01
     assert worst(with_false.poses, closed.poses) < 0.02

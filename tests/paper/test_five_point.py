@@ -20,12 +20,12 @@ def distance(E: Array, F: Array) -> Array:
 
 
 def off_essential(E: Array) -> Array:
-    """Singular values (M, 3) of unit matrices (M, 3, 3) minus those of a unit essential matrix."""
+    """Differences (M, 3) between the singular values of unit matrices and of a unit essential matrix."""
     return np.asarray(np.abs(np.linalg.svd(E, compute_uv=False) - [0.5**0.5, 0.5**0.5, 0.0]))
 
 
 def error_of_best(result: Candidates, truth: Array) -> Array:
-    """Distance (S,) between the truth (S, 3, 3) and the nearest candidate of each set; infinite if none."""
+    """Distance (S,) of the truth (S, 3, 3) to each set's nearest candidate; infinite without candidates."""
     error = np.full(len(truth), np.inf)
     np.minimum.at(error, result.set_index, distance(result.E, truth[result.set_index]))
     return error
@@ -52,7 +52,7 @@ def test_candidates_contain_the_true_essential_matrix(motion: Motion) -> None:
     ("motion", "seed", "rotation", "most"),
     [
         *((motion, 3, 0.0, 1e-6) for motion in ("forward", "planar_forward")),
-        # Each of these batches has sets that are solved only in rotated coordinates.
+        # Each of these batches has sets that are solved only with the axes in a different order.
         *(("small_baseline", seed, None, 1e-5) for seed in (1, 2, 3, 5)),
     ],
 )
@@ -154,7 +154,7 @@ def test_degenerate_sets_give_finite_candidates() -> None:
 
 
 def test_real_roots_are_all_found() -> None:
-    """Polynomials with given roots; the solver computes roots beyond 1 as w/z."""
+    """Polynomials with given roots; the solver computes roots outside [-1, 1] as w/z."""
     rng = np.random.default_rng(2)
     for expected in ([0.3], [-0.9, 0.91, 5.0], [0.1, 0.101, -7.0, 100.0], list(np.linspace(-3.1, 2.7, 10))):
         complex_pairs = (10 - len(expected)) // 2

@@ -1,7 +1,7 @@
 """The responses of the two 5×5 masks and the pixels of the descriptor are as in StereoScan.
 
 StereoScan (Geiger, Ziegler and Stiller 2011), section III: blob and corner masks of 5×5, and the horizontal
-and the vertical Sobel response at 16 places of an 11×11 block.
+and the vertical Sobel response at 16 positions in an 11×11 block.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def test_corner_mask_on_a_chessboard(bright: str, kind: int) -> None:
     image[v:, left if bright == "upper right" else right] = 180
     result = describe(image, FeatureConfig(blob_cell=5))
     place, strength = strongest(result, kind)
-    # The crossing is between two pixels: the mask at either covers all but one row and column.
+    # The crossing is between pixels: at the nearest pixel, the mask is off by half a pixel in u and v.
     assert np.abs(np.array(place) - CENTRE).max() <= 1
     assert strength == pytest.approx(8 * 80, abs=0.5)
     assert not np.any(result.kind == 5 - kind)

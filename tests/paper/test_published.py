@@ -44,7 +44,7 @@ CONFIG = PUBLISHED["solution_selection"].translation
 def scene(
     number: int = 300, seed: int = 0, T_cp: Array = T_CP, noise: float = 0.0, farthest: float = 50.0
 ) -> StereoMatches:
-    """Matches of points in the whole image, at depths from 6 m to `farthest` metres, for a motion T_cp."""
+    """Matches of points in the whole image, at depths from 6 to `farthest` metres, for a motion T_cp."""
     rng = np.random.default_rng(seed)
     disparity = CAMERA.f * CAMERA.baseline / rng.uniform(6.0, farthest, number)
     X = CAMERA.back_project(rng.uniform((60, 20), (1180, 356), (number, 2)), disparity)
@@ -108,7 +108,7 @@ def test_prior_selects_before_the_error() -> None:
         system = make_odometry(CAMERA, change(preset(method, variant="published"), "selection.keep", 1))
         system.e_prev = essential_vector(before)
         chosen[method] = system.select(E, np.array([0, 0, 1]), x_p, x_c)
-    # Consensus selects the truth. The prior keeps one solution per set, and the better of these wins.
+    # Consensus selects the truth. The prior keeps one solution per set, and the better kept solution wins.
     assert chosen == {"mesvo_f": 0, "solution_selection": 2}
 
 
@@ -160,11 +160,11 @@ def test_previous_pair_adds_four_rows() -> None:
     A, c = earlier_rows(CAMERA, matches, pair_before(matches, T_CP))
     Q = CAMERA.triangulate(matches.prev_left, matches.prev_right)
     np.testing.assert_allclose((A @ Q[:, :, None])[..., 0], c, atol=1e-9)
-    assert np.linalg.matrix_rank(A).tolist() == 39 * [3] + [0]  # the last feature has no match there
+    assert np.linalg.matrix_rank(A).tolist() == 39 * [3] + [0]  # no earlier match of the last feature
 
 
 def off_by_rectification(matches: StereoMatches) -> StereoMatches:
-    """The matches with a smooth disparity error similar to the error of KITTI's rectification."""
+    """The matches after the addition of a smooth disparity error, similar to KITTI's rectification error."""
     for right in (matches.prev_right, matches.cur_right):
         x, y = CAMERA.normalise(right).T
         right[:, 0] += 0.2 - 0.8 * x**2 - 6.3 * y**2 - 0.8 * x * y + 4 * x**4 - 1.5 * x**2 * y
@@ -172,7 +172,7 @@ def off_by_rectification(matches: StereoMatches) -> StereoMatches:
 
 
 def test_third_frame_lowers_the_rectification_error() -> None:
-    """Steps of 1 m are too long; with the previous pair, their error is smaller."""
+    """The error makes steps of 1 m too long; the rows of the previous pair reduce the excess length."""
     forward = rigid(np.eye(3), np.array([0.0, 0.0, -1.0]))
     errors = []
     for seed in range(20):
@@ -207,7 +207,7 @@ def test_stacked_rows_equal_the_pseudo_inverse() -> None:
     whole = np.zeros((40, 8, 3 * 40 + 3))
     for i in range(40):
         whole[i, :, 3 * i : 3 * i + 3], whole[i, :, -3:] = A[i], B[i]
-    # In pixels, as in (2): the rows of a feature divided by its depth.
+    # In pixels, as in equation (2): the rows of a feature are divided by the feature's depth.
     depth = CAMERA.triangulate(matches.prev_left, matches.prev_right)[:, 2:]
     pixels = np.linalg.pinv((whole / depth[:, None]).reshape(320, -1)) @ (c / depth).ravel()
     np.testing.assert_allclose(t, pixels[-3:], atol=1e-9)
@@ -224,7 +224,7 @@ def test_pixel_noise_does_not_shorten_steps() -> None:
 def test_wrong_depths_do_not_change_the_translation() -> None:
     matches = scene(300, noise=0.1)
     wrong = np.arange(300) % 3 == 0
-    matches.cur_right[wrong, 0] -= 9.0  # a repeated texture: nine pixels nearer
+    matches.cur_right[wrong, 0] -= 9.0  # a repeated texture: a disparity error of 9 px
     t, agrees = translation(matches)
     assert not agrees[wrong].any()
     assert np.linalg.norm(t - T_CP[:3, 3]) < 0.02

@@ -81,7 +81,7 @@ def test_weight_falls_from_the_image_centre() -> None:
 def test_inliers_have_depth_and_small_residuals() -> None:
     (frame,) = frames(noise=0.0, n=1)
     m, number = frame.matches, np.arange(300)[:, None]
-    # 1.5 px in each image: above 2 px for both together. Some matches have no depth.
+    # Errors of 1.5 px in both images have a norm above 2 px. Some matches have no depth.
     down, beyond = (number < 10) * (0.0, 1.5), (number >= 280) * (300.0, 0.0)
     moved = dataclasses.replace(
         m, cur_left=m.cur_left + down, cur_right=m.cur_right + down, prev_right=m.prev_right + beyond

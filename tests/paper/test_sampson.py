@@ -34,5 +34,5 @@ def test_sampson_products_equal_the_definition(motion: Motion) -> None:
             candidate_terms(simulated.E, np.float32), match_terms(x_p, x_c, np.float32)
         )
         assert single.dtype == np.float32
-        # A hundredth of a pixel is enough to rank.
+        # For a ranking of candidates, an accuracy of a hundredth of a pixel is sufficient.
         np.testing.assert_allclose(np.sqrt(single), np.sqrt(expected), atol=0.01 / FOCAL, rtol=1e-3)

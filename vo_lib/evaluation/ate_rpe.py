@@ -37,7 +37,7 @@ class Alignment(Enum):
 
 @dataclass(frozen=True)
 class AbsoluteError:
-    """ATE: distances (N,), metres, between true and estimated positions after the named alignment."""
+    """ATE: distances (N,), metres, between true and estimated positions after the `alignment`."""
 
     alignment: Alignment
     scale: float
@@ -129,8 +129,8 @@ def relative_error(
 ) -> RelativeError:
     """RPE over the frames 0 to delta, delta to 2·delta, … (evo's default pairs), without an alignment.
 
-    path : (N,) metres from the first true pose to each pose; delta is then in metres. A pair ends at the
-    first pose that is delta ahead, and the next pair starts there (evo with `--pairs_from_reference`).
+    path : (N,) metres from the first true pose to each pose; `delta` is then in metres. A pair ends at the
+    first pose at least `delta` ahead, and the next pair starts at this pose (evo: `--pairs_from_reference`).
     """
     check_pair(truth, estimate)
     if path is None:

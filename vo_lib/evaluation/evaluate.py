@@ -86,5 +86,5 @@ def evaluate(
         rpe = relative_error(truth, estimate, delta.size, path if delta.unit == "m" else None)
         results.append(SequenceResult(name, len(truth), float(path[-1]), kitti, ate, rpe))
     if not results:
-        raise DataError("nothing to evaluate: expected at least one truth and estimate")
+        raise DataError("nothing to evaluate: expected at least one pair of truth and estimate")
     return Evaluation(tuple(results), tuple(map(float, lengths)), step)

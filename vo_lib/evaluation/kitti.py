@@ -61,7 +61,7 @@ class KittiErrors(Rows):
         return 100.0 * math.degrees(self.r_err.mean()) if len(self) else None
 
     def by_length(self, lengths: Sequence[float] = KITTI_LENGTHS) -> dict[float, KittiErrors]:
-        """For each nominal length in metres, its sub-sequences; there may be none."""
+        """For each nominal length in metres, the sub-sequences with this length, possibly none."""
         return {float(length): self[self.length == length] for length in lengths}
 
     def by_speed(self) -> dict[float, KittiErrors]:
@@ -96,14 +96,14 @@ def trajectory_distances(T: Array) -> Array:
 def _devkit_distances(T: Array) -> NDArray[np.float32]:
     """Path length to each pose, (N,), metres, with the devkit's rounding.
 
-    Squares, their sum and each total are in single precision; the root and each addition are in double.
+    Squares, their sum and each total have single precision; the root and each addition have double precision.
     """
     steps = _norm(np.diff(T[:, :3, 3], axis=0).astype(np.float32)).tolist()
     return np.array([*accumulate(steps, lambda a, b: float(np.float32(a + b)), initial=0.0)], np.float32)
 
 
 def _norm(t: NDArray[Any]) -> Array:
-    """Lengths (N,) of vectors (N, 3): squares and sum in the precision of `t`, the root in double."""
+    """Lengths (N,) of vectors (N, 3): squares and sum have the precision of `t`, the root is double."""
     squares = t * t
     return np.asarray(np.sqrt((squares[:, 0] + squares[:, 1] + squares[:, 2]).astype(np.float64)))
 
@@ -129,13 +129,13 @@ def kitti_errors(
     step: int = KITTI_STEP,
     times: Array | None = None,
 ) -> KittiErrors:
-    """Errors of all sub-sequences of a sequence, equal to those of KITTI's development kit.
+    """Errors of all sub-sequences of a sequence, equal to the errors of KITTI's development kit.
 
     For each length, sub-sequences start at every `step`-th frame and end at the first frame that is more than
     this length ahead. Both errors of inverse(Δest) Δgt are divided by the nominal length.
 
-    For KITTI's lengths, numbers have the devkit's single precision and agree with the devkit to the last
-    digit. Single precision, 0.02° for angles, is too coarse for shorter paths; these have double precision.
+    For KITTI's lengths, errors have the devkit's single precision and agree with the devkit in all digits.
+    Single precision, 0.02° for angles, is too coarse for shorter lengths; all others have double precision.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def kitti_errors(
 
     Returns
     -------
-    KittiErrors, ordered by first frame, then in the order of `lengths`.
+    KittiErrors, sorted by the first frame, then in the order of `lengths`.
     """
     check_pair(truth, estimate)
     if len(lengths) == 0 or not all(0 < length < math.inf for length in lengths):

@@ -19,7 +19,7 @@ class Boxes(Rows):
     Attributes
     ----------
     xyxy : (K, 4) left, top, right, bottom, pixels (pixel centres at integers).
-    class_id : (K,) int; COCO numbers, unless the label files have others.
+    class_id : (K,) int; COCO numbers, unless the label files have other numbers.
     score : (K,) in [0, 1]; 1 for labels without a score.
     """
 
@@ -47,5 +47,5 @@ def overlap(a: Array, b: Array) -> Array:
 
 
 def no_boxes() -> Boxes:
-    """The boxes of an image without boxes."""
+    """An empty set of boxes."""
     return Boxes(np.zeros((0, 4)), np.zeros(0, np.int64), np.zeros(0))

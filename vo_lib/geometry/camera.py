@@ -57,7 +57,7 @@ class StereoCamera:
     def back_project(self, left: Array, disparity: Array) -> Array:
         """Points (N, 3) in metres in the left camera's frame, from left pixels (N, 2) and disparities (N,).
 
-        Z = f b / d, with d in pixels. A disparity that is not positive gives NaN, since no point has it.
+        Z = f b / d, with d in pixels. A disparity of zero or less belongs to no point and gives NaN.
         """
         d = np.where(disparity > 0, disparity, np.nan)
         z = self.f * self.baseline / d

@@ -32,7 +32,7 @@ class StereoMatches(Rows):
 
 
 def empty_matches() -> StereoMatches:
-    """The matches of a frame without matches."""
+    """An empty set of matches."""
     uv = np.zeros((0, 2))
     numbers = np.zeros(0, np.int64)
     return StereoMatches(uv, uv, uv, uv, numbers, np.zeros(0), numbers)

@@ -11,9 +11,7 @@ import numpy as np
 
 from .types import Array
 
-DEVIATION_OVER_MEDIAN = (
-    1.4826  # ratio of a normal distribution's standard deviation to its median absolute deviation
-)
+DEVIATION_OVER_MEDIAN = 1.4826  # standard deviation over median absolute deviation of normal noise
 
 
 def skew(v: Array) -> Array:
@@ -60,7 +58,7 @@ def nearest_rotation(M: Array) -> Array:
 def quaternion_from_rotation(R: Array) -> Array:
     """Unit quaternion (qx, qy, qz, qw) of a rotation matrix (3, 3), in TUM's order and with qw >= 0."""
     R = np.asarray(R, dtype=np.float64)
-    # Bar-Itzhack 2000: the quaternion is the top eigenvector of a symmetric matrix; no branches.
+    # Bar-Itzhack 2000: the quaternion is the eigenvector of a symmetric matrix with the largest eigenvalue.
     K = np.empty((4, 4))
     K[:3, :3] = R + R.T - np.trace(R) * np.eye(3)
     K[3, :3] = K[:3, 3] = [R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]

@@ -9,7 +9,7 @@ from .motion import rotation_from_vector
 from .types import Array
 
 CONVERGED_STEP = 1e-9  # step at which the iteration ends, radians and metres
-CONVERGED_TRIAL_STEP = 1e-4  # the same for a trial motion, for which only the inliers are counted
+CONVERGED_TRIAL_STEP = 1e-4  # step at which the iteration of a trial ends; only its inliers are counted
 MAX_AGREEMENT_RESIDUAL_PX = 2.0  # residual norm of a match below which the match agrees with a motion
 
 
@@ -32,7 +32,7 @@ def fit_motion(
     cur_left, cur_right : (N, 2) pixels.
     R_cp, t_cp : start of the iteration.
     scale : pixel residual at which a point's weight is halved (Cauchy weights, 1 / (1 + r² / scale²)),
-        or the median residual if that is larger.
+        or the median residual if the median is larger.
     tolerance : step at which the iteration ends, radians and metres.
 
     Returns
@@ -48,8 +48,8 @@ def fit_motion(
         residual = np.where(depth > 0, np.sqrt(np.sum(r * r, axis=1)), np.inf)
         if step == iterations:
             break
-        # Far from the solution all residuals are large. A scale that follows their median keeps the weights
-        # of near points, which determine the translation, high.
+        # Far from the solution all residuals are large. Near points, which determine the translation, keep a
+        # high weight if the scale is at least the median residual.
         current = max(scale, float(np.median(residual)))
         in_front = np.isfinite(residual)
         weight = 1.0 / (
@@ -73,7 +73,7 @@ def linearise(
     Parameters
     ----------
     rotated : (..., N, 3) points R_cp X_p; t_cp : (3,) or broadcastable to `rotated`.
-    measured : (..., N, 4) u, v in the left, u, v in the right current image, relative to the principal point.
+    measured : (..., N, 4) u, v in the left and u, v in the right image, relative to the principal point.
 
     Returns
     -------
@@ -88,8 +88,8 @@ def linearise(
     residual = measured - np.stack([u, v, right, v], axis=-1)
     a, b, c = rotated[..., 0], rotated[..., 1], rotated[..., 2]
     jac = np.zeros((*z.shape, 4, 6))
-    # dX = δω × R X_p + δt, and a pixel moves by s dX_x - (u / z) dX_z; rows of the left and right image
-    # differ in u alone.
+    # dX = δω × R X_p + δt, and a pixel moves by s dX_x - (u / z) dX_z; the derivatives in the left and the
+    # right image differ only in u.
     for row, pixel in ((0, u / z), (2, right / z)):
         jac[..., row, 0], jac[..., row, 1], jac[..., row, 2] = -pixel * b, s * c + pixel * a, -s * b
         jac[..., row, 3], jac[..., row, 5] = s, -pixel

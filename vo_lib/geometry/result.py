@@ -37,7 +37,7 @@ class FrameResult:
     T_cp : (4, 4) motion from the previous to the current left camera, metres.
     matches, removed, used : numbers of all matches, of removed matches and of matches after bucketing.
     inliers : number of used matches that agree with the epipolar geometry.
-    prior_angle : angle to the previous essential vector, degrees; NaN without a previous vector.
+    prior_angle : angle to the previous essential vector, degrees; NaN if one of the two vectors is missing.
     flags : remarks on unusual frames.
     ms : milliseconds of each stage.
     """

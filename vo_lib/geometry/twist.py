@@ -1,4 +1,4 @@
-"""Twists (..., 6), a rotation vector and a translation part: the logarithm and the exponential of SE(3)."""
+"""Twists (..., 6), each a rotation vector and a translation part: logarithm and exponential of SE(3)."""
 
 from __future__ import annotations
 

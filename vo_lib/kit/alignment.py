@@ -49,7 +49,7 @@ def refine_stereo(
     windows are similar, and the feature is on a surface that fills its neighbourhood, not on an outline.
     """
     surface = fit_surface(coarse, left, left[:, 0] - right[:, 0])
-    # NaN, an unknown surface, fails the comparison. A refinement is never larger than MAX_REFINEMENT_PX.
+    # NaN (unknown surface) fails the comparison. The refinement can still reduce the difference by the limit.
     ok = np.abs(left[:, 0] - right[:, 0] - surface.disparity) <= config.surface_tolerance + MAX_REFINEMENT_PX
     ok &= surface.share >= config.surface_share
     positions = np.array(right, np.float64)
@@ -113,8 +113,8 @@ def track_warped(
 
     Returns
     -------
-    Positions (N, 2), pixels, and mean absolute differences (N,) of the windows, grey levels;
-    these are infinite for a lost feature or a refinement larger than MAX_REFINEMENT_PX.
+    Positions (N, 2), pixels, and mean absolute differences (N,) of the windows, grey levels; infinite
+    differences for a lost feature or a refinement larger than MAX_REFINEMENT_PX.
     """
     if len(uv) == 0:
         return np.zeros((0, 2)), np.zeros(0)
@@ -143,8 +143,8 @@ def brightness_change(before: Tiles, after: Tiles) -> tuple[float, float]:
     """Gain and offset that map the tile brightness of the second image to the tile brightness of the first.
 
     Two cameras, and two frames, differ in brightness. The line is fitted to the mean brightness of the tiles,
-    then again without the fifth of the tiles with the largest residuals. If the remaining tiles hardly differ
-    in brightness, the gain is 1.
+    then again without the 20 % of tiles that have the largest residuals. If the fitted tiles hardly differ in
+    brightness, the gain is 1.
     """
     a, b = (cv2.reduce(tiles, 1, cv2.REDUCE_AVG, dtype=cv2.CV_32F)[:, 0] for tiles in (before, after))
     inliers = np.ones(len(a), np.bool_)

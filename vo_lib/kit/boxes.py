@@ -34,8 +34,8 @@ class Filtered:
 def unless_too_few(keep: BoolArray, config: KitFilterConfig) -> Filtered:
     """The matches to keep, or all matches and a flag if fewer than `min_matches` would remain.
 
-    A motion from vehicles is better than a motion from a handful of points. A limit on the remaining share
-    would be wrong: if most matches are on a vehicle, the vehicle would win the vote.
+    A motion from vehicles is better than a motion from a handful of points. The limit is not a share: if most
+    matches are on a vehicle, a limit on the remaining share would keep the vehicle, which would win the vote.
     """
     if not keep.all() and np.count_nonzero(keep) < config.min_matches:
         return Filtered(np.ones(len(keep), np.bool_), (Flag.FILTER_OFF,))
@@ -61,7 +61,7 @@ class BoxFilter:
 
         Parameters
         ----------
-        matches : matches of the previous frame with this one; boxes : boxes in this frame's left image.
+        matches : matches between the previous and this frame; boxes : boxes in this frame's left image.
         on_moving : (N,) mask of matches on moving objects, from a drawn scene's truth, for the rule `truth`.
         """
         previous_boxes, self._boxes = self._boxes, boxes

@@ -19,7 +19,7 @@ from .settings import CalibrationConfig
 
 MAX_LENGTH_DIFFERENCE = 0.01  # largest relative difference of focal length and baseline for the same camera
 MAX_VIEW_DIFFERENCE = 0.05  # largest difference of image size and principal point, as a share of the image
-MAX_RIG_ERROR_PX = 30.0  # larger than the error of any real rig
+MAX_RIG_ERROR_PX = 30.0  # largest error in a valid file; the errors of real rigs are smaller
 MIN_REPORTED_ERROR_PX = 0.05
 UNREPORTED_EDGE = 0.08  # width of the image border without reported errors, as a share of the image
 
@@ -45,7 +45,7 @@ class Calibration:
         return covariance
 
     def check(self, camera: StereoCamera) -> None:
-        """`DataError` unless the calibration fits the camera.
+        """Raise `DataError` unless the calibration fits the camera.
 
         Focal length and baseline must agree within 1 %, image size and principal point within 5 %.
         """
@@ -67,7 +67,7 @@ class Calibration:
         return rig.errors
 
     def in_words(self, config: CalibrationConfig) -> str:
-        """Text on the errors that the correction uses, with standard deviations; omits uncertain errors."""
+        """Text on the errors used for the correction, with standard deviations, without uncertain errors."""
         return describe_errors(self.in_use(config), self.covariance, self.camera)
 
     def to_json(self) -> str:
@@ -95,7 +95,7 @@ def read_learnt_calibration(path: Path) -> Calibration:
         positive = min(camera.f, camera.baseline, *camera.size, scale) > 0
         if not positive or not np.allclose(covariance / scale, covariance.T / scale, rtol=0.0, atol=1e-9):
             raise ValueError
-        np.linalg.cholesky(covariance)  # raises unless it is positive definite
+        np.linalg.cholesky(covariance)  # raises unless the covariance is positive definite
         corners = camera.normalise(np.array([[0, 0], [0, 1], [1, 0], [1, 1]]) * camera.size).T
         errors = [*np.ravel(field_at(estimate, *corners)), *estimate[FIELD:]]
     except (KeyError, ValueError, TypeError, OverflowError, np.linalg.LinAlgError):

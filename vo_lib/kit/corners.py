@@ -17,7 +17,7 @@ def corner_strength(image: Image) -> NDArray[np.float32]:
 
     The strength is the root of the structure tensor's smaller eigenvalue, in grey levels: the smallest
     contrast over all directions in a window of 3×3 pixels. A threshold therefore has the same meaning in
-    every image. Half the size means a quarter of the pixels; tracking uses wider windows anyway.
+    every image. Half the size saves time; for tracking, which uses wider windows, the accuracy is sufficient.
     """
     height, width = image.shape[0] // 2, image.shape[1] // 2
     # A factor of exactly two is by far the fastest; an odd last row or column is ignored.
@@ -38,7 +38,7 @@ def detect_corners(strength: NDArray[np.float32], config: KitFeatureConfig) -> t
     -------
     (N, 2) pixels of the full image and (N,) strengths, row by row.
     """
-    # A corner is a local maximum, also over neighbours in the next cell.
+    # A corner is a local maximum over all neighbours, including neighbours in the next cell.
     peaks = (strength >= cv2.dilate(strength, np.ones((5, 5), np.uint8))) & (strength > config.quality)
     border = -(-config.border // 2)
     peaks[:border], peaks[-border:], peaks[:, :border], peaks[:, -border:] = False, False, False, False
@@ -51,6 +51,6 @@ def detect_corners(strength: NDArray[np.float32], config: KitFeatureConfig) -> t
 
 
 def in_empty_cells(uv: Array, occupants: Array, cell: int) -> BoolArray:
-    """Mask (N,) of the corners (N, 2) whose square cells, `cell` pixels wide, contain no occupant (M, 2)."""
+    """Mask (N,) of corners `uv` (N, 2) in square cells, `cell` pixels wide, without `occupants` (M, 2)."""
     number = square_numbers(np.rint(np.concatenate([uv, occupants])), cell)
     return ~np.isin(number[: len(uv)], number[len(uv) :])

@@ -34,8 +34,8 @@ class Judgement:
     state : (K,) PARKED, UNKNOWN or MOVING.
     step : (K, 3) displacement in this frame, metres, in the current left camera's axes; NaN if unknown.
     matches : (K,) number of features that may be on the vehicle.
-    removed : (N,) mask of matches with a previous or current left point in a moving box, and of matches in
-        other boxes that do not agree with the background, for example on outlines, windows or other cars.
+    removed : (N,) mask of matches with a previous or current left point in a moving box and, in other boxes,
+        of matches that do not agree with the background, for example on outlines, windows or other cars.
     """
 
     boxes: Boxes
@@ -48,8 +48,8 @@ class Judgement:
 def states(steps: BoxSteps, config: MovingConfig) -> IntArray:
     """State of each box (K,): PARKED, UNKNOWN or MOVING.
 
-    A box with a significant displacement moves. Another box is parked if a step of `min_step`
-    would be significant.
+    A box is moving if its displacement is significant and longer than `min_step`. Any other box is parked if
+    the standard deviation of its displacement is below `min_step` in every direction.
     """
     state, measured = np.full(len(steps), UNKNOWN), steps.information.any(axis=(1, 2))
     step, information = steps.step[measured], steps.information[measured]

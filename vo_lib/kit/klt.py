@@ -57,9 +57,8 @@ class KltMatcher:
     """Corners tracked in the loop left prev → right prev → right cur → left cur by Lucas-Kanade.
 
     In the left image the search starts at the position predicted from the previous motion and the stereo
-    depth (constant velocity), in the right image at the result of block matching. The matcher estimates this
-    motion itself. The matches therefore depend only on the images and the matching settings, not on the
-    method or seed.
+    depth (constant velocity), in the right image at the result of block matching. The matcher estimates the
+    motion itself, so the matches depend only on the images and the matching settings, not on method or seed.
     """
 
     def __init__(self, camera: StereoCamera, features: KitFeatureConfig, matching: KitMatchingConfig):
@@ -76,7 +75,7 @@ class KltMatcher:
         return PreparedPair(pair, *corners, coarse_disparity(*pair, self.config.max_disparity))
 
     def step(self, pair: PreparedPair) -> StereoMatches:
-        """Matches of the previous pair with this one; empty for the first pair."""
+        """Matches between the previous pair and `pair`; empty for the first pair."""
         matches, slope = NO_MATCHES if self._previous is None else self._follow(*self._previous, pair)
         one_per_cell = BucketConfig(size=self.features.cell, features=1)
         rows = select_by_bucket(matches.cur_left, matches.age, matches.strength, one_per_cell)
@@ -180,7 +179,7 @@ def lit_like(image: Image, target: Image) -> Image:
 def next_motion(
     camera: StereoCamera, matches: StereoMatches, last: tuple[Array, Array] | None
 ) -> tuple[tuple[Array, Array] | None, int]:
-    """The motion from matches, which predicts the next positions, and the number of inliers.
+    """The motion from matches, for the prediction of the next positions, and the number of inliers.
 
     With too few matches, the motion is None. The fit starts from the previous motion.
     """

@@ -2,8 +2,8 @@
 
 The camera's motion is estimated from the features outside all boxes. This motion predicts the position of a
 static feature; the measured position minus this prediction is a displacement in space. Unlike the distance to
-an epipolar line, the displacement also detects a car ahead at a constant distance: its disparity is constant,
-while the disparity of a parked car grows.
+an epipolar line, the displacement also detects a car ahead at a constant distance: the car's disparity is
+constant, while the disparity of a parked car grows.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from ..paper.settings import BucketConfig
 
 # Buckets for the camera's motion: its error is about a millimetre, its computation takes a millisecond.
 BACKGROUND_BUCKETS = BucketConfig(size=100, features=2)
-# Largest squared error, in variances, of a feature that agrees with a displacement: 99 % of normal noise.
+# Largest squared error, in variances, of a feature that agrees with a displacement: 99 % quantile of noise.
 AGREES_CHI2 = 11.3
 STEP_ITERATIONS = 3
 # Information on a direction that no feature measures, 1/m².
 MIN_INFORMATION = 1e-6
 # COCO number of cars, and the largest heights of a car and of any other vehicle.
 CAR, MAX_CAR_HEIGHT_M, MAX_VEHICLE_HEIGHT_M = 2, 2.3, 4.2
-# Smallest number of features in a box with a displacement, and smallest share with this displacement.
+# Smallest number and smallest share of a box's features that must agree on a displacement.
 MIN_BOX_FEATURES, MIN_MOVED_SHARE = 3, 0.3
-# Standard deviations of the camera's translation and rotation, estimated outside boxes.
+# Standard deviations of the camera's motion that is estimated from the features outside boxes.
 STEP_DEVIATION_M, TURN_DEVIATION_RAD = 0.01, np.radians(0.01)
 
 
@@ -45,7 +45,7 @@ class PointSteps(Rows):
     Attributes
     ----------
     step : (N, 3) displacement in the current left camera's axes, metres.
-    information : (N, 3, 3) inverse covariance of the step for a standard deviation of 1 px, 1/m².
+    information : (N, 3, 3) inverse covariance of the step for matches with a variance of 1 px², 1/m².
     depth : (N,) depth of the predicted static feature, metres.
     """
 
@@ -54,7 +54,7 @@ class PointSteps(Rows):
     depth: Array
 
     def squared_error(self, step: Array) -> Array:
-        """Squared errors (N,), pixels², for one common displacement (3,) or one per feature (N, 3)."""
+        """Squared errors (N,), pixels², of one displacement (3,) or of a displacement per feature (N, 3)."""
         e = self.step - step
         return np.asarray(np.einsum("ni,nij,nj->n", e, self.information, e))
 
@@ -104,8 +104,8 @@ def _point_covariance(camera: StereoCamera, X: Array) -> Array:
 def owner_of(camera: StereoCamera, left: Array, right: Array, boxes: Boxes) -> IntArray:
     """Index (N,) of the box of each feature with pixels (N, 2): the nearest possible box, or -1 for none.
 
-    The nearest box is the lowest in the image. A feature belongs to the background inside a box if a vehicle
-    at the feature's depth would be taller than any vehicle of its class.
+    The nearest box has the lowest bottom edge. A feature inside a box is on the background if a vehicle that
+    fills the box at the feature's depth would be taller than any vehicle of its class.
     """
     if len(boxes) == 0:
         return np.full(len(left), -1)
@@ -143,9 +143,9 @@ def box_steps(points: PointSteps, owner: IntArray, number: int, noise: float) ->
 
     `noise` : variance of a match, pixels².
 
-    The features of a box are on the vehicle, on the background behind it, or on outlines that belong to
-    neither. Two robust means with Cauchy weights compete: the mean of all features, and the mean of the
-    features that do not agree with the background.
+    The features in a box are on the vehicle, on the background or on outlines. Two robust means with Cauchy
+    weights compete: the mean displacement of all features, and the mean displacement of the features that do
+    not agree with the background.
     """
     static_error = points.squared_error(np.zeros(3)) / noise
     owned = (owner >= 0) & np.isfinite(static_error)

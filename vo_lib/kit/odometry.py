@@ -29,11 +29,11 @@ from .settings import KitConfig
 from .translation import robust_translation
 from .vehicle import Vehicle
 
-# Number of sets without an outlier; 200 sets in every frame do not improve TE and RE.
+# Expected number of sets without an outlier; to use all n sets in every frame does not improve TE and RE.
 CLEAN_SETS = 50
 # Largest Sampson distance of an inlier of the previous essential matrix, as a multiple of the threshold.
 PREVIOUS_INLIER_THRESHOLDS = 3.0
-# Function of the frame number and its M matches; returns a mask (M,) of matches on moving objects.
+# Function of a frame's number and M matches; returns a mask (M,) of the matches on moving objects.
 OnMoving = Callable[[int, StereoMatches], BoolArray]
 
 
@@ -43,7 +43,7 @@ class SelfCalibratingOdometry(Odometry):
     Parameters
     ----------
     calibration : initial calibration errors; `DataError` for the errors of another camera.
-    times : (N,) seconds of all frames; if None, no motion is flagged.
+    times : (N,) times of all frames, seconds; if None, the vehicle check is off.
     on_moving : function for the box rule `truth`.
 
     Attributes
@@ -127,10 +127,10 @@ class KitOdometry(SelfCalibratingOdometry):
         return replace(super().remember(rotation, t_cp), flags=(Flag.PRIOR_DROPPED,) * self._dropped)
 
     def draw_sets(self, x_p: Array, x_c: Array) -> Index:
-        """Five-point sets: at most n, and only as many as give `CLEAN_SETS` sets without an outlier.
+        """Five-point sets: at most n, and only as many as should give `CLEAN_SETS` sets without an outlier.
 
-        Outliers are counted with the previous essential matrix; the winner is only the start of the
-        refinement. In mode `literal`, and in a sharp turn, all n sets are drawn.
+        Few sets are sufficient, since the winner is refined. The share of outliers is estimated with the
+        previous essential matrix. In mode `literal`, and in a sharp turn, all n sets are drawn.
         """
         config, sets = self.config.selection, self.config.selection.sets
         if config.mode == "refined" and self.e_prev is not None:

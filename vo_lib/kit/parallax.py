@@ -31,17 +31,17 @@ def parallax_information(
 
         (X, Y, Z) = R_cp (x_p - e_uv / f, 1) + D / (f b) t_cp
 
-    is its position in the current frame, in units of its previous depth, and the measurements are
+    is the feature's position in the current frame, in units of its previous depth, and the measurements are
 
         d_p = D + e_d,   (u_c, v_c) = f (X, Y) / Z + e_uv,   d_c = D / Z + e_d.
 
-    One Gauss-Newton step with Cauchy weights; all D, R_cp and t_cp are eliminated.
+    One Gauss-Newton step with Cauchy weights gives the information; all D, R_cp and t_cp are eliminated.
 
     Parameters
     ----------
-    matches : matches corrected by the current errors; R_cp, t_cp : start of the motion.
-    effects : function of normalised left positions (2, N) and disparities (N,), pixels; returns the effects
-        (K, 3, N), pixels, of errors of size 1 on u and v in the left image and on the disparity.
+    matches : matches corrected by the current errors; R_cp, t_cp : initial motion.
+    effects : function of normalised left positions (2, N) and disparities (N,), pixels; returns (K, 3, N),
+        pixels: the changes of left u, left v and disparity due to a size of 1 of each of the K errors.
     scale : residual at which a feature's weight is halved, pixels.
 
     Returns None with too few features or without a unique motion.

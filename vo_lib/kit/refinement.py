@@ -18,7 +18,7 @@ GENERATORS = skew(np.eye(3))  # d/dω of exp([ω]×) at 0
 def refine(
     R_cp: Array, direction: Array, matches: MatchTerms, scale: float, iterations: int = REFINEMENT_ITERATIONS
 ) -> tuple[Array, Array]:
-    """R and the direction of t after a joint robust Gauss-Newton refinement of the Sampson distance.
+    """R and the direction of t that minimise the Sampson distances, by robust Gauss-Newton steps.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def refine(
         weighted = jac * weight
         H = weighted @ jac.T
         H[np.diag_indices(5)] += 1e-12 * np.trace(H)
-        # With constant weights the step is too short: the cost's curvature is 2 w² - w, not w (Huber 1981).
+        # Constant weights make the step too short: the cost has curvature 2 w² - w, not w (Huber 1981).
         curvature = 2.0 * float(weight @ weight / weight.sum()) - 1.0
         delta = -np.linalg.solve(H, weighted @ r) / min(max(curvature, 1.0 / MAX_STEP_RATIO), 1.0)
         R = cv2.Rodrigues(delta[:3])[0] @ R
@@ -52,11 +52,11 @@ def distances_and_derivatives(R_cp: Array, direction: Array, matches: MatchTerms
 
     The distance is d = cᵀ E p / norm, with norm² = |(E p)₁,₂|² + |(Eᵀ c)₁,₂|². A rotation δω of R and a
     tangential change δt of t change E by [t]× [δω]× R + [δt]× R. The rest is the quotient rule. Without
-    the derivative of the norm, noise biases the direction towards the matches, downwards.
+    the derivative of the norm, noise biases the direction towards the matches, that is downwards.
     """
     basis = np.concatenate([direction[None], _tangent_basis(direction)])
     t, *across = (basis @ GENERATORS.reshape(3, 9)).reshape(3, 3, 3)
-    E = np.concatenate([t[None], t @ GENERATORS, across]) @ R_cp  # and its five changes, (6, 3, 3)
+    E = np.concatenate([t[None], t @ GENERATORS, across]) @ R_cp  # E and its five derivatives, (6, 3, 3)
     p, c = matches.points
     line_c, line_p = E[:, :2] @ p, E[:, :, :2].swapaxes(1, 2) @ c
     norm2 = np.maximum(np.sum(line_c[0] ** 2 + line_p[0] ** 2, axis=0), 1e-20)
@@ -67,7 +67,7 @@ def distances_and_derivatives(R_cp: Array, direction: Array, matches: MatchTerms
 
 def _tangent_basis(t: Array) -> Array:
     """Two unit vectors (2, 3) orthogonal to each other and to the unit vector t."""
-    # They are the first rows of the reflection that maps t to ± the third axis.
+    # The first two rows of the reflection that maps t to ± the third axis.
     h = t.copy()
     h[2] += np.copysign(1.0, t[2])
     return np.asarray((np.eye(3) - np.outer(h, h) / (1.0 + abs(t[2])))[:2])

@@ -1,26 +1,25 @@
 """Estimation of calibration errors that remain in calib.txt (chapters 3 and 4, not in the paper).
 
-In a rectified pair both images of a point are in one row, and the columns differ by f b / Z. In a real pair
-rows and disparities have errors, a smooth field of some tenths of a pixel. These errors make depths and steps
-wrong, on the KITTI highway by 5 %. The field has a polynomial for the disparities and another for the rows,
-in the normalised position x, y. The two polynomials are correlated, since each fault of a rig has a shape in
-both (`RIG_FAULTS`). A model with too few terms is worse than no model: the rest of the field is then absorbed
-by the constant, which determines the length of the steps. Half of the field is attributed to the left camera
-at x_l, half to the right camera at x_r = x_l - D / f, where D is a point's disparity: this fits the flow on
-KITTI better than the whole field in the right camera.
+In a rectified pair both images of a point are in one row, and the columns differ by f b / Z. In a real pair,
+rows and disparities have errors of some tenths of a pixel, which form a smooth field. The errors make depths
+and steps wrong, on the KITTI highway by 5 %. The field has a polynomial for the disparities and a polynomial
+for the rows, in the normalised position x, y. The coefficients of both are correlated, since a fault of the
+rig changes disparities and rows (`RIG_FAULTS`). A model with too few terms is worse than no model: the
+constant, which determines the length of the steps, then absorbs the rest of the field. Half of the field is
+attributed to the left camera at x_l, half to the right camera at x_r = x_l - D / f, where D is a point's
+disparity: this division fits the flow on KITTI better than the whole field in the right camera.
 
-The two lenses have equal errors, Brown's decentering and radial terms with r² = x² + y²,
+The two lenses have equal errors: Brown's decentering and radial terms with r² = x² + y²,
 
     (2 p1 x y + p2 (r² + 2 x²),  p1 (r² + 2 y²) + 2 p2 x y)   and   (k1 r² + k2 r⁴) (x, y).
 
-Stereo matches measure the row errors directly. These errors contain roll and focal length, which a moving
+Stereo matches measure the row errors directly. The row errors contain roll and focal length, which a moving
 camera cannot separate from a longer step. Near and far points on one row measure the lens errors. The motion
-measures the disparity errors and again the lens errors: disparities must agree with parallax, and flow with
-epipolar lines. A single frame contributes little, so a Kalman filter combines all frames.
-
-For a good rig, a correction by noisy estimates would do harm. The correction therefore uses shrunk estimates
-(empirical Bayes, James and Stein 1961, positive part): the part of a squared estimate that is due to
-the estimate's variance counts as noise.
+measures the disparity errors and again the lens errors: the disparities must agree with the parallax, and the
+optical flow must agree with epipolar lines. A single frame contributes little, so a Kalman filter combines
+all frames. For a good rig, a correction by noisy estimates would add errors. The correction therefore uses
+shrunk values (empirical Bayes, James and Stein 1961, positive part): the part of a squared estimate that is
+due to the estimate's variance counts as noise.
 """
 
 from __future__ import annotations
@@ -41,8 +40,8 @@ Shape = dict[str, float]
 DISPARITY_TERMS = ("1", "x", "y", "x²", "xy", "y²", "x³", "x²y", "x⁴")
 ROW_TERMS = DISPARITY_TERMS[:6]
 # Prior standard deviation of each lens error, pixels (KITTI's rigs have a k1 of 12 to 17), and a noise floor
-# that more frames do not reduce: for a perfect lens, drawn cars cause up to 2.6 px of k1, a drawn highway 0.8
-# px of p2.
+# that more frames do not reduce: on drawn scenes with perfect lenses, cars cause up to 2.6 px of k1, and a
+# highway causes 0.8 px of p2.
 LENS_PX = {"p1": (1.5, 0.7), "p2": (1.5, 1.2), "k1": (15.0, 2.0), "k2": (10.0, 4.0)}
 N, FIELD = len(DISPARITY_TERMS), len(DISPARITY_TERMS) + len(ROW_TERMS)
 ERROR_NAMES = (
@@ -52,11 +51,11 @@ ERROR_NAMES = (
 )
 ERROR_COUNT = len(ERROR_NAMES)
 P1, P2, K1, K2 = range(FIELD, ERROR_COUNT)
-# Indices of the errors that the motion measures; the rows measure the errors from N on.
+# Indices of the errors that the motion measures; the rows measure the errors with indices from N on.
 BY_PARALLAX = [*range(N), *range(FIELD, ERROR_COUNT)]
 # Faults of one camera relative to the other: shape in the columns, shape in the rows, prior standard
-# deviation in pixels. To first order, a yaw is a shift along the rows and a tilt about the vertical;
-# decentering is a tilt of three times its size plus the last two faults.
+# deviation in pixels. To first order, a yaw is a shift along the rows and a tilt about the vertical. Brown's
+# decentering is three times a tilt plus one of the last two faults.
 RIG_FAULTS: dict[str, tuple[Shape, Shape, float]] = {
     "shift along the rows": ({"1": 1}, {}, 1.5),
     "shift across the rows": ({}, {"1": 1}, 3.0),
@@ -73,7 +72,7 @@ RIG_FAULTS |= {f"columns, {term}": ({term: 1}, {}, deviation) for term, deviatio
 RIG_FAULTS |= {f"rows, {term}": ({}, {term: 1}, 0.5) for term in ("x²", "xy", "y²")}
 FREE_DEVIATION_PX = 0.01  # prior standard deviation of each coefficient, in addition to the faults
 
-ROW_REWEIGHTINGS = 4  # re-weightings in the estimation of the row errors
+ROW_REWEIGHTINGS = 4  # number of re-weightings in the estimation of the row errors
 
 
 class Rig:
@@ -84,9 +83,9 @@ class Rig:
     estimate : (19,) errors in the order of `ERROR_NAMES`, pixels; rows and disparities are left minus right.
     covariance : (19, 19) covariance of the estimate.
     errors : (19,) shrunk errors, used in `correct`. Lens errors are shrunk one after the other. A lens error
-        is zero until its variance is at most half of the prior's, since slow driving in a jam gives little
-        and one-sided information. The errors after a lens error are conditioned on its shrunk value.
-        Finally, the whole field is shrunk.
+        is zero until its variance is at most half of the prior variance, since slow driving in a jam gives
+        little and one-sided information. All other errors are then conditioned on its shrunk value. Finally,
+        the whole field is shrunk.
     """
 
     def __init__(self, camera: StereoCamera, config: CalibrationConfig):
@@ -96,7 +95,7 @@ class Rig:
         self.set_estimate(np.zeros(ERROR_COUNT), self._prior)
 
     def correct(self, matches: StereoMatches, errors: Array | None = None) -> StereoMatches:
-        """Matches corrected by these errors (19,), by default `self.errors`."""
+        """Matches corrected by `errors` (19,), by default `self.errors`."""
         errors = self.errors if errors is None else errors
         if not errors.any():
             return matches
@@ -160,7 +159,7 @@ class Rig:
             (prior, floor), variance = LENS_PX[ERROR_NAMES[i]], covariance[i, i]
             share = max(0.0, 1.0 - (variance + floor**2) / max(errors[i] ** 2, 1e-12))
             lens[i] = errors[i] * share * (variance <= 0.5 * prior**2)
-            # The other errors, given this one.
+            # The other errors, conditioned on this lens error.
             gain = covariance[i] / variance
             errors += gain * (lens[i] - errors[i])
             covariance -= np.outer(gain, covariance[i])
@@ -171,7 +170,7 @@ class Rig:
 
 
 def effects(camera: StereoCamera, x: Array, disparity: Array) -> Array:
-    """Effects (19, 4, N) in pixels of errors of 1 px: on u and v (left image), disparity and row difference.
+    """Changes (19, 4, N), pixels, of left u, left v, disparity and row difference, due to 1 px of each error.
 
     x : (2, N) normalised left positions; disparity : (N,) pixels.
     """
@@ -186,7 +185,7 @@ def effects(camera: StereoCamera, x: Array, disparity: Array) -> Array:
 
 
 def field_at(errors: Array, x: Array, y: Array) -> Array:
-    """Errors (2, N) in pixels of disparity and row difference, at normalised left positions x, y (N,)."""
+    """Errors (2, N) of disparity and row difference, pixels, at normalised left positions x, y (N,)."""
     terms = powers(x, y)
     return np.stack([errors[:N] @ terms, errors[N:FIELD] @ terms[: len(ROW_TERMS)]])
 
@@ -206,7 +205,7 @@ def lens_shapes(points: Array) -> Array:
 
 
 def prior_covariance() -> Array:
-    """Covariance (19, 19) of the errors before the first frame: the sum of all `RIG_FAULTS`."""
+    """Covariance (19, 19) of the errors before the first frame, from `RIG_FAULTS` and `LENS_PX`."""
     covariance = np.diag([FREE_DEVIATION_PX] * FIELD + [prior for prior, _ in LENS_PX.values()]) ** 2
     for columns, rows, deviation in RIG_FAULTS.values():
         shape = np.array(

@@ -44,7 +44,7 @@ def choose_candidate(
     Parameters
     ----------
     E, set_index : all candidates of a frame, from `five_point`; x_p, x_c : (N, 2) normalised points.
-    e_prev : (9,) previous essential vector, or None, in which case consensus decides.
+    e_prev : (9,) previous essential vector; if None, consensus decides.
 
     Returns
     -------
@@ -57,8 +57,8 @@ def choose_candidate(
 def guarded(errors: Array, kept: BoolArray, ratio: float) -> tuple[int, bool]:
     """Index of the winner, and whether the prior is rejected. errors, kept : (M,).
 
-    The winner is the best kept candidate, or the best of all if the prior is rejected. This is so if the best
-    kept error exceeds `ratio` times the smallest error, as in a sharp turn or after a wrong essential vector.
+    The winner is the best kept candidate, or the best candidate of all if the prior is rejected. The prior is
+    rejected, for example in a sharp turn, if the best kept error exceeds `ratio` times the smallest error.
     """
     winner, choice = int(np.argmin(errors)), int(np.argmin(np.where(kept, errors, np.inf)))
     dropped = bool(errors[choice] > ratio * errors[winner])
@@ -70,7 +70,7 @@ def motion_of_winner(
 ) -> tuple[Array, Array, Array, BoolArray]:
     """Rotation, unit translation, essential matrix (3, 3) and inliers (N,) of the winner E (3, 3).
 
-    Mode `literal` keeps E unchanged, mode `refined` refines it on its inliers.
+    Mode `literal` keeps E unchanged; mode `refined` refines E on its inliers.
     """
     threshold = config.threshold / focal
     matches = match_terms(x_p, x_c)
@@ -78,8 +78,8 @@ def motion_of_winner(
     trusted = np.flatnonzero(inliers if np.count_nonzero(inliers) >= 5 else np.ones_like(inliers))
     R, t = resolve_by_depth(E, x_p[trusted], x_c[trusted], X_p[trusted])
     if config.mode == "refined":
-        # A coarse refinement, then one with weights as narrow as the noise: the features of a slow car may
-        # move by less than the threshold.
+        # A coarse refinement, then a refinement with the noise as scale of the weights: the distances of the
+        # features on a slow car may be smaller than the threshold.
         kept = matches.take(trusted)
         R, t = refine(R, t, kept, threshold / 2, COARSE_ITERATIONS)
         deviation = DEVIATION_OVER_MEDIAN * float(

@@ -35,8 +35,8 @@ class KitMatchingConfig(StereoLimits):
     """Matching by Lucas-Kanade with windows that follow the surface (chapter 1)."""
 
     window: int = setting(9, "side of the Lucas-Kanade window", unit="px", low=5, high=41)
-    levels: int = setting(1, "pyramid levels above the image for features with a prediction", low=0, high=5)
-    search_levels: int = setting(4, "pyramid levels for features without a prediction", low=0, high=6)
+    levels: int = setting(1, "pyramid levels above the image, with a predicted position", low=0, high=5)
+    search_levels: int = setting(4, "pyramid levels without a predicted position", low=0, high=6)
     surface_share: float = setting(
         0.6, "smallest share of a feature's neighbours on the same surface", low=0, high=1
     )
@@ -52,16 +52,16 @@ class KitMatchingConfig(StereoLimits):
 class MovingConfig(Checked):
     """The test whether the vehicle in a box moves (chapter 5, not in the paper)."""
 
-    noise: float = setting(0.2, "standard deviation of a match", unit="px", low=0.01, high=5)
+    noise: float = setting(0.2, "standard deviation of a matched position", unit="px", low=0.01, high=5)
     significance: float = setting(
-        4.0, "displacement above which a box moves, in standard deviations", low=1, high=50
+        4.0, "smallest displacement of a moving box, in standard deviations", low=1, high=50
     )
     min_step: float = setting(
-        0.05, "displacement in one frame above which a box moves", unit="m", low=0, high=5
+        0.05, "smallest displacement of a moving box in one frame", unit="m", low=0, high=5
     )
     agreement: float = setting(
         2.0,
-        "largest residual of a feature that moves with its box, in standard deviations",
+        "largest residual of a static feature in a box, in standard deviations of a match",
         low=0.1,
         high=1000,
     )
@@ -73,7 +73,7 @@ class KitFilterConfig(FilterConfig):
 
     rule: str = setting("all", "boxes whose features are removed", choices=("none", "all", "moving", "truth"))
     min_matches: int = setting(
-        12, "smallest number of matches after a removal; with fewer, all matches are kept", low=0, high=10000
+        12, "smallest number of remaining matches; with fewer, all matches are kept", low=0, high=10000
     )
     moving: MovingConfig = section(MovingConfig)
 
@@ -83,7 +83,7 @@ class KitSelectionConfig(SelectionConfig):
     """Refinement of the winner, and rejection of the prior (chapter 3)."""
 
     mode: str = setting(
-        "refined", "use the winner unchanged, or refine it on its inliers", choices=("literal", "refined")
+        "refined", "literal: unchanged winner; refined: fit to its inliers", choices=("literal", "refined")
     )
     refine_scale: float = setting(
         1.5,
@@ -93,7 +93,7 @@ class KitSelectionConfig(SelectionConfig):
     )
     prior_rejection_ratio: float = setting(
         1.25,
-        "largest ratio of the prior's best error to the smallest error; above it, the prior is ignored",
+        "largest ratio of the prior's best error to the smallest error; if larger, the prior is ignored",
         low=1,
         high=1000,
     )
@@ -107,7 +107,9 @@ class KitTranslationConfig(TranslationLimits):
         0.5, "residual at which a feature's weight is halved", unit="px", low=0.05, high=20
     )
     iterations: int = setting(6, "largest number of robust re-weightings", low=1, high=50)
-    agreement: float = setting(2.0, "largest residual of an inlier's equations", unit="px", low=0.1, high=50)
+    agreement: float = setting(
+        2.0, "largest norm of the residuals of an inlier's eight equations", unit="px", low=0.1, high=50
+    )
 
 
 @dataclass(frozen=True)
@@ -125,7 +127,7 @@ class CalibrationConfig(Checked):
     )
     drift: float = setting(
         0.015,
-        "standard deviation of a calibration error's change per frame, as a share of the initial deviation",
+        "standard deviation of the change of an error per frame, as a share of the initial deviation",
         low=0,
         high=1,
     )
@@ -136,7 +138,7 @@ class CalibrationConfig(Checked):
 
 @dataclass(frozen=True)
 class VehicleConfig(Checked):
-    """Limits of a vehicle's motion; the turn and tilt rates of KITTI's cars reach half of the limits."""
+    """Limits of a vehicle's motion; KITTI's cars reach half of the limits of turn and tilt rate."""
 
     check: bool = setting(True, "flag motions that no car makes; off for a hand-held or flying camera")
     speed_change: float = setting(

@@ -1,8 +1,7 @@
 """The surface around a feature as a plane of disparity, and the warp of a window on it (chapter 1).
 
 A window on a slanted surface, such as the street, looks different in each image. On a plane, disparity is
-linear in pixels, so three numbers determine the warp: the disparity at the feature and its slope along u and
-v.
+linear in u and v, so three numbers determine the warp: the disparity at the feature and its two slopes.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from ..geometry.types import Array
 # (H / 2, W / 2), pixels of the full image; not positive where unknown.
 CoarseDisparity = NDArray[np.float32]
 
-# Slope in pixels per pixel; steeper surfaces are viewed too obliquely for an estimate.
+# Largest slope, pixels per pixel; steeper surfaces are viewed too obliquely for an estimate.
 MAX_SLOPE = 0.6
 # Offsets of the pixels, at half size, to which a plane is fitted; neighbouring pixels are nearly redundant.
 # The middle is excluded, so that a feature on an outline has half of its square on either side.
@@ -55,7 +54,7 @@ def coarse_disparity(left: NDArray[np.uint8], right: NDArray[np.uint8], largest:
         for image in (left, right)
     ]
     matcher = cv2.StereoBM.create(numDisparities=steps, blockSize=9)
-    # No uniqueness test, which would take half of the time; the loop check rejects wrong disparities.
+    # A uniqueness test would take half of the time; the loop check rejects wrong disparities anyway.
     matcher.setUniquenessRatio(0)
     # The matcher's unit is a sixteenth of a pixel at half size.
     return np.asarray(matcher.compute(*small)[:, steps:] / np.float32(8.0))
@@ -67,7 +66,7 @@ def fit_surface(coarse: CoarseDisparity, uv: Array, disparity: Array) -> Surface
     Parameters
     ----------
     coarse : (H / 2, W / 2) disparity in pixels of the full image; not positive where unknown.
-    uv : (N, 2) pixels of the full left image. disparity : (N,) of the features, pixels.
+    uv : (N, 2) pixels of the full left image. disparity : (N,) disparities of the features, pixels.
 
     The fit is by least squares: first over the pixels with a disparity near the feature's, then over the
     pixels with a disparity near the plane's.
@@ -113,7 +112,7 @@ def motion_warp(
 
     Parameters
     ----------
-    uv, disparity, slope : features of the previous image; R_cp, t_cp : the motion of that camera, metres.
+    uv, disparity, slope : features of the previous image; R_cp, t_cp : motion of the image's camera, metres.
 
     With x = (u, v, 1) normalised and the inverse depth ρ = d / (f b), the point has the direction R x + ρ t
     in the current frame. The warp is the derivative of this direction along the image, with ρ linear on the

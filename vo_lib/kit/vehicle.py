@@ -1,7 +1,7 @@
 """Plausibility check (not in the paper): flags for motions that no road vehicle makes; the path is unchanged.
 
 A flagged motion is not replaced by the last plausible motion: in 34 of 621 disturbed drives, the replacement
-increased the error at the end. With flags alone, this error increased in 2 drives.
+increased the error of the last position. With flags alone, this error increased in 2 drives.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ class Vehicle:
     def __init__(self, config: VehicleConfig):
         self.config = config
         self._plausible = np.eye(4)  # last plausible motion
-        self._velocity, self._elapsed = np.zeros(3), START_INTERVAL_S  # its velocity, and seconds since then
+        self._velocity, self._elapsed = np.zeros(3), START_INTERVAL_S  # of that motion; seconds since then
 
     def judge(self, motion: FrameResult, seconds: float, still: bool = False) -> FrameResult:
-        """The next frame's motion with its flags, or the last plausible motion if there is none.
+        """The next frame's motion with its flags, or the last plausible motion if no motion was measured.
 
         seconds : time since the previous frame; if 0 (unknown), no motion is flagged.
         still : whether the image did not change (a stop or a repeated pair); the speed is then unknown.

@@ -21,17 +21,17 @@ from ..paper.viso2 import ransac_motion
 from .places import candidates, place_frames, similarities, uncovered
 from .settings import LoopConfig
 
-PAIRS_KEPT = 32  # number of described stereo pairs in memory; neighbouring places have the same candidates
+PAIRS_KEPT = 32  # number of described stereo pairs in memory; neighbouring places share many candidates
 
 
 @dataclass(frozen=True, eq=False)
 class Loops(Rows):
     """N pairs of places that were compared.
 
-    first, second : (N,) frames of the two places, from 0; similarity : (N,) of their images.
-    matches, inliers : (N,) number of matches of the stereo pairs, and of matches that agree on one motion.
+    first, second : (N,) frames of the two places, from 0; similarity : (N,) similarity of their left images.
+    matches, inliers : (N,) number of matches between the stereo pairs, and number of inliers of their motion.
     residual : (N,) root mean square of the inliers' reprojection errors, pixels; NaN without a motion.
-    motion : (N, 4, 4) pose of the second left camera relative to the first; the identity if none is found.
+    motion : (N, 4, 4) pose of the second left camera relative to the first; the identity without a motion.
     """
 
     first: IntArray
@@ -50,7 +50,7 @@ class Loops(Rows):
 def find_loops(sequence: Sequence, method: MethodConfig, config: LoopConfig, progress: Progress) -> Loops:
     """Pairs of similar places, accepted or not, with the motion between them.
 
-    method : its seed, box rule, bucket and reprojection settings are used; the features are the paper's.
+    method : only the seed and the settings of box rule, buckets and reprojection are used, not the features.
     progress : called with (steps done, total steps); places are the first half, pairs the second half.
     """
     frames = place_frames(len(sequence), config)
@@ -72,7 +72,7 @@ def find_loops(sequence: Sequence, method: MethodConfig, config: LoopConfig, pro
 def compare_places(
     sequence: Sequence, method: MethodConfig, config: LoopConfig, pairs: IntArray
 ) -> Iterator[tuple[StereoMatches, Array, BoolArray]]:
-    """For each pair of frames in `pairs` (N, 2): the matches, the motion T_cp (4, 4) and the mask of inliers.
+    """For each pair of frames in `pairs` (N, 2): matches, their motion T_cp (4, 4), and a mask of inliers.
 
     Without a motion, T_cp is the identity and no match is an inlier.
     """

@@ -1,7 +1,8 @@
 """The pose graph: least squares over measured motions between poses, by Gauss-Newton.
 
-An edge measures the pose Z of its second camera relative to its first. The residual is the twist of Z⁻¹ T_i⁻¹
-T_j (Grisetti et al., "A tutorial on graph-based SLAM", 2010). Loops may be false and have Cauchy weights.
+An edge from camera i to camera j measures the pose Z of camera j relative to camera i. The residual is the
+twist of Z⁻¹ T_i⁻¹ T_j (Grisetti et al., "A tutorial on graph-based SLAM", 2010). Loops may be false, so their
+edges have Cauchy weights.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ MAX_STEPS = 40
 MAX_TURN = 0.2  # largest rotation of a pose in a step, radians; with false loops, longer steps diverge
 LAST_MOVE = 1e-4  # largest move of a pose in the last step, radians and metres
 NARROWING = 0.25  # factor between the scales of the weights in successive steps
-SERIES = ((1, 0.5), (2, 1 / 12), (4, -1 / 720), (6, 1 / 30240))  # powers and factors of x / (1 - exp(-x))
+SERIES = ((1, 0.5), (2, 1 / 12), (4, -1 / 720), (6, 1 / 30240))  # powers, factors of x / (1 - exp(-x)) - 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,9 +44,9 @@ class Edges(Rows):
 
 
 def linearised(poses: Array, edges: Edges) -> tuple[Array, Array, Array]:
-    """Residuals (N, 6) of edges in standard deviations, and derivatives (N, 6, 6) for the twist of each pose.
+    """Residuals (N, 6) of edges in standard deviations, and derivatives (N, 6, 6) by first and second twist.
 
-    A twist δ moves a pose in its own frame: T_w_c exp(δ).
+    The twist δ of a pose changes the pose in the camera's frame: T_w_c exp(δ).
     """
     between = inverse(poses[edges.first]) @ poses[edges.second]
     r = twist_from_motion(inverse(edges.motion) @ between)
@@ -56,7 +57,7 @@ def linearised(poses: Array, edges: Edges) -> tuple[Array, Array, Array]:
 
 
 def optimise(poses: Array, edges: Edges, scale: float, tolerance: float = LAST_MOVE) -> tuple[Array, ...]:
-    """Optimise poses T_w_c (N, 4, 4) by Gauss-Newton; the first pose, and so the world frame, is fixed.
+    """Optimise poses T_w_c (N, 4, 4) by Gauss-Newton; the first pose is fixed.
 
     scale : residual at which a loop has weight ½, in standard deviations; if infinite, all weights are 1.
         The first steps have a larger scale: before the drift is corrected, true loops have large residuals.
@@ -92,7 +93,7 @@ class Closed:
     poses : (N, 4, 4) T_w_c of all frames, the first unchanged.
     loops : the M closed loops.
     weight : (M,) weight of each loop in the pose graph, from 0 to 1.
-    gap : (M,) distance, metres, between the second visit's positions from the path and from the loop.
+    gap : (M,) metres between the second visit's position in `poses` and its position by the loop's motion.
     """
 
     poses: Array
@@ -102,7 +103,7 @@ class Closed:
 
 
 def close_path(poses: Array, loops: Loops, config: LoopConfig) -> Closed:
-    """The path (N, 4, 4) of a run with all these loops closed; without loops, the unchanged path."""
+    """The path (N, 4, 4) of a run after all `loops` have been closed; without loops, the unchanged path."""
     frames = place_frames(len(poses), config)
     if len(loops) == 0:
         return Closed(poses.copy(), loops, np.zeros(0), np.zeros(0))
@@ -115,9 +116,9 @@ def close_path(poses: Array, loops: Loops, config: LoopConfig) -> Closed:
 
 
 def carried_along(poses: Array, frames: IntArray, moved: Array) -> Array:
-    """Poses (N, 4, 4) of all frames if the poses of some `frames` (K,) change to `moved` (K, 4, 4).
+    """Poses (N, 4, 4) of all frames after the poses of `frames` (K,) have changed to `moved` (K, 4, 4).
 
-    The first of these frames is 0. Between two of them, the change is distributed evenly, as a twist.
+    The first of `frames` is 0. Between successive `frames`, the change is distributed evenly, as a twist.
     """
     correction = moved @ inverse(poses[frames])
     position = np.interp(np.arange(len(poses)), frames, np.arange(len(frames)))
@@ -129,7 +130,7 @@ def carried_along(poses: Array, frames: IntArray, moved: Array) -> Array:
 def graph_edges(places: Array, frames: IntArray, loops: Loops, config: LoopConfig) -> Edges:
     """Edges between successive places (poses (N, 4, 4), frames (N,)), followed by the edges of the loops."""
     number, size = np.arange(len(frames) - 1), np.diff(frames)
-    # The errors of frames add up as in a random walk, with 0.3 m per degree: the ratio in drawn streets.
+    # Errors of frames add up as in a random walk. The default ratio, 0.3 m per degree, is from drawn streets.
     steps = np.sqrt(size)[:, None] * [np.radians(config.frame_turn), config.frame_step]
     return Edges(
         np.concatenate([number, np.searchsorted(frames, loops.first)]),

@@ -1,8 +1,8 @@
 """Places: the similarity of images, and the earlier images that are most similar to an image.
 
 A histogram of visual words describes an image: the nearest word of a vocabulary replaces each descriptor. The
-vocabulary is learnt from the same sequence (Sivic and Zisserman, "Video Google", ICCV 2003). Features in
-vehicle boxes are not counted: parked cars drive away, and the car ahead is in every image.
+vocabulary is learnt from the same sequence (Sivic and Zisserman, "Video Google", ICCV 2003). With a box rule,
+features in vehicle boxes are not counted: parked cars drive away, and the car ahead is in every image.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from ..paper.features import Described, describe
 from ..paper.settings import FeatureConfig, MethodConfig
 from .settings import LoopConfig
 
-KINDS = 4  # kinds of features: blobs and corners, bright and dark; each word has one kind
+KINDS = 4  # number of kinds of features: blobs and corners, maxima and minima; each word has one kind
 SAMPLE_FEATURES = 8000  # number of features of each kind in the sample
 LEARNING_ROUNDS = 5
 
 
 def place_frames(count: int, config: LoopConfig) -> IntArray:
-    """The frames that are places: every n-th of `count` frames; n is increased if there are too many."""
+    """The frames that are places: every n-th of `count` frames; n is increased to limit their number."""
     return np.arange(0, count, max(config.every, -(-count // config.places)), dtype=np.int64)
 
 
 def learn_words(images: list[Described], config: LoopConfig, seed: int) -> Array:
-    """The vocabulary of images (kinds, words, 32): k-means of a sample of each kind of features."""
+    """The vocabulary (kinds, words, 32) of images, by k-means on a sample of the features of each kind."""
     rng, words = np.random.default_rng(seed), []
     for kind in range(KINDS):
         of_kind = np.concatenate([image.descriptor[image.kind == kind] for image in images])
@@ -46,7 +46,7 @@ def learn_words(images: list[Described], config: LoopConfig, seed: int) -> Array
 
 
 def histogram(image: Described, words: Array, width: int, columns: int) -> Array:
-    """Numbers (columns, kinds, words) of features in the columns of an image that is `width` pixels wide."""
+    """Number of features for each column, kind and word (columns, kinds, words); width : image, pixels."""
     nearest = (words[image.kind] @ image.descriptor[:, :, None])[..., 0].argmax(axis=1)
     column = (image.uv[:, 0] * columns // width).astype(np.int64)
     counts = np.zeros((columns, *words.shape[:2]))
@@ -60,7 +60,7 @@ def similarities(sequence: Sequence, method: MethodConfig, config: LoopConfig, p
     for frame in frames.tolist():
         image = describe(sequence.stereo(frame)[0], FeatureConfig())
         image = image[uncovered(sequence, frame, image.uv, method)]
-        # With descriptors of length 1 a change of exposure changes nothing.
+        # With descriptors of length 1, the histogram does not depend on the exposure.
         length = np.maximum(np.linalg.norm(image.descriptor, axis=1, keepdims=True), 1.0)
         images.append(replace(image, descriptor=image.descriptor / length))
         progress(len(images), len(frames))

@@ -9,13 +9,13 @@ from .settings import BucketConfig
 
 
 def square_numbers(uv: Array, side: int) -> IntArray:
-    """Numbers (N,) of the image squares, `side` pixels wide, that contain the pixels (N, 2)."""
+    """Indices (N,) of the image squares, `side` pixels wide, that contain the pixels (N, 2)."""
     column, row = (uv // side).astype(np.int64).T
     return np.asarray(row * (column.max(initial=0) + 1) + column)
 
 
 def select_by_bucket(uv: Array, age: IntArray, strength: Array, config: BucketConfig) -> Index:
-    """The oldest features of each bucket; among equally old features the strongest (section 1).
+    """The oldest features of each bucket; among features of equal age, the strongest (section 1).
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ def select_by_bucket(uv: Array, age: IntArray, strength: Array, config: BucketCo
 
     Returns
     -------
-    Sorted indices of the selected features, at most `config.features` per square, `config.size` pixels wide.
+    Sorted indices of the selected features: at most `config.features` per square of `config.size` pixels.
     """
     bucket = square_numbers(uv, config.size)
     order = np.lexsort((-strength, -age, bucket))

@@ -1,8 +1,8 @@
 """Blobs and corners of an image, their Sobel descriptors, and the comparison of descriptors (chapter 1).
 
-Features are the extrema of two 5×5 masks. A feature is compared only with features of its own kind, by the
-sum of absolute differences of two Sobel images at 16 positions around it. Source: Geiger, Ziegler and
-Stiller, "StereoScan: dense 3d reconstruction in real-time", IV 2011, section III.
+Features are the extrema of the responses of two 5×5 masks. Features of the same kind are compared by the sum
+of absolute differences between two Sobel images at 16 positions around each feature. Source: Geiger, Ziegler
+and Stiller, "StereoScan: dense 3d reconstruction in real-time", IV 2011, section III.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ DESCRIPTOR_OFFSETS = np.array(
     np.intp,
 )
 DESCRIPTOR_RADIUS_PX = 6  # 5 px of the descriptor and 1 px of the Sobel mask
-BATCH_FEATURES = 128  # number of features, near in u, that are compared at once
+BATCH_FEATURES = 128  # number of features with similar u that are compared at once
 MAX_ROW_DIFFERENCE_PX = 2  # largest row difference in a stereo pair, whole pixels
 
 
@@ -45,7 +45,7 @@ class Described(Rows):
 
 
 def describe(image: Image, config: FeatureConfig) -> Described:
-    """Features of an image with descriptors; kinds 0 … 3: blob maxima and minima, corner maxima and minima.
+    """Described features of an image; kinds 0 … 3: blob maxima, blob minima, corner maxima, corner minima.
 
     A feature is a pixel whose response is the largest in a square around it, `config.blob_cell` pixels wide,
     and above `config.blob_quality`.
@@ -56,7 +56,7 @@ def describe(image: Image, config: FeatureConfig) -> Described:
     positions, strength = (np.concatenate(each) for each in zip(*peaks, strict=True))
     kind = np.repeat(np.arange(4), [len(uv) for uv, _ in peaks])
     sobel = cv2.merge([cv2.Sobel(image, cv2.CV_16S, dx, 1 - dx, ksize=3) for dx in (1, 0)])
-    # Pixels are numbered row by row, and the two Sobel responses of a pixel are read as one number.
+    # Pixels are numbered row by row, and the two Sobel responses of a pixel are read as one 32-bit number.
     steps = np.array([1, image.shape[1]])
     samples = (
         sobel.view(np.int32)
@@ -79,16 +79,16 @@ def _peaks(response: NDArray[np.int16], config: FeatureConfig) -> tuple[Array, A
 
 
 def stereo_matches(left: Described, right: Described, max_disparity: int) -> tuple[Index, Index]:
-    """For each left feature, the most similar right feature of its kind, and vice versa.
+    """For each left feature, the most similar right feature of the same kind, and vice versa.
 
     Two features are compared if their rows differ by at most `MAX_ROW_DIFFERENCE_PX` and their disparity
-    is 0 … max_disparity, pixels. Such pairs are few, so all are compared at once.
+    is 0 … max_disparity, pixels. These pairs are few, so all pairs are compared at once.
 
     Returns
     -------
-    (N,) index into `right` and (M,) index into `left`; -1 where a feature has no pair.
+    (N,) indices into `right` and (M,) indices into `left`; -1 for a feature without such a pair.
     """
-    # `describe` sorts features by kind and row. One number has both, so near rows of a kind are one range.
+    # `describe` sorts features by kind and row. With both in one number, near rows of a kind are one range.
     positions, others = ((side.kind << 32) + side.uv[:, 1].astype(np.intp) for side in (left, right))
     first = np.searchsorted(others, positions - MAX_ROW_DIFFERENCE_PX)
     last = np.searchsorted(others, positions + MAX_ROW_DIFFERENCE_PX, side="right")
@@ -99,8 +99,8 @@ def stereo_matches(left: Described, right: Described, max_disparity: int) -> tup
     possible = (disparity >= 0) & (disparity <= max_disparity)
     i, j = i[possible], j[possible]
     difference = np.abs(left.descriptor[i] - right.descriptor[j]).sum(axis=1)
-    # Only the last pair written for a feature remains: the most similar pair or, of equally similar pairs,
-    # the first.
+    # A later assignment replaces an earlier assignment, so the most similar pair remains; of equally similar
+    # pairs, the first pair remains.
     order = np.argsort(difference, kind="stable")[::-1]
     to_right, to_left = (np.full(len(side.kind), -1, np.intp) for side in (left, right))
     to_right[i[order]], to_left[j[order]] = j[order], i[order]
@@ -108,7 +108,7 @@ def stereo_matches(left: Described, right: Described, max_disparity: int) -> tup
 
 
 def best_matches(query: Described, train: Described, radius: int) -> Index:
-    """For each query feature, the most similar train feature of its kind near the same position.
+    """For each query feature, the most similar train feature of the same kind near the same position.
 
     Parameters
     ----------
@@ -116,17 +116,17 @@ def best_matches(query: Described, train: Described, radius: int) -> Index:
 
     Returns
     -------
-    (N,) index into `train`; -1 where no feature is near.
+    (N,) indices into `train`; -1 if no feature of the kind is near.
     """
     match = np.full(len(query.kind), -1, np.intp)
-    # An image is wider than high: sorted by columns, most features of a batch have the same neighbours.
+    # An image is wider than high, so most features of a batch, sorted by column, have the same neighbours.
     positions, others = (side.uv.T.astype(np.int16) for side in (query, train))
     orders = [np.argsort(side[0], kind="stable") for side in (positions, others)]
     for kind in range(4):
         queries, trains = (o[side.kind[o] == kind] for o, side in zip(orders, (query, train), strict=True))
         for i in (queries[n : n + BATCH_FEATURES] for n in range(0, len(queries), BATCH_FEATURES)):
             ends = positions[0, i[0]] - radius, positions[0, i[-1]] + radius + 1
-            # Of equals the first is taken, in the order of the features.
+            # Sorted, so that the first of equally similar features is selected.
             j = np.sort(trains[slice(*np.searchsorted(others[0, trains], ends))])
             if len(j) == 0:
                 continue

@@ -1,7 +1,7 @@
 """Five-point solver: all essential matrices that fit five matches, for many sets at once.
 
-Nistér, "An efficient solution to the five-point relative pose problem", PAMI 2004; the ten constraints as
-in Stewénius, Engels and Nistér, "Recent developments on direct relative orientation", 2006.
+Source: Nistér, "An efficient solution to the five-point relative pose problem", PAMI 2004. The constraints
+are from Stewénius, Engels and Nistér, "Recent developments on direct relative orientation", 2006.
 
 Each step is a function. The last axis of the intermediate arrays is the axis of the sets, so that NumPy does
 each operation for all sets in one pass over memory.
@@ -10,10 +10,10 @@ each operation for all sets in one pass over memory.
     -> eliminate (6, 16, S) -> determinant (11, S) -> real_roots -> back_substitute (4, M) -> polish
     -> E = x E0 + y E1 + z E2 + w E3
 
-Two steps differ from Nistér's paper. Nistér sets w = 1; here (z, w) is a point of the projective line, and no
+Two steps differ from Nistér's paper. Nistér sets w = 1; here (z, w) is a point of the projective line, so no
 solution is at infinity. Nistér eliminates ten monomials and divides by their pivots, which may be small; here
 reflections eliminate four monomials, and the determinant contains the other six. In the worst 5 % of the
-sets, the same polynomial has a hundred to a thousand times less rounding noise.
+sets, the polynomial then has a hundred to a thousand times less rounding error than Nistér's polynomial.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ import numpy as np
 from ..geometry.types import Array, BoolArray, Index
 from .real_roots import DEGREE, real_roots
 
-# Degenerate sets are removed at the end.
+# Degenerate sets cause these floating-point errors; their candidates are removed at the end.
 DEGENERATE_SETS = np.errstate(divide="ignore", invalid="ignore", over="ignore")
 
 # Exponents of x, y, z, w in the 20 monomials of degree 3: first x³, y³, x²y, xy², which are eliminated;
-# then x², y², xy, each times (z, w); x and y times (z², zw, w²); and z³, z²w, zw², w³.
+# then x², y², xy, each times (z, w); x and y, each times (z², zw, w²); and z³, z²w, zw², w³.
 _WORDS = "3000 0300 2100 1200 2010 2001 0210 0201 1110 1101 1020 1011 1002 0120 0111 0102 0030 0021 0012 0003"
 EXPONENTS = np.array([[int(digit) for digit in word] for word in _WORDS.split()])
-# A cubic is computed from its values at 20 points; the exponents, taken as points, are well conditioned.
+# A cubic is computed from its values at 20 points; with the exponents as points, errors are not amplified.
 POINTS = EXPONENTS / np.linalg.norm(EXPONENTS, axis=1, keepdims=True)
 CUBIC_FROM_VALUES = np.linalg.inv(np.prod(POINTS[:, None, :] ** EXPONENTS, axis=2))
 
@@ -43,7 +43,7 @@ NODES = np.array([np.cos(_ANGLES), np.sin(_ANGLES)])
 _ORDER = np.arange(DEGREE + 1)
 POLYNOMIAL_FROM_VALUES = np.linalg.inv(NODES[0][:, None] ** _ORDER[::-1] * NODES[1][:, None] ** _ORDER)
 
-SOLVING_TURNS = 2  # number of times that a doubtful set is solved, each time along other axes
+SOLVING_TURNS = 2  # largest number of attempts to solve a set, each with a different order of the axes
 # Largest number of steps; step that ends the polishing; largest last step of a solution that is kept.
 POLISH_STEPS, POLISH_DONE, CONVERGED = 8, 1e-8, 1e-6
 MAX_POLISH_MOVE = 1e-3  # if a candidate moves farther, its set is doubtful: a solution may be missing
@@ -56,7 +56,7 @@ class Candidates(NamedTuple):
     Attributes
     ----------
     E : (M, 3, 3) essential matrices of Frobenius norm 1; the sign is arbitrary.
-    set_index : (M,) the set, 0 … S-1, that each matrix solves.
+    set_index : (M,) index, 0 … S-1, of the set that each matrix fits.
     """
 
     E: Array
@@ -64,7 +64,7 @@ class Candidates(NamedTuple):
 
 
 def five_point(x_p: Array, x_c: Array) -> Candidates:
-    """All real essential matrices through five matches, for S sets at once, without a selection.
+    """All real essential matrices that fit five matches, for S sets at once, without a selection.
 
     Parameters
     ----------
@@ -72,13 +72,13 @@ def five_point(x_p: Array, x_c: Array) -> Candidates:
 
     Returns
     -------
-    Candidates, up to ten per set. A set has no candidates if its matches are dependent (a point twice) or if
-    a whole family of E fits them (no parallax and no noise). The memory use is about 10 kB per set.
+    Candidates, up to ten per set. A set has no candidates if its matches are dependent (a repeated match) or
+    if a whole family of E fits the matches (no parallax and no noise). The memory use is about 10 kB per set.
     """
     basis, independent = null_space(epipolar_rows(x_p, x_c))
     solutions, indices, todo = [np.empty((4, 0))], [np.empty(0, dtype=np.intp)], np.flatnonzero(independent)
     for turn in range(SOLVING_TURNS):
-        # Solutions with nearly equal z/w are hard to separate; along other axes they are far from each other.
+        # Solutions with nearly equal z/w are hard to separate; with other axes as z and w, the ratios differ.
         axes = (np.arange(4) + turn) % 4
         v, index, doubtful = _solve(basis[axes].take(todo, axis=-1))
         solutions.append(v[np.argsort(axes)])
@@ -87,7 +87,7 @@ def five_point(x_p: Array, x_c: Array) -> Candidates:
         if not todo.size:
             break
     v, index = np.concatenate(solutions, axis=1), np.concatenate(indices)
-    # Within a set, sorted by |x|, so that duplicates of a solution are neighbours.
+    # Sorted by |x| within each set, so that duplicates of a solution are neighbours.
     order = np.argsort(index + 0.99 * np.abs(v[0]))
     v, index = v.take(order, axis=1), index[order]
     keep = np.ones(index.size, dtype=bool)
@@ -119,7 +119,7 @@ def epipolar_rows(x_p: Array, x_c: Array) -> Array:
 def householder(A: Array, columns: int) -> Array:
     """Make the first `columns` columns of A (m, n, S) upper triangular by Householder reflections, in place.
 
-    Reflections need no pivoting to be stable, so every set takes the same path. The entries below the
+    Reflections are stable without pivoting, so all sets have the same operations. The entries below the
     diagonal are undefined afterwards. Returns A.
     """
     buffer = np.empty_like(A)
@@ -138,11 +138,11 @@ def null_space(rows: Array) -> tuple[Array, BoolArray]:
     """Four orthonormal matrices (4, 3, 3, S) that span all E with rows · vec(E) = 0.
 
     The reflections Q make Q rowsᵀ triangular and so change [rowsᵀ | I] to [R | Q]. The last four rows of Q
-    are orthogonal to all five rows. The second result is a mask (S,) of the sets with independent rows.
+    are orthogonal to all five `rows`. The second result is a mask (S,) of the sets with independent rows.
 
-    The order of the matrices matters. Row i of Q is near the unit vector i, so the four rows are near the
-    entries E22, E21, E20, E12. The last two entries, with the factors z and w, are components of the
-    translation, in which solutions differ; E22 is small in all solutions.
+    The order of the matrices matters. Row i of Q is near the unit vector i, so the largest entries of the
+    four matrices are E22, E21, E20 and E12. The last two, with the factors z and w, are components of the
+    translation, which differs between solutions; E22 is small in all solutions.
     """
     sets = rows.shape[-1]
     identity = np.broadcast_to(np.eye(9)[..., None], (9, 9, sets))
@@ -155,7 +155,7 @@ def null_space(rows: Array) -> tuple[Array, BoolArray]:
 def cubic_constraints(basis: Array) -> Array:
     """Coefficients (10, 20, S) of the ten cubics in (x, y, z, w); `EXPONENTS` lists their monomials.
 
-    E Eᵀ E - trace(E Eᵀ) E / 2 = 0 (nine) and det E = 0, for E = x E0 + y E1 + z E2 + w E3.
+    E Eᵀ E - trace(E Eᵀ) E / 2 = 0 (nine cubics) and det E = 0 (one), for E = x E0 + y E1 + z E2 + w E3.
     """
     sets = basis.shape[-1]
     E = (POINTS @ basis.reshape(4, -1)).reshape(20, 3, 3, sets)
@@ -228,8 +228,8 @@ def newton_step(N: Array, v: Array) -> Array:
     """Solutions (4, M) of norm 1 after one Newton step from v (4, M), for the null spaces N (4, 3, 3, M).
 
     At an essential matrix only three of the ten constraints are independent: the third singular value is
-    zero, the other two are equal (two equations). With t the left null vector of E, a and b orthonormal to
-    it, p = Eᵀa, q = Eᵀb:
+    zero (one equation), and the other two are equal (two equations). Let t be the left null vector of E,
+    (a, b, t) orthonormal, p = Eᵀa and q = Eᵀb. Then
 
         (p·p - q·q) / 2 = 0,   p·q = 0,   (Eᵀt)·(p×q) = det E = 0.
     """

@@ -18,7 +18,7 @@ from ..geometry.types import Array, BoolArray, Image, Index, IntArray
 from .features import Described, best_matches, describe, stereo_matches
 from .settings import FeatureConfig, MatchingConfig, StereoLimits
 
-MAX_FINISH_MOVE_PX = 2.0  # largest displacement by the sub-pixel refinement
+MAX_FINISH_MOVE_PX = 2.0  # largest displacement of a position in the sub-pixel refinement
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class DescribedPair:
 
     Attributes
     ----------
-    left, right : (H, W) uint8; in_left, in_right : their features.
+    left, right : (H, W) uint8 images; in_left, in_right : features of these images.
     to_right : (N,) index of the right feature most similar to each left feature, -1 for none.
     to_left : (M,) index of the left feature most similar to each right feature, -1 for none.
     """
@@ -43,7 +43,7 @@ class DescribedPair:
 def describe_pair(
     pair: tuple[Image, Image], features: FeatureConfig, matching: MatchingConfig
 ) -> DescribedPair:
-    """Features of a left and a right image, with the most similar feature in the other image."""
+    """Features of a left and a right image, and indices of the most similar features in the other image."""
     left, right = (describe(image, features) for image in pair)
     return DescribedPair(*pair, left, right, *stereo_matches(left, right, matching.max_disparity))
 
@@ -63,11 +63,11 @@ class LoopMatcher:
         self._next_id = 0
 
     def prepare(self, pair: tuple[Image, Image]) -> DescribedPair:
-        """The work on a single pair, which may run ahead in other threads."""
+        """Features of one pair; may be called before `step`, in other threads."""
         return describe_pair(pair, self.features, self.config)
 
     def step(self, pair: DescribedPair) -> StereoMatches:
-        """Matches of the previous pair with this one; empty for the first pair."""
+        """Matches between the previous pair and `pair`; empty for the first pair."""
         before, self._previous = self._previous, pair
         number = len(pair.in_left.kind)
         age, identity = np.ones(number, np.int64), np.full(number, -1, np.int64)
@@ -98,7 +98,7 @@ def close_loop(before: DescribedPair, pair: DescribedPair, radius: int) -> tuple
 
     Returns
     -------
-    Indices (N,) of these features in the previous left and right, and in the current left and right image.
+    Indices (N,) of these features in each image: previous left, previous right, current left, current right.
     """
     # Left features with the same right feature share the rest of the loop, so each right feature is matched
     # once.
@@ -135,7 +135,7 @@ def subpixel_matches(
 
 
 def is_stereo(left: Array, right: Array, config: StereoLimits) -> BoolArray:
-    """Mask (N,) of the pixel pairs (N, 2) that can be stereo matches: equal rows, sufficient disparity."""
+    """Mask (N,) of left and right pixels (N, 2) with nearly equal rows and a sufficient disparity."""
     disparity, row = (left - right).T
     return np.asarray((disparity >= config.min_disparity) & (np.abs(row) <= config.row_tolerance))
 
@@ -155,7 +155,7 @@ def track(
     Parameters
     ----------
     side : side of a window, pixels; reach : largest distance from the start, pixels; levels : pyramid levels.
-    ends : largest number of steps, and length of the last step, pixels.
+    ends : largest number of steps, and length, pixels, of a step that ends the iteration.
 
     Returns
     -------

@@ -32,12 +32,12 @@ class Rotation(NamedTuple):
 class Odometry:
     """The paper's method on a sequence, frame by frame.
 
-    Flags: `standstill`; `few_matches` or `no_motion`, if the motion of the previous frame is repeated.
+    Flags: `standstill` and, if the motion of the previous frame is repeated, `few_matches` or `no_motion`.
 
     Attributes
     ----------
-    e_prev : (9,) essential vector of the last moving frame, the paper's E_prev; None at the start.
-    clock : clock of the current frame's stages.
+    e_prev : (9,) essential vector of the last winner, the paper's E_prev; None at the start.
+    clock : times of the current frame's stages.
     """
 
     def __init__(self, camera: StereoCamera, config: MethodConfig):
@@ -68,7 +68,7 @@ class Odometry:
         else:
             motion = self.motion(selection) or FrameResult(self._last, flags=(Flag.NO_MOTION,))
         self._last = motion.T_cp
-        # Only a measured motion is precise enough for the features of the previous pair.
+        # Only a measured motion is precise enough for the rows of a third frame.
         self._before = None if motion.flags else PairBefore(static, motion.T_cp)
         removed = len(matches) - len(static)
         return replace(motion, matches=len(matches), removed=removed, used=len(selection), ms=self.clock.ms)
@@ -88,7 +88,7 @@ class Odometry:
         return None if t_cp is None else self.remember(rotation, t_cp)
 
     def without_boxes(self, matches: StereoMatches, boxes: Boxes) -> StereoMatches:
-        """Step 1 (section 3): the matches outside vehicle boxes; `boxes` are those of the current frame."""
+        """Step 1 (section 3): matches outside the vehicle boxes of the previous and the current image."""
         before, self._boxes = self._boxes, boxes
         if self.config.filter.rule == "none":
             return matches
@@ -100,7 +100,7 @@ class Odometry:
         return matches[selected]
 
     def draw_sets(self, x_p: Array, x_c: Array) -> Index:
-        """Step 3 (section 2.1): random five-point sets among the N matches, (S, 5), for `five_point`."""
+        """Step 3 (section 2.1): random five-point sets, indices (S, 5) of matches, for `five_point`."""
         return draw_sets(self.random(), len(x_p), self.config.selection.sets)
 
     def select(self, E: Array, set_index: Index, x_p: Array, x_c: Array) -> int:
@@ -118,7 +118,7 @@ class Odometry:
         return Rotation(R_cp, E, inliers)
 
     def translate(self, matches: StereoMatches, rotation: Rotation) -> Array | None:
-        """Step 6 (equations 2 and 3): t_cp (3,), metres, from the winner's inliers; None with too few."""
+        """Step 6 (equations 2 and 3): t_cp (3,), metres, from the inliers; None with too few inliers."""
         config = self.config.translation
         assert isinstance(config, TranslationConfig)
         before = self._before if config.pairs == 3 else None
@@ -138,7 +138,7 @@ class Odometry:
         return median_flow(matches) < self.config.selection.standstill_flow
 
     def rest(self, matches: StereoMatches) -> FrameResult:
-        """The identity, for a camera that is still; E_prev is kept."""
+        """The identity as the motion of a still camera; E_prev is kept."""
         return FrameResult(np.eye(4), flags=(Flag.STANDSTILL,))
 
     def points(self, matches: StereoMatches) -> tuple[Array, Array]:

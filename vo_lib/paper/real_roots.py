@@ -16,18 +16,18 @@ from ..geometry.types import Array, BoolArray, Index
 
 DEGREE = 10
 _ORDER = np.arange(DEGREE + 1)
-PIECES, PARTS = 17, 8  # intervals of [-1, 1] (odd, so 0 is not a border); parts of a divided interval
+PIECES, PARTS = 17, 8  # numbers of pieces of [-1, 1] (odd, so 0 is no border) and of parts of an interval
 CUTS = 16
-SAMPLES = 6  # starting points for polishing in an interval whose roots cannot be separated
+SAMPLES = 6  # number of starting points for polishing in an interval whose roots cannot be separated
 ROUNDING_ERROR = (5e-13, 1e-19)  # error of a polynomial: relative to its largest coefficient, and absolute
-ZERO_POLYNOMIAL = 1e-25  # a polynomial of at most this size is zero: its set has a family of solutions
+ZERO_POLYNOMIAL = 1e-25  # largest coefficient of a zero polynomial, whose set has a family of solutions
 ROOT_STEPS, ROOT_DONE = 20, 1e-7
 
 
 def _bernstein_matrices() -> tuple[Array, Array]:
-    """Two matrices: from powers to Bernstein coefficients on `PIECES`, and from a piece to its `PARTS`.
+    """Matrices for the Bernstein coefficients of all pieces (from powers) and of all parts of an interval.
 
-    Shapes (11 · PIECES, 11), (11 · PARTS, 11): rows of coefficient 0 for all parts, then of coefficient 1, ….
+    Shapes (11 · PIECES, 11) and (11 · PARTS, 11); rows are in the order of the coefficient, then the part.
     """
     choose = np.array([comb(DEGREE, i) for i in _ORDER], dtype=np.float64)
 
@@ -45,7 +45,7 @@ TO_PIECES, TO_PARTS = _bernstein_matrices()
 
 
 class Intervals(NamedTuple):
-    """K intervals low … low + width, with their polynomials' indices p (K,) and Bernstein coefficients b."""
+    """K intervals low … low + width; indices p (K,) and Bernstein coefficients b (11, K) of polynomials."""
 
     low: Array
     width: Array
@@ -103,7 +103,7 @@ def real_roots(polynomials: Array) -> tuple[Array, Array, Index, BoolArray]:
     Returns
     -------
     z, w : (M,) roots; index : (M,) the polynomial of each root; doubtful : (S,) mask of polynomials with
-    roots too near each other to be counted, for which evenly spaced values in their interval are returned.
+    roots too near each other to be counted; these roots are replaced by evenly spaced values of the interval.
     """
     sets = polynomials.shape[1]
     both = np.concatenate([polynomials, polynomials[::-1]], axis=1)  # in z/w, and in w/z
@@ -118,7 +118,7 @@ def real_roots(polynomials: Array) -> tuple[Array, Array, Index, BoolArray]:
 
 
 def _newton(c: Array, interval: Intervals) -> Array:
-    """The root of each polynomial in c (11, K) in its interval, by Newton steps safeguarded by bisection."""
+    """The root (K,) of each polynomial c (11, K) in its interval, by Newton's method with bisection."""
     low, high, positive = interval.low, interval.low + interval.width, interval.b >= 0.0
     # Start where the polygon of Bernstein coefficients crosses zero.
     k = np.sum((positive == positive[0]).view(np.int8), axis=0, dtype=np.int8) - 1

@@ -1,7 +1,7 @@
 """The Sampson distance of many matches to many essential matrices, as two matrix products.
 
 With homogeneous points p and c, cᵀ E p is linear in the nine products c_i p_j, and |(E p)₁,₂|² + |(Eᵀ c)₁,₂|²
-is linear in the squares and products of the coordinates. The terms are computed once per frame.
+is linear in monomials of degree 2 or less. The monomials of the matches are computed once per frame.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ MIN_DIVISOR = 1e-20  # lower bound of the divisor
 
 
 class MatchTerms(NamedTuple):
-    """Monomials of N matches, or their coefficients for essential matrices.
+    """Monomials of N matches, or the coefficients of these monomials for N essential matrices.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ def match_terms(x_p: Array, x_c: Array, dtype: DTypeLike = np.float64) -> MatchT
     return MatchTerms(np.array(outer, dtype), np.array(squares, dtype))
 
 
-# The entries (i, j) of a symmetric 3×3 matrix in the order of `MatchTerms.squares`, and how often they occur.
+# Entries (i, j) of a symmetric 3×3 matrix in the order of `MatchTerms.squares`, and their multiplicities.
 _I, _J = np.array([0, 1, 0, 0, 1, 2]), np.array([0, 1, 1, 2, 2, 2])
 _TIMES = np.array([1.0, 1.0, 2.0, 2.0, 2.0, 1.0])
 

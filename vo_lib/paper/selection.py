@@ -1,8 +1,8 @@
 """Selection of an essential matrix from many candidates, and its rotation (chapter 3; paper, section 2.2).
 
-Of the candidates of each five-point set, the k nearest to the previous frame's essential vector are kept; the
-candidate with the smallest error wins. In our interpretation, the error is over all matches. Without the
-prior, and with the number of inliers instead of the error, this is RANSAC, our interpretation of MESVO_F.
+In each five-point set, the k candidates nearest to the previous frame's essential vector are kept. The kept
+candidate with the smallest error wins; in our interpretation, the error is a mean over all matches. Without
+the prior, and with the number of inliers instead of the error, this is RANSAC, our interpretation of MESVO_F.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from .settings import SelectionConfig
 
 
 def draw_sets(rng: np.random.Generator, number: int, sets: int) -> Index:
-    """Indices (sets, 5): for each set, five different indices below `number`, all equally likely."""
-    # The first five of a random permutation are a random set.
+    """Random sets (sets, 5) of five different indices below `number`; all sets are equally likely."""
+    # The indices of the five smallest of `number` random numbers are such a set.
     return np.argpartition(rng.random((sets, number)), 4, axis=1)[:, :5]
 
 
@@ -27,7 +27,7 @@ def truncated_errors(E: Array, x_p: Array, x_c: Array, threshold: float) -> Arra
     Parameters
     ----------
     E : (M, 3, 3) candidates; x_p, x_c : (N, 2) normalised points.
-    threshold : in the unit of the points; the squared error of a match is at most threshold².
+    threshold : distance, in the unit of the points, at which the error of a match is truncated.
 
     Returns
     -------
@@ -47,12 +47,12 @@ def outlier_shares(E: Array, x_p: Array, x_c: Array, threshold: float) -> Array:
     return np.asarray((d2 >= d2.dtype.type(threshold**2)).mean(axis=1))
 
 
-# The measure of a candidate for each value of `selection.winner`.
+# The function that the winner minimises, for each value of `selection.winner`.
 MEASURES = {"error": truncated_errors, "inliers": outlier_shares}
 
 
 def sampson_inliers(E: Array, x_p: Array, x_c: Array, threshold: float) -> BoolArray:
-    """Mask (N,) of the matches with a distance to E (3, 3) of at most `threshold`, in the points' unit."""
+    """Mask (N,) of the matches with a distance to E (3, 3) below `threshold`, in the points' unit."""
     return np.asarray(np.abs(sampson_distance(E, x_p, x_c)) < threshold)
 
 
@@ -66,7 +66,7 @@ def nearest_to_prior(E: Array, set_index: Index, e_prev: Array, keep: int) -> Bo
 
     Returns
     -------
-    (M,) bool; nearness is the angle acos|eᵀ e_prev|.
+    Mask (M,) of these candidates; the distance to the vector is the angle acos|eᵀ e_prev|.
     """
     angle = essential_angle(essential_vector(E), e_prev)
     order = np.lexsort((angle, set_index))
@@ -78,7 +78,7 @@ def nearest_to_prior(E: Array, set_index: Index, e_prev: Array, keep: int) -> Bo
 
 
 def competing(E: Array, set_index: Index, e_prev: Array | None, config: SelectionConfig) -> BoolArray:
-    """Mask (M,) of candidates near the previous essential vector; without vector or prior, all candidates."""
+    """Mask (M,) of candidates near the previous essential vector; all without this vector or the prior."""
     if not config.prior or e_prev is None:
         return np.ones(len(E), np.bool_)
     return nearest_to_prior(E, set_index, e_prev, config.keep)
@@ -107,8 +107,8 @@ def resolve_by_depth(E: Array, x_p: Array, x_c: Array, X_p: Array) -> tuple[Arra
     for R in rotations:
         rotated = X_p @ R.T
         along, across = np.sum(ray * rotated, axis=1), rotated @ t
-        # (ray × a)·(ray × b) = a·b - (ray·a)(ray·b). Nearer points determine the length better: weight 1 /
-        # |X|².
+        # (ray × a)·(ray × b) = a·b - (ray·a)(ray·b). Nearer points determine the length better, so the weight
+        # is 1 / |X|².
         s = -np.sum((across - ray_t * along) / length2) / max(np.sum((1.0 - ray_t**2) / length2), 1e-12)
         moved = np.sqrt(np.maximum(length2 + 2.0 * s * across + s * s, 1e-12))
         cosine = float(np.median((along + s * ray_t) / moved))

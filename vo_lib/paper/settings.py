@@ -40,7 +40,7 @@ class StereoLimits(Checked):
         160, "largest disparity searched in a stereo pair", unit="px", low=16, high=512
     )
     subpixel_window: int = setting(
-        11, "side of the window of the sub-pixel refinement, odd", unit="px", low=5, high=41
+        11, "side of the window for the sub-pixel refinement, an odd number", unit="px", low=5, high=41
     )
     loop_tolerance: float = setting(
         0.35, "largest distance between start and end of the matching loop", unit="px", low=0.05, high=10
@@ -49,7 +49,7 @@ class StereoLimits(Checked):
         1.0, "largest row difference in a stereo pair", unit="px", low=0.05, high=10
     )
     min_disparity: float = setting(
-        0.5, "smallest disparity; the depth of far points is uncertain", unit="px", low=0.05, high=50
+        0.5, "smallest disparity; a smaller disparity gives an uncertain depth", unit="px", low=0.05, high=50
     )
 
 
@@ -64,7 +64,7 @@ class MatchingConfig(StereoLimits):
 
 @dataclass(frozen=True)
 class BucketConfig(Checked):
-    """Bucketing: each square keeps its oldest features; of equal age, the strongest (chapter 1)."""
+    """Bucketing: the oldest features of each square; of equally old features, the strongest (chapter 1)."""
 
     size: int = setting(50, "side of a bucket", unit="px", low=10, high=500)
     features: int = setting(3, "features kept per bucket", low=1, high=100)
@@ -82,7 +82,7 @@ class FilterConfig(Checked):
         (2, 5, 7), "class ids of vehicles (COCO: car 2, bus 5, truck 7)", low=0
     )
     score: float = setting(
-        0.25, "boxes with a lower score are ignored; a label without a score has the score 1", low=0, high=1
+        0.25, "smallest score of a box; a label without a score has the score 1", low=0, high=1
     )
 
 
@@ -97,15 +97,15 @@ class SelectionConfig(Checked):
         choices=("error", "inliers"),
     )
     prior: bool = setting(
-        True, "select only among the solutions nearest to the previous essential vector; off: among all"
+        True, "select among the solutions nearest to the previous essential vector; off: among all solutions"
     )
     keep: int = setting(
-        2, "solutions kept per five-point set: the nearest to the previous E (k of the paper)", low=1, high=10
+        2, "solutions kept per five-point set, the nearest to the previous E (k of the paper)", low=1, high=10
     )
     threshold: float = setting(0.5, "largest Sampson distance of an inlier", unit="px", low=0.05, high=10)
     standstill_flow: float = setting(
         0.5,
-        "smallest median optical flow for an essential matrix; below this value, the camera is still",
+        "smallest median optical flow of a moving camera; below this value, the motion is the identity",
         unit="px",
         low=0,
         high=5,
@@ -119,7 +119,7 @@ class TranslationLimits(Checked):
     max_depth: float = setting(100.0, "largest depth of a feature that is used", unit="m", low=5, high=1000)
     agreement: float = setting(
         1.0,
-        "largest residual of an inlier's eight equations",
+        "largest norm of the residuals of an inlier's eight equations",
         unit="px",
         low=0.1,
         high=50,
@@ -132,7 +132,7 @@ class TranslationConfig(TranslationLimits):
 
     pairs: int = setting(
         3,
-        "stereo pairs in a feature's equations: 2, as in equation (3); 3, if the feature was tracked",
+        "stereo pairs in a feature's equations: 2 as in equation (3), or 3 for features of age 2 or more",
         low=2,
         high=3,
     )
@@ -153,7 +153,7 @@ class ReprojectionConfig(Checked):
     iterations: int = setting(20, "largest number of Gauss-Newton steps", low=1, high=100)
     centre: float = setting(
         0.05,
-        "c in a residual's weight 1 / (|u - cu| / |cu| + c); a smaller value favours the image centre",
+        "c in the weight 1 / (|u - cu| / |cu| + c) of a residual; a small c favours the image centre",
         low=1e-3,
         high=100,
     )
@@ -167,7 +167,7 @@ class MethodConfig(Checked):
 
     seed: int = setting(0, "seed of the random five-point sets", low=0)
     min_matches: int = setting(
-        12, "smallest number of matches; with fewer, the previous motion is used", low=5, high=1000
+        12, "smallest number of matches; with fewer, the previous motion is repeated", low=5, high=1000
     )
     features: ImageBorder = section(ImageBorder)
     matching: StereoLimits = section(StereoLimits)
@@ -177,7 +177,7 @@ class MethodConfig(Checked):
     translation: TranslationLimits = section(TranslationLimits)
     estimator: str = setting(
         "essential",
-        "essential: rotation from the essential matrix, then translation; reprojection: both at once",
+        "essential: rotation from the essential matrix, then translation; reprojection: one fit of both",
         choices=("essential", "reprojection"),
     )
     reprojection: ReprojectionConfig = section(ReprojectionConfig)

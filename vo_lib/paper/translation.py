@@ -2,13 +2,13 @@
 
 With known R, a feature at x = (u - cx) / f, y = (v - cy) / f gives two rows in each image: (x e3 - e1)ᵀ P = 0
 and (y e3 - e2)ᵀ P = 0 in a left image; (x e3 - e1)ᵀ P = -b in a right image, where P = Q in the previous pair
-and P = R Q + t in the current pair. Eight rows, six unknowns (Q, t). In the paper, Q is in the current
-frame, and P is the projection matrix. A row divided by the feature's depth is in pixels over f, like the
-projection in (2). With rows in metres, far features would have the largest weight: steps would be too long.
+and P = R Q + t in the current pair. The eight rows have six unknowns, Q and t. In the paper, Q is in the
+current frame, and P is the projection matrix. A row divided by the feature's depth is in pixels over f, like
+the projection in (2). With rows in metres, far features have the largest weight: steps on KITTI are too long.
 
-Section 2 requires the constraints of three consecutive frames. A feature that was also matched in the
-previous pair has four more rows with P = R' Q + t', where (R', t') is the inverse of the last motion. These
-rows depend only on Q.
+Section 2 requires the constraints of three consecutive frames. A feature that was already matched one frame
+earlier has four more rows, with P = R' Q + t', where (R', t') is the inverse of the last motion. These rows
+depend only on Q.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ SOLVING_ROUNDS = 2
 
 
 class PairBefore(NamedTuple):
-    """The matches of the previous frame with the frame before it, and their motion T_cp (4, 4), metres."""
+    """Matches between the previous frame and the frame before, and the motion T_cp (4, 4), metres."""
 
     matches: StereoMatches
     T_cp: Array
@@ -66,7 +66,7 @@ def earlier_rows(camera: StereoCamera, matches: StereoMatches, before: PairBefor
     Returns
     -------
     A (N, 4, 3), c (N, 4). Rows: x and y in the left, then in the right image; zeros for a feature without a
-    match there.
+    match in that frame.
     """
     n = len(matches)
     A, c = np.zeros((n, 2, 2, 3)), np.zeros((n, 2, 2))
@@ -120,7 +120,7 @@ def solve_translation(
         A_before, c_before = earlier_rows(camera, matches[near], before)
         A, c = np.concatenate([A, A_before], axis=1), np.concatenate([c, c_before], axis=1)
         B = np.concatenate([B, np.zeros_like(A_before)], axis=1)
-        # The elimination of Q removes three rows, so noise leaves 5 σ² of eight rows and 9 σ² of twelve.
+        # Without Q, eight rows have five independent residuals (5 σ² by noise), twelve rows have nine (9 σ²).
         share = A_before.any(axis=(1, 2)).mean()
         limit *= float(np.sqrt(1.0 + 4.0 / 5.0 * share))
     M, d = eliminate_points(A, B, c)

@@ -1,7 +1,7 @@
 """The VISO2 estimator of Table 1 (StereoScan: Geiger, Ziegler, Stiller, IV 2011).
 
-Gauss-Newton on the reprojection error in both current images: many motions from three points of known depth
-each, and a refit of the best one.
+Gauss-Newton on the reprojection error in both current images: many motions, each from three points of known
+depth, and a refit of the best motion.
 """
 
 from __future__ import annotations
@@ -46,12 +46,12 @@ class Viso2(Odometry):
 def ransac_motion(
     camera: StereoCamera, matches: StereoMatches, rng: np.random.Generator, config: ReprojectionConfig
 ) -> tuple[Array, Array, BoolArray] | None:
-    """The motion with the most inliers, from random triples of matches, refitted on its inliers.
+    """The motion with the most inliers, of motions from random triples of matches, refitted on its inliers.
 
     Returns
     -------
-    R_cp (3, 3), t_cp (3,) metres, and the inliers (N,): residual norm over the four coordinates below the
-    threshold. None with fewer than six matches with depth, or fewer than six inliers.
+    R_cp (3, 3), t_cp (3,) metres, and a mask (N,) of inliers: their residual norm over four coordinates is
+    below the threshold. None with fewer than six matches with depth, or fewer than six inliers.
     """
     usable = np.flatnonzero(matches.prev_left[:, 0] > matches.prev_right[:, 0])
     if len(usable) < MIN_MATCHES_FOR_FIT:
@@ -134,9 +134,9 @@ def _gauss_newton(
 
 
 def _triples(rng: np.random.Generator, number: int, trials: int) -> Index:
-    """Indices (trials, 3): for each trial, three different indices below `number`, all equally likely."""
+    """Random triples (trials, 3) of different indices below `number`; all triples are equally likely."""
     first, second, third = (rng.integers(0, number - k, trials) for k in range(3))
-    # Each index is drawn from the remaining ones, and skips the indices already used.
+    # Each index is drawn as a rank among the unused indices, then increased past the used indices.
     second += second >= first
     for lower in np.sort([first, second], axis=0):
         third += third >= lower
