@@ -42,7 +42,7 @@ def decode_depth(code: NDArray[np.uint16]) -> Array:
 
 @dataclass(frozen=True)
 class Box:
-    """Box of a vehicle's visible part in the left image, pixels; with column `right` and row `bottom`."""
+    """Box of a vehicle's visible part in the left image, pixels, with column `right` and row `bottom`."""
 
     vehicle: int
     kind: int

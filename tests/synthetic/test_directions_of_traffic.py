@@ -39,7 +39,7 @@ def steps(poses: Array) -> Array:
 def in_camera(world: World, vehicle: Vehicle) -> tuple[Array, Array, Array]:
     """Distances of a vehicle to the right (N,) and ahead (N,) of the camera of each frame, metres.
 
-    Third result: distance (N - 1,) ahead of the current camera to the vehicle's previous position, metres.
+    Third result (N - 1,), metres: forward distance from the current camera to the previous position.
     """
     eye = inverse(world.drive.poses)
     here, before = eye @ vehicle.poses, eye[1:] @ vehicle.poses[:-1]

@@ -24,7 +24,7 @@ def poses() -> np.ndarray:
 
 
 def moved(frame: SimulatedFrame) -> np.ndarray:
-    """Pixels (N, 4) of static points: positions of the previous pair's points in the current pair."""
+    """Pixels (N, 4) in the current pair, left and right, of static points of the previous pair."""
     m = frame.matches
     X = CAMERA.back_project(m.prev_left, (m.prev_left - m.prev_right)[:, 0])
     return np.concatenate(CAMERA.project(transform(frame.T_cp, X)), axis=1)

@@ -123,7 +123,7 @@ class StartPanel(Panel):
 
 
 def watched(sequence: Sequence, *vehicles: int) -> Boxed:
-    """A drawn sequence with the boxes of `vehicles` only, which are numbers of vehicles in the truth."""
+    """A drawn sequence with boxes of only those vehicles whose numbers in the truth are `vehicles`."""
     ground_truth, given = truth(sequence), []
     assert ground_truth is not None
     for index, frame in enumerate(sequence.frames):

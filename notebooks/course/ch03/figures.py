@@ -30,7 +30,7 @@ class Field:
     image_error : (M,) truncated mean squared Sampson distance over all matches, in [0, 1].
     rotation_error : (M,) angle to the reference rotation, degrees.
     kept : (M,) candidates that may compete in solution selection.
-    consensus, selected : winners without and with the prior, indices. dropped : whether the prior is dropped.
+    consensus, selected : index of the winner without, with the prior. dropped : whether the prior is dropped.
     """
 
     angle: Array
