@@ -89,11 +89,15 @@ def solutions(x_p: Array, x_c: Array) -> Array:
     return five_point(x_p[None], x_c[None]).E
 
 
+def in_basis(E: Array, x_p: Array, x_c: Array) -> Array:
+    """x, y, z (3, M) of matrices E (M, 3, 3) in the basis of `null_space`, with w = 1."""
+    xyzw = np.reshape(E, (-1, 9)) @ null_space(rows(x_p, x_c)).T
+    return np.asarray((xyzw[:, :3] / xyzw[:, 3:]).T)
+
+
 def only_z_is_right(E: Array, x_p: Array, x_c: Array) -> bool:
-    """Whether the matrices have the same z as the solutions, in the basis of `null_space` with w = 1."""
-    basis = null_space(rows(x_p, x_c)).T
-    xyzw = [np.reshape(each, (-1, 9)) @ basis for each in (E, solutions(x_p, x_c))]
-    got, right = (np.sort(each[:, 2] / each[:, 3]) for each in xyzw)
+    """Whether the matrices have the same z as the solutions."""
+    got, right = (np.sort(in_basis(each, x_p, x_c)[2]) for each in (E, solutions(x_p, x_c)))
     return np.allclose(got, right, rtol=1e-3)
 
 
