@@ -18,7 +18,7 @@ BRICKS = np.array([[0.0, 0.2], [0.0, 0.0], [0.1, 0.0], [0.1, 0.2]])  # visible p
 
 
 def build_city(site: Site) -> None:
-    """Build both sides of the street. Around a block, the second half repeats the outer houses."""
+    """Build both sides of the street. Around a block, the outer houses of both halves are identical."""
     halves = 1 if site.route.lap is None else 2
     for side in (-1.0, 1.0):
         state = site.rng.bit_generator.state

@@ -133,7 +133,7 @@ def image_grid(camera: StereoCamera, columns: int = 13, rows: int = 5) -> Array:
 
 
 def field_maps(image: Image, camera: StereoCamera, fields: dict[str, Array]) -> Image:
-    """Maps of errors (ERROR_COUNT,) by name: disparity above, row below; red: too large, blue: too small."""
+    """Maps of errors (ERROR_COUNT,) by name: disparities on top, rows below; red: above 0, blue: below 0."""
     grid = image_grid(camera, 41, 13).T
     errors = {name: field_at(c, *grid).reshape(2, 13, 41) for name, c in fields.items()}
     limit = room(max(float(np.abs(error).max()) for error in errors.values()), least=0.1)

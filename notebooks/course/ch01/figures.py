@@ -39,8 +39,7 @@ def grey_picture(response: NDArray[np.float32]) -> Image:
 def windows_picture(image: Image, half: int = 5, reach: int = 10) -> Image:
     """The flattest window, the clearest edge and the clearest corner of an image, (2 half + 1)² pixels each.
 
-    The picture beside a window shows the difference from the image for each shift of up to `reach` pixels;
-    black is zero.
+    Beside a window: its difference from the image for each shift of up to `reach` pixels; black is zero.
     """
     values = np.sort(cv2.cornerEigenValsAndVecs(image, 2 * half + 1, 3)[:, :, :2], axis=2)
     values = values[half + reach : -half - reach, half + reach : -half - reach]
