@@ -74,7 +74,7 @@ def point_steps(camera: StereoCamera, matches: StereoMatches, T_cp: Array) -> Po
     """Displacement of each feature: its position minus the position that a static feature would have.
 
     Both points are triangulated from u_left, v and u_right. The displacement of a far feature is therefore
-    precise across the line of sight and uncertain along it, as the information matrix expresses.
+    precise across the line of sight and uncertain along this line, as the information matrix expresses.
     """
     R_cp = T_cp[:3, :3]
     X_p = camera.triangulate(matches.prev_left, matches.prev_right)

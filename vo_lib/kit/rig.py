@@ -3,8 +3,8 @@
 In a rectified pair both images of a point are in one row, and the columns differ by f b / Z. In a real pair,
 rows and disparities have errors of some tenths of a pixel, which form a smooth field. The errors make depths
 and steps wrong, on the KITTI highway by 5 %. The field has a polynomial for the disparities and a polynomial
-for the rows, in the normalised position x, y. The coefficients of both are correlated, since a fault of the
-rig changes disparities and rows (`RIG_FAULTS`). A model with too few terms is worse than no model: the
+for the rows, in the normalised position x, y. The two sets of coefficients are correlated, since a fault of
+the rig changes disparities and rows (`RIG_FAULTS`). A model with too few terms is worse than no model: the
 constant, which determines the length of the steps, then absorbs the rest of the field. Half of the field is
 attributed to the left camera at x_l, half to the right camera at x_r = x_l - D / f, where D is a point's
 disparity: this division fits the flow on KITTI better than the whole field in the right camera.
@@ -84,7 +84,7 @@ class Rig:
     covariance : (19, 19) covariance of the estimate.
     errors : (19,) shrunk errors, used in `correct`. Lens errors are shrunk one after the other. A lens error
         is zero until its variance is at most half of the prior variance, since slow driving in a jam gives
-        little and one-sided information. All other errors are then conditioned on its shrunk value. Finally,
+        little and one-sided information. All other errors are then conditioned on the shrunk value. Finally,
         the whole field is shrunk.
     """
 

@@ -86,7 +86,7 @@ def stereo_matches(left: Described, right: Described, max_disparity: int) -> tup
 
     Returns
     -------
-    (N,) indices into `right` and (M,) indices into `left`; -1 for a feature without such a pair.
+    (N,) indices into `right` and (M,) indices into `left`; -1 for a feature without a pair.
     """
     # `describe` sorts features by kind and row. With both in one number, near rows of a kind are one range.
     positions, others = ((side.kind << 32) + side.uv[:, 1].astype(np.intp) for side in (left, right))

@@ -104,7 +104,7 @@ class Odometry:
         return draw_sets(self.random(), len(x_p), self.config.selection.sets)
 
     def select(self, E: Array, set_index: Index, x_p: Array, x_c: Array) -> int:
-        """Step 4 (section 2.2): index of the best candidate among those near the previous frame's E."""
+        """Step 4 (section 2.2): index of the best candidate near the previous frame's E."""
         errors = MEASURES[self.config.selection.winner](E, x_p, x_c, self.threshold)
         compete = competing(E, set_index, self.e_prev, self.config.selection)
         return int(np.argmin(np.where(compete, errors, np.inf)))

@@ -41,7 +41,7 @@ def truncated_errors(E: Array, x_p: Array, x_c: Array, threshold: float) -> Arra
 def outlier_shares(E: Array, x_p: Array, x_c: Array, threshold: float) -> Array:
     """For each candidate, the share (M,) of outliers; parameters as in `truncated_errors`.
 
-    The candidate with the smallest share has the most inliers; RANSAC selects it.
+    The candidate with the smallest share has the most inliers; RANSAC selects this candidate.
     """
     d2 = squared_distances(candidate_terms(E, np.float32), match_terms(x_p, x_c, np.float32))
     return np.asarray((d2 >= d2.dtype.type(threshold**2)).mean(axis=1))
@@ -78,7 +78,7 @@ def nearest_to_prior(E: Array, set_index: Index, e_prev: Array, keep: int) -> Bo
 
 
 def competing(E: Array, set_index: Index, e_prev: Array | None, config: SelectionConfig) -> BoolArray:
-    """Mask (M,) of candidates near the previous essential vector; all without this vector or the prior."""
+    """Mask (M,) of candidates near `e_prev`; without a previous vector or the prior, all candidates."""
     if not config.prior or e_prev is None:
         return np.ones(len(E), np.bool_)
     return nearest_to_prior(E, set_index, e_prev, config.keep)

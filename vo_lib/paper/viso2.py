@@ -46,7 +46,7 @@ class Viso2(Odometry):
 def ransac_motion(
     camera: StereoCamera, matches: StereoMatches, rng: np.random.Generator, config: ReprojectionConfig
 ) -> tuple[Array, Array, BoolArray] | None:
-    """The motion with the most inliers, of motions from random triples of matches, refitted on its inliers.
+    """The motion with the most inliers among motions from random triples of matches, refitted on its inliers.
 
     Returns
     -------
