@@ -59,7 +59,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def show_sequences(root: Path, reports: list[SequenceReport]) -> None:
-    """Print a tree of sequences and their files, with at most a few problems per sequence in red."""
+    """Print a tree of the sequences and their files, with the first problems of each sequence in red."""
     tree = Tree(Text(str(root), style="bold"))
     for report in reports:
         total = "" if report.expected is None else f" of {report.expected}"

@@ -52,12 +52,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     images = parser.add_argument_group("images")
     text = "left images: a folder, or a quoted pattern 'FOLDER/NAME*.png'"
     images.add_argument("--left", type=Path, nargs="+", metavar="DIR", help=text)
-    images.add_argument("--right", type=Path, nargs="+", metavar="DIR", help="right images, likewise")
+    images.add_argument("--right", type=Path, nargs="+", metavar="DIR", help="right images, as --left")
     images.add_argument("--video", type=Path, metavar="FILE", help="video, both images side by side")
     images.add_argument("--raw", type=Path, metavar="DIR", help="synced drive of KITTI's raw data")
     images.add_argument("--euroc", type=Path, metavar="DIR", help="EuRoC folder mav0, or its parent")
     images.add_argument("--swap", action="store_true", help="exchange left and right")
-    text = "skip images without a partner (always for EuRoC); pairs without times count as evenly spaced"
+    text = "skip images without a partner (always for EuRoC); pairs without times have equal intervals"
     images.add_argument("--skip-unpaired", action="store_true", help=text)
     text = f"largest time difference between left and right image, seconds; default {MAX_DELAY_S}"
     images.add_argument("--max-delay", type=float, default=MAX_DELAY_S, metavar="S", help=text)

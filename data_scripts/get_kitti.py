@@ -48,7 +48,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--color", action="store_true", help="also download the colour images, for detectors")
     parser.add_argument("--root", type=Path, metavar="DIR", help=f"KITTI folder; default {kitti_root()}")
     parser.add_argument("--from-zip", type=Path, nargs="+", metavar="FILE", help="archives on disk")
-    parser.add_argument("--link", type=Path, metavar="DIR", help="link an existing KITTI folder instead")
+    parser.add_argument("--link", type=Path, metavar="DIR", help="link to the files of a KITTI folder")
     parser.add_argument("--yes", action="store_true", help="download without confirmation")
     parser.add_argument("--jobs", default="4", metavar="N", help="parallel downloads; default 4")
     parser.add_argument("--host", default=HOST, metavar="URL", help=f"server or mirror; default {HOST}")

@@ -35,7 +35,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--lengths", default=lengths, metavar="L,L", help="sub-sequence lengths in metres; default KITTI's"
     )
-    step = f"frames from one sub-sequence start to the next; default {KITTI_STEP}"
+    step = f"frames between the starts of sub-sequences; default {KITTI_STEP}"
     parser.add_argument("--step", default=str(KITTI_STEP), metavar="N", help=step)
 
 

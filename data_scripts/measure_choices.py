@@ -76,7 +76,7 @@ def backwards(m: Any) -> Any:
 
 
 def with_shifted_places(camera: Any, matches: Any, before: Any) -> Any:
-    """The result of `earlier_rows` after moving the earlier positions to the later match's whole pixel."""
+    """The result of `earlier_rows` after a shift of each earlier match to the later match's integer pixel."""
     _, here, there = np.intersect1d(matches.id, before.matches.id, return_indices=True)
     now, then = matches[here], before.matches[there]
     shifted = replace(
@@ -88,7 +88,7 @@ def with_shifted_places(camera: Any, matches: Any, before: Any) -> Any:
 
 
 def mean_of_best_tenth(odometry: Any, E: Array, set_index: Any, x_p: Array, x_c: Array) -> int:
-    """Replacement of `Odometry.select`: the principal vector of the best tenth of the candidates wins."""
+    """Replacement for `Odometry.select`: the principal vector of the best tenth of the candidates wins."""
     errors = truncated_errors(E, x_p, x_c, odometry.threshold)
     compete = competing(E, set_index, odometry.e_prev, odometry.config.selection)
     errors = np.where(compete, errors, np.inf)
@@ -157,7 +157,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run `published` as it is and with each alternative choice; write the differences."""
+    """Run variant `published` unchanged and with each alternative choice; write the differences."""
     workers = parse_whole("--jobs", options.jobs)
     tasks = []
     for sequence in open_all(options, 0.1):

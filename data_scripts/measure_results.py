@@ -86,7 +86,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def open_all(options: argparse.Namespace, score: float = 0.25) -> list[Sequence]:
-    """The sequences in the options, with labels or with the detector's boxes with at least this score."""
+    """The sequences in the options, with labels, or with the detector's boxes of at least this score."""
     sequences = []
     for name in parse_sequences(options.sequences):
         sequence, detector = open_with_bar(name, options.cache), DetectorConfig(score=score)

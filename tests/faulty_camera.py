@@ -26,7 +26,7 @@ def none(x: Array, y: Array) -> Array:
 
 @dataclass(frozen=True)
 class Faults:
-    """Errors in pixels: functions of (x, y) for disparity and row, split between the cameras; lens errors."""
+    """Errors, pixels: functions of (x, y) for disparity and row, half in each camera; lens coefficients."""
 
     disparities: Field = none
     rows: Field = none

@@ -28,8 +28,8 @@ LAST_ROW = np.array([0.0, 0.0, 0.0, 1.0])  # of a 4×4 pose
 def read_euroc_drive(folder: Path, max_delay: float = MAX_DELAY_S) -> Drive:
     """The drive in a folder mav0 or its parent. Raises `DataError` with the name of an invalid file.
 
-    Each left image is paired with the right image nearest in time, within `max_delay` seconds. Other images
-    are skipped. Pairs before the start or after the end of the ground truth are skipped.
+    Each left image is paired with the right image nearest in time, within `max_delay` seconds. Images without
+    a partner are skipped. Pairs before the start or after the end of the ground truth are skipped.
     """
     base = folder / "mav0" if (folder / "mav0").is_dir() else folder
     if not (base / "cam0").is_dir():
@@ -65,7 +65,7 @@ def read_euroc_drive(folder: Path, max_delay: float = MAX_DELAY_S) -> Drive:
 
 
 def _images(camera: Path, notes: list[str]) -> dict[int, Path]:
-    """Image files by time in nanoseconds, from the rows of data.csv above the first missing image."""
+    """Image files by time in nanoseconds, from the rows of data.csv before the first row without an image."""
     path = camera / "data.csv"
     images: dict[int, Path] = {}
     for number, cells in read_csv(path):

@@ -47,8 +47,8 @@ def plan(
 
     Parameters
     ----------
-    sources : paths or URLs. A file in several archives is taken from the last one: KITTI's calibration
-        archive replaces the older calib.txt in the image archives.
+    sources : paths or URLs. A file in several archives is taken from the last of these archives: KITTI's
+        calibration archive replaces the older calib.txt in the image archives.
     progress : called with (archives read, total archives).
     """
     chosen_members: dict[PurePosixPath, Member] = {}

@@ -51,7 +51,7 @@ def select_frames(
     frames : function of the number of frames of a sequence; returns start and stop of the given frames.
     drive : the raw drive of the members; None for the odometry benchmark.
 
-    The text for a whole sequence is "". Raises `DataError` for frames outside the sequence, for a gap
+    A whole sequence has the text "". Raises `DataError` for frames outside the sequence, for a gap
     between these frames and frames of earlier calls, and for a folder with images of another source.
     """
     counts, parts, marks = dict[str, int](), dict[str, range](), dict[Path, str]()

@@ -142,7 +142,7 @@ def imu_poses(rows: Array) -> Array:
 
     Returns
     -------
-    (N, 4, 4) poses; the map is to scale at the first latitude (Geiger et al., IJRR 2013).
+    (N, 4, 4) poses; the projection is true to scale at the first latitude (Geiger et al., IJRR 2013).
     """
     latitude, longitude = np.radians(rows[:, :2]).T
     scale = EARTH_RADIUS_M * np.cos(latitude[0])

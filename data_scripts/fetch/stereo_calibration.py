@@ -40,7 +40,7 @@ class Rig:
 
     Attributes
     ----------
-    f, cx, cy : pixels. baseline : metres; negative if the calibration has the right camera on the left.
+    f, cx, cy : pixels. baseline : metres; negative if cameras are exchanged in the calibration.
     maps : two rectification maps for `cv2.remap` per camera, or None for rectified images.
     R1 : (3, 3) rotation from the axes of the left camera to the rectified axes.
     """
@@ -60,7 +60,7 @@ class Rig:
             if image.shape != maps[0].shape[:2]:
                 actual, expected = (f"{shape[1]}×{shape[0]}" for shape in (image.shape, maps[0].shape))
                 raise DataError(
-                    f"an image is {actual}, but the first one is {expected}: all images need the same size"
+                    f"an image is {actual}, but the first image is {expected}: all images need the same size"
                 )
         pair = zip((left, right), self.maps, strict=True)
         rectified = [
@@ -104,7 +104,7 @@ def _matrices(path: Path) -> dict[str, Array]:
 
 
 def _read_matrix(name: str, node: cv2.FileNode, path: Path) -> Array:
-    """Matrix of a node. Its size is checked first: more than rows × cols numbers overflow OpenCV's buffer."""
+    """Matrix of a node after a check of the size: more than rows × cols numbers overflow OpenCV's buffer."""
     sizes = node.getNode("sizes")  # instead of rows and cols for a vector
     sides = [sizes.at(i) for i in range(sizes.size())] or [node.getNode("rows"), node.getNode("cols")]
     shape = [int(side.real()) if side.isInt() else 0 for side in sides]
@@ -135,8 +135,8 @@ def rig_from_matrices(
 ) -> Rig:
     """The rig with the given calibration matrices.
 
-    The rectification is computed from K, D of both cameras and from R, T (`cv2.stereoRectify`, only pixels of
-    both cameras), or is given by R1, P1, R2, P2. With P1 and P2 alone, the images must already be rectified.
+    The rectification is computed from K, D of both cameras and from R, T (`cv2.stereoRectify`, without border
+    pixels), or is given by R1, P1, R2, P2. With P1 and P2 alone, the images must already be rectified.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def rig_from_matrices(
         raise DataError(f"the calibration lacks {expected_names}", path)
     P1, P2 = matrices["P1"], matrices["P2"]
     if abs(P2[1, 3]) > abs(P2[0, 3]):
-        raise DataError("the second camera is above or below the first one, not next to it", path)
+        raise DataError("the second camera is above or below the first camera, not beside it", path)
     f = float(P1[0, 0])
     if f <= 0 or np.abs(P1[:, :3] - P2[:, :3]).max() > 1e-3 * f or abs(P1[1, 1] - f) > 1e-3 * f:
         raise DataError("P1 and P2 do not belong to a rectified pair: f, cx, cy must be equal", path)

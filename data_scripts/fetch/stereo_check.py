@@ -45,7 +45,7 @@ class PairStatistics:
 
 
 def measure_pairs(pairs: Iterable[tuple[Image, Image]]) -> PairStatistics:
-    """Statistics of SIFT matches; without geometric constraints, they also exist for swapped pairs."""
+    """Statistics of SIFT matches without geometric constraints; exchanged pairs have such matches too."""
     shifts = [_shifts(left, right) for left, right in pairs]
     disparity, row = np.concatenate([np.zeros((0, 2)), *shifts]).T * [[-1.0], [1.0]]
     if not len(row):

@@ -101,12 +101,12 @@ def write_sequence(
 ) -> int:
     """Write a sequence in KITTI's layout; the folder appears only when complete.
 
-    Rectified PNG images are linked (copied with `copy`, or if links are impossible). Other images are
-    rectified and written as grey PNG.
+    PNG images that are already rectified are linked, or copied (with `copy`, or without links in the file
+    system). Other images are rectified and written as grey PNG.
 
     Parameters
     ----------
-    times : (N,) seconds, or frames per second. poses : (N, 4, 4) true poses T_w_c, or None.
+    times : (N,) seconds, or the frame rate, Hz. poses : (N, 4, 4) true poses T_w_c, or None.
 
     Returns
     -------
@@ -144,7 +144,7 @@ def write_tables(folder: Path, rig: Rig, times: Array, poses: Array | None) -> N
 
 
 def require_new(out: Path) -> None:
-    """`DataError` if `out` is a file or a folder that is not empty."""
+    """Raise `DataError` if `out` is a file or a folder that is not empty."""
     if os.path.lexists(out) and (not out.is_dir() or any(out.iterdir())):
         raise DataError("already exists and is not empty; choose another folder", out)
 

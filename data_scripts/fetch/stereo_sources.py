@@ -51,7 +51,7 @@ class Drive:
 
 @dataclass(frozen=True)
 class FolderSource:
-    """N pairs of image files. `times` : (N,) seconds, if the names are times. `note` : as in `Drive`.
+    """N pairs of image files. `times` : (N,) seconds, if the names are times. `note` : see `Drive`.
 
     `left` : index of each pair's left image among all left images, including skipped images; `left_count` :
     number of all left images.
@@ -89,7 +89,7 @@ class VideoSource:
     swap: bool = False
 
     def sample(self) -> list[Pair]:
-        """Pairs of the first frames of the video, since a video is read in order."""
+        """Pairs near the beginning of the video, since a video is read in order."""
         some = itertools.islice(self.pairs(), 0, SAMPLE_PAIRS * VIDEO_SAMPLE_STEP, VIDEO_SAMPLE_STEP)
         return [read() for read in some]
 

@@ -113,7 +113,7 @@ class Archives:
 
 
 def _close_unread(response: requests.Response, *details: object, **options: object) -> None:
-    """Close a response that is not read: an error, or a whole file in place of a range."""
+    """Close an unwanted response: an error, or a whole file instead of a range."""
     if response.status_code >= 400 or (response.status_code == 200 and "Range" in response.request.headers):
         response.close()
 

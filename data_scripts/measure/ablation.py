@@ -65,7 +65,7 @@ WHOLE = (
 
 
 def from_last_place(self: Any, before: Any, features: Any, pair: Any) -> Any:
-    """Replacement of `KltMatcher._follow` without a prediction."""
+    """Replacement for `KltMatcher._follow` that makes no prediction."""
     positions = features.left, features.right
     result = self._close_loop(before, pair, features, positions, self.config.search_levels)
     self._motion, _ = next_motion(self.camera, result[0], self._motion)
@@ -73,7 +73,7 @@ def from_last_place(self: Any, before: Any, features: Any, pair: Any) -> Any:
 
 
 def searched_once(self: Any, before: Any, features: Any, pair: Any) -> Any:
-    """Replacement of `KltMatcher._follow` without a second search after a failed prediction."""
+    """Replacement for `KltMatcher._follow` that does not search again after a failed prediction."""
     if self._motion is None:
         return from_last_place(self, before, features, pair)
     R, t = self._motion
@@ -84,42 +84,42 @@ def searched_once(self: Any, before: Any, features: Any, pair: Any) -> Any:
 
 
 def square_in_stereo(slope: Array) -> Array:
-    """Replacement of `stereo_warp` for square windows."""
+    """Replacement for `stereo_warp` that leaves windows square."""
     return np.tile(np.eye(2), (len(slope), 1, 1))
 
 
 def square_over_time(camera: Any, uv: Array, *_: Any) -> Array:
-    """Replacement of `motion_warp` for square windows."""
+    """Replacement for `motion_warp` that leaves windows square."""
     return square_in_stereo(uv)
 
 
 def coarse_over_time(
     camera: Any, before: Any, pair: Any, previous: Any, slope: Any, start: Any, *_: Any
 ) -> Any:
-    """Replacement of `refine_over_time` that does not change the positions."""
+    """Replacement for `refine_over_time` that does not change the positions."""
     return (*start, np.ones(len(slope), np.bool_))
 
 
 def coarse_in_stereo(pair: Any, coarse: Any, left: Array, right: Array, config: Any) -> Any:
-    """Replacement of `refine_stereo` that does not change the positions."""
+    """Replacement for `refine_stereo` that does not change the positions."""
     surface = fit_surface(coarse, left, left[:, 0] - right[:, 0])
     ok = np.abs(left[:, 0] - right[:, 0] - surface.disparity) <= config.surface_tolerance
     return right, surface.slope, ok & (surface.share >= config.surface_share) & is_stereo(left, right, config)
 
 
 def papers_translation(camera: Any, matches: Any, R_cp: Array, config: Any) -> Any:
-    """Replacement of `robust_translation`: the paper's `solve_translation`."""
+    """Replacement for `robust_translation`: the paper's `solve_translation`."""
     solved = solve_translation(camera, matches, R_cp, TranslationConfig())
     return solved and (solved[0], np.where(solved[1], 0.0, np.inf))
 
 
 def least_squares(system: Any, limit: float) -> Array:
-    """Replacement of `robust_start`: least squares over all features."""
+    """Replacement for `robust_start`: least squares over all features."""
     return np.asarray(np.linalg.solve(system.W.sum(axis=1)[FULL], system.right_sides().sum(axis=1)))
 
 
 def as_estimated(self: Any, estimate: Array, covariance: Array) -> None:
-    """Replacement of `Rig.set_estimate` without shrinking."""
+    """Replacement for `Rig.set_estimate` that does not shrink the estimate."""
     self.estimate, self.covariance, self.errors = estimate, covariance, estimate.copy()
 
 

@@ -54,7 +54,7 @@ def open_set(where: Path) -> DetectionSet:
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """The mapping in a YAML file, or {} for other content. `DataError` if the file is not YAML."""
+    """The mapping in a YAML file, or {} for other content; `DataError` for a file that is not YAML."""
     text = read_text(path)
     try:
         about = yaml.safe_load(text)

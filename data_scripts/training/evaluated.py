@@ -1,7 +1,7 @@
 """Images used for the evaluation of the odometry, which are forbidden for the training of a detector.
 
-A detector trained on the test images detects the vehicles in them better than the vehicles in a new street,
-so the measured errors would be too small.
+A detector trained on the test images detects the vehicles in these images better than the vehicles in a new
+street, so the measured errors would be too small.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ R_RECT = rotation_from_vector(np.array([0.004, 0.007, -0.01]))
 
 
 def path_of_the_camera(frames: int = 8) -> Array:
-    """A drive forward in a bend and uphill, as poses T_w_c of the left camera."""
+    """Poses T_w_c of the left camera on a drive through a bend and uphill."""
     T = [np.eye(4)]
     for _ in range(frames - 1):
         T.append(

@@ -124,8 +124,8 @@ def recall_precision(
 ) -> tuple[float, float, int]:
     """Recall, precision and number of true boxes, from the detections and true boxes of each image.
 
-    A detection is correct if it overlaps a true box without a detection of higher score. Boxes with a height
-    under `min_height` pixels are ignored.
+    A detection is correct if it overlaps a true box that has no detection with a higher score. Boxes with a
+    height under `min_height` pixels are ignored.
     """
     correct = counted = true_boxes = 0
     for detections, truth in images:
