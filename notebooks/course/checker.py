@@ -287,7 +287,8 @@ class Exercise:
             others = np.setdiff1d(got, expected)
             example = f" (for example {others[0]:g})" if len(others) else ""
             size = "" if got.size == expected.size else f"; expected {expected.size} indices"
-            return f"{what} has {len(others)} of {got.size} indices wrong{example}{size}."
+            wrong = f"{len(others)} of {got.size} indices wrong{example}"
+            return f"{what} has {wrong if len(others) else f'{got.size} right indices'}{size}."
         if not (shown(got) and shown(expected)):
             wrong = ~np.isclose(got, expected, self.rtol, self.atol)
             place = tuple(np.argwhere(wrong)[0].tolist())
