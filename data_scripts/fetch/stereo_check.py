@@ -97,21 +97,21 @@ def complaints(stats: PairStatistics, baseline: float) -> list[str]:
             "the same scene at the same time?"
         ]
     if stats.disparity == stats.row_spread == 0.0:
-        return ["left and right are the same images: there is no depth in them"]
+        return ["left and right images are identical, so there is no depth"]
     words = []
     observation = f"{100 * stats.negative:.0f} % of {stats.matches} matches have a negative disparity"
     if stats.negative > MANY_NEGATIVE:
         also = ", and the baseline is negative too" if baseline <= 0 else ""
-        words.append(f"left and right are swapped: {observation}{also}; exchange the two (--swap)")
+        words.append(f"left and right are swapped: {observation}{also}; exchange the images (--swap)")
     elif baseline <= 0:
         words.append(
-            f"the baseline has the wrong sign ({baseline:g} m): the images are in the right order, so it "
-            "must be positive (T of the calibration: from the left camera to the right one, its x negative)"
+            f"the baseline has the wrong sign ({baseline:g} m): the order of the images is correct, so "
+            "the baseline must be positive (T is from the left to the right camera, with a negative x)"
         )
     tolerance = KitMatchingConfig().row_tolerance
     if stats.row_spread > tolerance or abs(stats.row) > tolerance:
         words.append(
             f"rows do not match: the right image is {stats.row:+.1f} ± {stats.row_spread:.1f} px lower than "
-            "the left one; rectify the images or give the full calibration"
+            "the left image; rectify the images or give the full calibration"
         )
     return words

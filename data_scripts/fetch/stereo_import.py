@@ -69,13 +69,13 @@ def look(source: Source, rig: Rig, anyway: bool, nearest: float = 0.0) -> list[s
     wrong = complaints(statistics, rig.baseline)
     if rig.f < MIN_FOCAL_OVER_WIDTH * (width := sample[0][0].shape[1]):
         wrong.append(
-            f"the focal length is {rig.f:g} px for images of {width} px: is that in millimetres? In pixels, "
-            "it is the focal length in mm, divided by the width of the sensor in mm, times the image width"
+            f"the focal length is {rig.f:g} px for images of {width} px: is the unit millimetres? The value "
+            "in pixels is the value in mm, divided by the width of the sensor in mm, times the image width"
         )
     if not wrong and (metres := rig.f * rig.baseline / max(statistics.disparity, 1e-9)) < nearest:
         wrong.append(
-            f"the median depth would be {metres:.2f} m with a baseline of {rig.baseline:g} m: is that in "
-            f"another unit (--unit)? Outdoors it is {nearest:g} m and more"
+            f"the median depth would be {metres:.2f} m with a baseline of {rig.baseline:g} m: is the "
+            f"baseline in another unit (--unit)? Outdoors, the depth is {nearest:g} m or more"
         )
     if wrong and (not anyway or rig.baseline <= 0):
         hint = "" if rig.baseline <= 0 else " (--anyway writes the sequence nevertheless)"
