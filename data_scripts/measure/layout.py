@@ -37,7 +37,7 @@ def tables(title: str, cells: Cells, sentences: list[str], name: str = "sequence
                 if not part and _repeats(row.get("mesvo_f"), row.get("solution_selection")):
                     texts["mesvo_f"] = SAME
                 rows.append([label, *texts.values()])
-            notes = [f"{SAME}: as for solution_selection."] if any(SAME in row for row in rows) else []
+            notes = [f"{SAME}: number of solution_selection."] if any(SAME in row for row in rows) else []
             if rows:
                 result.append(ReportTable(f"{title}: {words}{unit}", [name, *columns], rows, notes))
     result[0].head.extend(sentences)
