@@ -63,7 +63,7 @@ def show_table(columns: list[str], rows: list[list[str]], numbers: bool = True) 
     table = Table()
     for place, name in enumerate(columns):
         justify: JustifyMethod = "right" if numbers and place else "left"
-        words = name.replace(".", ".\n")  # "selection.sets" is not broken within a word
+        words = name.replace(".", "\n.")  # "selection.sets" is not broken within a word
         table.add_column(Text(words), justify=justify, overflow="fold")
     for row in rows:
         table.add_row(*map(Text, row))  # `Text` has no markup: a name may contain brackets

@@ -6,7 +6,7 @@ import argparse
 import platform
 from importlib import metadata
 
-from ..data.catalogue import KITTI, available, kitti_root, kitti_roots
+from ..data.catalogue import KITTI, available, kitti_places, kitti_root
 from ..data.drawn import cache_folder
 from ..data.kitti import count_pairs, wanted_frames
 from ..detection.models import detector_folder, list_detectors
@@ -50,8 +50,13 @@ def _kitti() -> Finding:
             "vo data get_kitti --help": f"KITTI's sequences from the web or archives, into {kitti_root()}",
             "vo data from_folder --help": "your own stereo images or video",
         }
-        return "KITTI odometry", "note", "no sequences", "optional; commands that add data" + steps(ways)
-    facts = f"{len(folders)} sequences in {', '.join(map(str, kitti_roots()))}"
+        return (
+            "KITTI odometry",
+            "note",
+            f"no sequences in {kitti_places()}",
+            "optional; commands that add data" + steps(ways),
+        )
+    facts = f"{len(folders)} sequences in {kitti_places()}"
     short = [path.name for path in folders if count_pairs(path) < len(wanted_frames(path) or ())]
     if not short:
         return "KITTI odometry", "ok", facts, ""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..data.catalogue import KITTI, SYNTHETIC, available, kitti_roots
+from ..data.catalogue import KITTI, SYNTHETIC, available, kitti_places, kitti_roots
 from ..data.drawn import cache_folder
 from ..data.scenes import SCENES
 from ..data.sequence import open_folder
@@ -35,7 +35,7 @@ def _list(options: argparse.Namespace) -> int:
     say("A scene without a size in MB is drawn on first use.", f"drawn scenes: {cache_folder()}")
     say(*(f"KITTI: {root / 'sequences'}" for root in kitti_roots()), *problems)
     if not any(name.startswith(KITTI) for name, *_ in rows):
-        say("no KITTI sequences found; `vo check` lists the commands that download them")
+        say(f"no KITTI sequences in {kitti_places()}; `vo check` lists the commands that download them")
     return 0
 
 

@@ -21,16 +21,21 @@ PROJECT = Path(__file__).resolve().parents[2]
 def kitti_roots() -> list[Path]:
     """Existing KITTI folders: KITTI_ROOT, then data/kitti in the working folder and in the kit's folder."""
     candidates = [os.environ.get("KITTI_ROOT", ""), "data/kitti", str(PROJECT / "data" / "kitti")]
-    # The archives unpack to a folder `dataset`; both it and its parent are accepted.
-    roots = [
-        Path(candidate, inner).resolve() for candidate in candidates if candidate for inner in ("", "dataset")
-    ]
+    # The archives unpack to dataset/sequences; each of these folders and their parent are accepted.
+    inner = "", "dataset", ".."
+    roots = [Path(candidate, part).resolve() for candidate in candidates if candidate for part in inner]
     return [root for root in dict.fromkeys(roots) if (root / "sequences").is_dir()]
 
 
 def kitti_root() -> Path:
     """The first existing KITTI folder, or the path for a new KITTI folder."""
     return next(iter(kitti_roots()), Path(os.environ.get("KITTI_ROOT") or PROJECT / "data" / "kitti"))
+
+
+def kitti_places() -> str:
+    """The existing KITTI folders, or the reason why there is none, for messages."""
+    places = ", ".join(map(str, kitti_roots()))
+    return places or f"{kitti_root()}, which has no folder `sequences`; set KITTI_ROOT"
 
 
 def available() -> dict[str, Path | None]:
@@ -70,10 +75,10 @@ def _find_folder(name: str, cache: Path | None, progress: Progress | None) -> Pa
     names = available()
     if (folder := names.get(name)) is not None:
         return folder
-    near = did_you_mean(name, names)
+    number = name.lower().removeprefix(KITTI)
+    near = did_you_mean(f"{KITTI}{number:0>2}" if number.isdigit() else name, names)
     if name.startswith(KITTI):
-        roots = ", ".join(map(str, kitti_roots())) or "no folder: set KITTI_ROOT or make data/kitti"
-        raise DataError(f"the sequence {name} was not found; {near}looked in {roots}")
+        raise DataError(f"the sequence {name} was not found; {near}looked in {kitti_places()}")
     raise DataError(f"the folder is missing: {near}expected a folder or a name from `vo list`", name)
 
 

@@ -178,8 +178,9 @@ def _pictures(folder: Path, result: Reproduction, groups: list[Group]) -> list[P
         figures = {f"trajectory_{variant}_{slug(name)}": {name: panel} for name, panel in panels.items()}
         figures |= {f"figure4_{variant}": figure_4} if figure_4 else {}
         for file, rows in figures.items():
-            caption = f"{'Figure 4: ' * (rows is figure_4)}{' and '.join(rows)}, paths from above and, "
-            caption += f"with truth, the distance from the truth; {words}, first seed."
+            caption = f"{'Figure 4: ' * (rows is figure_4)}{' and '.join(rows)}, paths from above"
+            has_truth = any(truth is not None for truth, _ in rows.values())
+            caption += f"{', and distances from the truth' * has_truth}; {words}, first seed."
             paths.append(Picture(png(trajectories_figure(rows)), caption))
             write_atomic(folder / f"{file}.png", paths[-1].data)
     return [*paths[:1], *bars, *paths[1:]]

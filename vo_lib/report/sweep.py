@@ -116,7 +116,8 @@ def run_sweep(
         entry = measure_runs(method, runs, measure) if runs else None
         fields = number_fields(np.zeros((2, 0)) if entry is None else entry.errors, entry)
         records.append(words | {"seeds": len(runs)} | fields | {"failed": "; ".join(causes)})
-    title = f"{sequence.name}, {method}, {base.variant}: {measure.words}; {seeds_text(seeds)}"
+    runs_text = f"{sequence.name}, {len(sequence)} frames, {method}, {base.variant}"
+    title = f"{runs_text}: {measure.words}; {seeds_text(seeds)}"
     return Sweep(title, axes, records)
 
 

@@ -142,4 +142,5 @@ def _comparison(group: Group, other: str) -> list[str]:
     rows, changes = group.averaged, " and ".join(parts) or "changes neither TE nor RE"
     where = rows[0] if len(rows) == 1 else f"Mean of {len(rows)} sequences"
     result = f"{PROPOSAL}, which removes the features in vehicle boxes, {changes}"
+    other += "; one seed" * (group.mean(PROPOSAL).shape[1] == 1)
     return [f"{where}, {VARIANT_WORDS[group.variant]}: {result} compared with {other}."]
