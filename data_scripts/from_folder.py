@@ -52,7 +52,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     images = parser.add_argument_group("images")
     text = "left images: a folder, or a quoted pattern 'FOLDER/NAME*.png'"
     images.add_argument("--left", type=Path, nargs="+", metavar="DIR", help=text)
-    images.add_argument("--right", type=Path, nargs="+", metavar="DIR", help="right images, as --left")
+    images.add_argument(
+        "--right", type=Path, nargs="+", metavar="DIR", help="right images, in the form of --left"
+    )
     images.add_argument("--video", type=Path, metavar="FILE", help="video, both images side by side")
     images.add_argument("--raw", type=Path, metavar="DIR", help="synced drive of KITTI's raw data")
     images.add_argument("--euroc", type=Path, metavar="DIR", help="EuRoC folder mav0, or its parent")

@@ -26,7 +26,7 @@ def none(x: Array, y: Array) -> Array:
 
 @dataclass(frozen=True)
 class Faults:
-    """Errors, pixels: functions of (x, y) for disparity and row, half in each camera; lens coefficients."""
+    """Calibration errors of both cameras, pixels: functions of (x, y) for disparity and row difference."""
 
     disparities: Field = none
     rows: Field = none

@@ -172,10 +172,11 @@ def page_tables(
     result += tables("Effect of the estimated calibration", learning, sentences, "sequence, method")
     result.append(plain("Axes of the truth, and the length of the path", "sequence, method", axes, 3))
     result[-1].notes.append(
-        "The columns TE, pitch and yaw have the smallest TE and the rotation between camera and truth with "
-        "this TE (`vo data measure_axes`), for seed 0. The column length has the length of the path minus "
-        "the true length. The settings of the calibration were chosen on 00, 01, KITTI's raw drive 0005 and "
-        "the drawn scenes, so these rows do not test the settings; see the appendix."
+        "The column TE has the smallest TE over all constant rotations between the axes of the camera and "
+        "of the truth; pitch and yaw are the angles of this rotation (`vo data measure_axes`, seed 0). The "
+        "column length has the length of the path minus the true length. The settings of the calibration "
+        "were chosen on 00, 01, KITTI's raw drive 0005 and the drawn scenes, so these rows do "
+        "not test the settings; see the appendix."
     )
     return result
 

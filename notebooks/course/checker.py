@@ -97,7 +97,7 @@ class Exercise:
     line : the code of a right answer, shown after the third different failure; by default the hint.
     library : functions of the library that an answer must not call.
     mistakes : messages (fields as in `praise`) and their wrong answers. A wrong answer is a function of the
-        inputs, a value or a `When`; for a panel, a function of the facts, True for the mistake.
+        inputs, a value or a `When`; for a panel, a function of the facts that returns True for the mistake.
     slips : messages by slip, in place of `SLIPS`; if `right` is a value, only these slips are tested.
     parts : names of several results, in the order of the comparison.
     form : function that prepares results for the comparison, such as `in_order`.

@@ -2,7 +2,7 @@
 
     View(camera(np.eye(4), "left camera"), Shape(points, GOOD, name="path"), Shape(corners, BAD, "area"))
 
-A cell whose last expression is a `View` shows the shapes; without scripts, a picture of the shapes.
+A cell whose last expression is a `View` shows the shapes; without JavaScript, the cell shows a still picture.
 """
 
 from __future__ import annotations

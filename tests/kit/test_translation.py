@@ -33,7 +33,7 @@ def solved(matches: StereoMatches, R_cp: Array = R_CP, **settings: float) -> tup
 
 
 def eliminated(matches: StereoMatches, depth: Array) -> EliminatedPoints:
-    """The system of the library with rows divided by depth (N,)."""
+    """The library's linear system, with the rows of each feature divided by its depth (N,)."""
     before = stereo_points(CAMERA, matches.prev_left, matches.prev_right).rotated(R_CP)
     now = stereo_points(CAMERA, matches.cur_left, matches.cur_right)
     return EliminatedPoints(before, now, depth, depth)

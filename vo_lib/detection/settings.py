@@ -20,7 +20,7 @@ class DetectorConfig(Checked):
     )
     score: float = setting(0.25, "boxes with a lower score are not reported", low=0.001, high=1)
     nms: float = setting(
-        0.5, "largest IoU of two boxes of a class; the box with the lower score is dropped", low=0.05, high=1
+        0.5, "largest IoU of boxes of one class; the box with the lower score is dropped", low=0.05, high=1
     )
     classes: tuple[str, ...] = setting(
         ("car", "bus", "truck"), "classes to report, by name or COCO number; an empty list means all"

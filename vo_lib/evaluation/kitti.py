@@ -103,7 +103,7 @@ def _devkit_distances(T: Array) -> NDArray[np.float32]:
 
 
 def _norm(t: NDArray[Any]) -> Array:
-    """Lengths (N,) of vectors (N, 3): squares and sum have the precision of `t`, the root is double."""
+    """Lengths (N,) of vectors (N, 3): squares and sum in the precision of `t`, the root in float64."""
     squares = t * t
     return np.asarray(np.sqrt((squares[:, 0] + squares[:, 1] + squares[:, 2]).astype(np.float64)))
 

@@ -39,7 +39,7 @@ def parallax_information(
 
     Parameters
     ----------
-    matches : matches corrected by the current errors; R_cp, t_cp : initial motion.
+    matches : matches corrected for the current estimate of the errors; R_cp, t_cp : initial motion.
     effects : function of normalised left positions (2, N) and disparities (N,), pixels; returns (K, 3, N),
         pixels: the changes of left u, left v and disparity due to a size of 1 of each of the K errors.
     scale : residual at which a feature's weight is halved, pixels.

@@ -73,7 +73,7 @@ def similarities(sequence: Sequence, method: MethodConfig, config: LoopConfig, p
 
 
 def uncovered(sequence: Sequence, frame: int, uv: Array, method: MethodConfig) -> BoolArray:
-    """Mask (N,) of a left image's pixels (N, 2) outside masks and, with a box rule, outside boxes."""
+    """Whether pixels (N, 2) of a left image are outside masks and, with a box rule, outside boxes, (N,)."""
     keep = np.ones(len(uv), np.bool_)
     if files := sequence.mask_files():
         keep &= at_pixels(read_image(files[frame if len(files) > 1 else 0]), uv) == 0

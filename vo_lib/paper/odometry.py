@@ -138,7 +138,7 @@ class Odometry:
         return median_flow(matches) < self.config.selection.standstill_flow
 
     def rest(self, matches: StereoMatches) -> FrameResult:
-        """The identity as the motion of a still camera; E_prev is kept."""
+        """The identity as the motion of a camera at rest; E_prev is kept."""
         return FrameResult(np.eye(4), flags=(Flag.STANDSTILL,))
 
     def points(self, matches: StereoMatches) -> tuple[Array, Array]:

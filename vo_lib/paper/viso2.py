@@ -24,7 +24,7 @@ class Viso2(Odometry):
     """VISO2 on a sequence: StereoScan's estimator instead of the essential matrix and equation (3)."""
 
     def stands_still(self, matches: StereoMatches) -> bool:
-        """Always False, since the reprojection error is also defined for a still camera."""
+        """Always False, since the reprojection error is also defined for a camera at rest."""
         return False
 
     def motion(self, matches: StereoMatches) -> FrameResult | None:

@@ -24,13 +24,13 @@ def step_seen(Z: Array, e: float, fb: float) -> Array:
 
 
 def fitted_roll(x: Array, y: Array, rows: Array, terms: tuple[int, ...] = (0, 1, 2)) -> float:
-    """Roll, pixels, in the least-squares fit of roll, offset and focal length to row differences (N,)."""
+    """Roll in pixels, from a least-squares fit of roll, offset and focal length to row differences (N,)."""
     A = np.column_stack([-x, np.ones_like(x), y])
     return float(np.linalg.lstsq(A[:, terms], rows, rcond=None)[0][0])
 
 
 def rolled() -> list[Case]:
-    """Cases of 60 matches, mostly in the right half: row errors from a roll, then also from other errors."""
+    """60 matches, mostly in the right half: row differences due to a roll, then also due to other errors."""
     rng = np.random.default_rng(3)
     x = rng.uniform(-0.5, 0.9, 60)
     y = rng.uniform(-0.2, 0.3, 60) + 0.4 * x
@@ -45,7 +45,7 @@ def shrunk(estimate: Array, covariance: Array, spare: float = 0.0) -> Array:
 
 
 def estimates() -> list[Case]:
-    """Cases of two or four estimated errors, pixels, above, near or below the noise, some correlated."""
+    """Two or four estimated errors in pixels, above, near or below the noise; one case has correlated noise."""
     alike, different = 0.04 * np.eye(4), np.diag([0.01, 0.04, 0.09, 0.25])
     clear, doubtful = np.array([1.0, -0.5, 0.3, 0.2]), np.array([0.2, -0.5, 0.3, 0.2])
     two = clear[:2], alike[:2, :2]

@@ -1,4 +1,4 @@
-"""Exercises of chapter 3: the angle, the k nearest, the truncated error, the selection, number of sets."""
+"""Exercises of chapter 3: the angle, the k nearest, the truncated error, the selection, the number of sets."""
 
 from __future__ import annotations
 

@@ -85,7 +85,7 @@ def covariance(
     config: TranslationLimits,
     weighting: str = METHOD,
 ) -> Array:
-    """Covariance (3, 3) of the translation, m², from the scatter of groups of features, for any weighting.
+    """Covariance (3, 3) of the translation, m², for any weighting: from the scatter of solutions of groups.
 
     If the solutions of G groups have the covariance S, the covariance of their mean is S / G. The solution
     from all features has about this covariance.

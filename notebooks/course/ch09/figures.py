@@ -54,11 +54,12 @@ def draw_edges(axis: Axes, poses: Array, first: IntArray, second: IntArray, weig
         axis.plot(*poses[[a, b]][:, [0, 2], 3].T, "-", color=BAD, alpha=0.15 + 0.85 * float(w), linewidth=1.0)
 
 
-def closing_figure(truth: Array, before: Array, closed: Mapping[str, Array]) -> Figure:
-    """The truth, a path before closing, and the same path closed in several ways, from above."""
+def closing_figure(truth: Array | None, before: Array, closed: Mapping[str, Array]) -> Figure:
+    """The truth if known, a path before closing, and the same path closed in several ways, from above."""
     page, axes = figure(360, len(closed))
     for axis, (name, poses) in zip(axes, closed.items(), strict=True):
-        paths = {"truth": (truth, DARK), "before": (before, BEFORE), "closed": (poses, AFTER)}
+        paths = {} if truth is None else {"truth": (truth, DARK)}
+        paths |= {"before": (before, BEFORE), "closed": (poses, AFTER)}
         draw_path(axis, paths, name, "best" if axis is axes[0] else "none")
     return page
 
