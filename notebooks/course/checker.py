@@ -288,7 +288,8 @@ class Exercise:
             example = f" (for example {others[0]:g})" if len(others) else ""
             size = "" if got.size == expected.size else f"; expected {expected.size} indices"
             wrong = f"{len(others)} of {got.size} indices wrong{example}"
-            return f"{what} has {wrong if len(others) else f'{got.size} right indices'}{size}."
+            right = f"{got.size} right indices" if size else "the right indices at wrong positions"
+            return f"{what} has {wrong if len(others) else right}{size}."
         if not (shown(got) and shown(expected)):
             wrong = ~np.isclose(got, expected, self.rtol, self.atol)
             place = tuple(np.argwhere(wrong)[0].tolist())

@@ -1,8 +1,7 @@
 """The pose graph: least squares over measured motions between poses, by Gauss-Newton.
 
-An edge from camera i to camera j measures the pose Z of camera j relative to camera i. The residual is the
-twist of Z⁻¹ T_i⁻¹ T_j (Grisetti et al., "A tutorial on graph-based SLAM", 2010). Loops may be false, so their
-edges have Cauchy weights.
+An edge from pose i to pose j measures the pose Z of j in i. The residual is the twist of Z⁻¹ T_i⁻¹ T_j
+(Grisetti et al., "A tutorial on graph-based SLAM", 2010). Loops may be false, so they have Cauchy weights.
 """
 
 from __future__ import annotations

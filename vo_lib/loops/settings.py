@@ -25,6 +25,4 @@ class LoopConfig(Checked):
     frame_step: float = setting(0.006, "standard error of a frame's translation", unit="m", low=1e-4, high=9)
     loop_turn: float = setting(0.05, "standard error of a loop's rotation", unit="deg", low=1e-4, high=9)
     loop_step: float = setting(0.05, "standard error of a loop's translation", unit="m", low=1e-4, high=9)
-    scale: float = setting(
-        3.0, "residual at which a loop's weight is halved, in standard deviations", low=0.01, high=1e6
-    )
+    scale: float = setting(3.0, "residual with the weight ½, in standard deviations", low=0.01, high=1e6)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -37,25 +37,18 @@ def _wrapped(angle: float) -> float:
     return float((angle + np.pi) % (2 * np.pi) - np.pi)
 
 
-def edge_residual(
-    p_i: Array,
-    p_j: Array,
-    z: Array,
-    axes: Callable[..., Array] = lambda p_i, p_j, z: turn(p_i[2]),
-    wrap: Callable[[float], float] = _wrapped,
-) -> Array:
-    """Residual (3,) of an edge in the plane; poses and z are (x, z, heading)."""
-    place = axes(p_i, p_j, z).T @ (p_j[:2] - p_i[:2]) - z[:2]
+def edge_residual(p_i: Array, p_j: Array, z: Array, axes: float | None = None, wrap: Any = _wrapped) -> Array:
+    """Residual (3,) of an edge in the plane; poses and z are (x, z, heading), `axes` : heading instead of p_i's."""
+    place = turn(p_i[2] if axes is None else axes).T @ (p_j[:2] - p_i[:2]) - z[:2]
     return np.array([*place, wrap(p_j[2] - p_i[2] - z[2])])
 
 
 def plane_edges() -> list[Case]:
     """Cases with two poses and the measured pose of the second pose relative to the first."""
-    first = np.array([3.0, 1.0, 0.4]), np.array([4.0, 5.0, 0.6])
-    second = np.array([-2.0, 7.0, 3.0]), np.array([-6.0, 7.5, -3.1])
-    third = np.array([0.0, 0.0, 1.5]), np.array([2.0, 1.0, -1.6])
-    measured = np.array([[-0.5, 4.0, 2.25], [0.2, -4.1, 0.1], [1.0, -2.0, 3.1]])
-    return [(*pair, z) for pair, z in zip((first, second, third), measured, strict=True)]
+    first = [3.0, 1.0, 0.4], [4.0, 5.0, 0.6], [-0.5, 4.0, 2.25]
+    second = [-2.0, 7.0, 3.0], [-6.0, 7.5, -3.1], [0.2, -4.1, 0.1]
+    third = [0.0, 0.0, 1.5], [2.0, 1.0, -1.6], [1.0, -2.0, 3.1]
+    return [tuple(map(np.array, case)) for case in (first, second, third)]
 
 
 def gauss_newton(J: Array, r: Array) -> Array:
@@ -105,12 +98,8 @@ candidates = Exercise(
             nearest_earlier(S, 1)
         ),
         "each place is most similar to itself: the gap is missing.": lambda S, gap: S.argmax(axis=1),
-        "if no place is early enough, the answer is -1, not place 0.": lambda S, gap: np.maximum(
-            nearest_earlier(S, gap), 0
-        ),
-        "if no place is early enough, the answer is -1, not None.": When(
-            lambda got, *case: np.isnan(got).any()
-        ),
+        "if no place is early enough, return -1, not 0.": lambda S, gap: nearest_earlier(S, gap).clip(0),
+        "if no place is early enough, return -1, not None.": When(lambda got, *case: np.isnan(got).any()),
         "the last allowed place, k - gap, is missing.": lambda S, gap: nearest_earlier(S, gap + 1),
         "later places are among the answers: only earlier places count.": lambda S, gap: np.where(
             np.abs(np.subtract.outer(np.arange(len(S)), np.arange(len(S)))) >= gap, S, -1.0
@@ -126,15 +115,15 @@ residual = Exercise(
     line="place = turn(p_i[2]).T @ (p_j[:2] - p_i[:2]) - z[:2]; angle = (d + np.pi) % (2 * np.pi) - np.pi",
     mistakes={
         "the difference of the positions is in the axes of the world: rotate it into the axes of pose i.": (
-            partial(edge_residual, axes=lambda *_: np.eye(2))
+            partial(edge_residual, axes=0.0)
         ),
         "the rotation is inverted: the axes of pose i are the columns of turn(heading).": (
-            partial(edge_residual, axes=lambda p_i, *_: turn(-p_i[2]))
+            lambda p_i, p_j, z: edge_residual(p_i, p_j, z, -p_i[2])
         ),
         "poses i and j are exchanged.": lambda p_i, p_j, z: edge_residual(p_j, p_i, z),
         "the measured motion z is not subtracted.": lambda p_i, p_j, z: edge_residual(p_i, p_j, 0.0 * z),
         "the difference is in the axes of the world, of pose j or of the measured pose; use those of pose i.": (
-            partial(edge_residual, axes=lambda p_i, p_j, z: turn(p_j[2])),
+            lambda p_i, p_j, z: edge_residual(p_i, p_j, z, p_j[2]),
             lambda *x: np.array([*(turn(x[0][2]) @ edge_residual(*x)[:2]), edge_residual(*x)[2]]),
             lambda *x: np.array([*(turn(x[2][2]).T @ edge_residual(*x)[:2]), edge_residual(*x)[2]]),
         ),
