@@ -35,9 +35,10 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 # The slowest files start first, so that no process works on one when the others are done.
 LONGEST = (
-    "test_notebooks_sequences.py",
     "test_notebooks.py",
+    "test_notebooks_kitti.py",
     "test_browser.py",
+    "test_notebooks_untrue.py",
     "test_panels.py",
     "test_odometry.py",
     "test_jobs.py",

@@ -20,7 +20,7 @@ from course.panel import ERROR_CLASS
 from course.results import NOT_YET_CLASS, RIGHT_CLASS
 
 NOTEBOOKS = sorted((Path(__file__).resolve().parents[1] / "notebooks").glob("*.ipynb"))
-CASES = [("", path) for path in NOTEBOOKS]  # without KITTI; test_notebooks_sequences.py has its clips
+CASES = [("", path) for path in NOTEBOOKS]  # without KITTI; test_notebooks_kitti.py has its clips
 TOKEN = "notebooks-under-test"
 LONG = 600_000.0  # time limit of one step, milliseconds
 SELDOM = 200.0  # polling interval, milliseconds; the default polls, and draws, every animation frame

@@ -1,4 +1,4 @@
-"""The notebooks run on other sequences: a short drive without truth, and KITTI 00 if it exists."""
+"""The notebooks run on another sequence: a short drive without truth."""
 
 from __future__ import annotations
 
@@ -26,12 +26,4 @@ def untrue(street: Sequence, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize("path", [*CHAPTERS, *APPENDICES], ids=name)
 def test_chapters_run_without_truth(path: Path, untrue: Path, tmp_path: Path) -> None:
     notebook = execute(path, tmp_path, str(untrue), KITTI_ROOT="")
-    assert complaints(notebook) == []
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("street")
-@pytest.mark.parametrize("path", [*CHAPTERS, *APPENDICES], ids=name)
-def test_chapters_run_on_kitti(path: Path, clips: Path, tmp_path: Path) -> None:
-    notebook = execute(path, tmp_path, "kitti/00", KITTI_ROOT=str(clips))
     assert complaints(notebook) == []
