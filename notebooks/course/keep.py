@@ -58,27 +58,23 @@ def keep(function: Any, judge: Callable[[Any], Any] | None = None) -> str:
 
 
 def load(path: Path) -> dict[str, Any]:
-    """Definitions of a file of saved functions; empty if there is no file. `DataError` if the file cannot be run.
+    """Definitions of a file of saved functions; none without a file. `DataError` if the file cannot be run.
 
     A section can use its own names and the names defined above the first section.
     """
     if not path.is_file():
         return {}
-    definitions: dict[str, Any] = {"__name__": path.stem}
-    named = {}
+    common: dict[str, Any] = {"__name__": path.stem}
+    definitions, named = dict[str, Any](), dict[str, Any]()
     try:
-        text = path.read_bytes().decode("utf-8")
-        heads = [*SECTION.finditer(text)]
-        ends = [*(head.start() for head in heads), len(text)]
-        exec(compile(text[: ends[0]], path, "exec"), definitions)
-        common = dict(definitions)
-        for head, end in zip(heads, ends[1:], strict=True):
-            own = dict(common)
-            above = "\n" * text.count("\n", 0, head.end())  # so that numbers of lines are right
-            exec(compile(above + text[head.end() : end], path, "exec"), own)
+        head, *parts = SECTION.split(path.read_bytes().decode("utf-8"))
+        above = ""  # empty lines in place of the parts before, so that errors have the lines of the file
+        for name, part in [("", head), *zip(parts[::2], parts[1::2], strict=True)]:
+            own = dict(common) if name else common
+            exec(compile(above + part, path, "exec"), own)
             definitions |= own
-            if head[1] in own:
-                named[head[1]] = own[head[1]]
+            named |= {name: own[name]} if name in own else {}
+            above += "\n" * (part.count("\n") + 1)
     except ImportError as error:
         raise DataError(
             f"the file cannot be run, {error}: CONTRIBUTING.md lists the new names of imports", path
