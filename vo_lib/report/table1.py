@@ -125,8 +125,8 @@ def results(groups: list[Group]) -> list[str]:
 
 def _comparison(group: Group, other: str) -> list[str]:
     """A sentence on the mean errors of the proposal and of another method; none without boxes or errors."""
-    errors = [[mean_and_spread(e) for e in group.mean(method)] for method in (other, PROPOSAL)]
-    means, deviations = np.moveaxis(np.array(errors), 2, 0)
+    by_seed = [group.mean(method) for method in (other, PROPOSAL)]
+    means, deviations = np.array([[*map(mean_and_spread, errors)] for errors in by_seed]).transpose(2, 0, 1)
     if not np.isfinite(means).all() or not any(entry.labels for entry in group.of_method(PROPOSAL)):
         return []
     parts = []
@@ -142,5 +142,5 @@ def _comparison(group: Group, other: str) -> list[str]:
     rows, changes = group.averaged, " and ".join(parts) or "changes neither TE nor RE"
     where = rows[0] if len(rows) == 1 else f"Mean of {len(rows)} sequences"
     result = f"{PROPOSAL}, which removes the features in vehicle boxes, {changes}"
-    other += "; one seed" * (group.mean(PROPOSAL).shape[1] == 1)
-    return [f"{where}, {VARIANT_WORDS[group.variant]}: {result} compared with {other}."]
+    seeds = "; one seed" * (by_seed[1].shape[1] == 1)
+    return [f"{where}, {VARIANT_WORDS[group.variant]}: {result} compared with {other}{seeds}."]
