@@ -85,8 +85,8 @@ def config_class(variant: str) -> type[MethodConfig]:
 def change(config: AnyConfig, name: str, value: Any) -> AnyConfig:
     """A copy of a configuration in which the setting with this dotted name has a new, checked value.
 
-    Raises `DataError` for an unknown name or a value out of range. If only the other variant has the setting
-    or the value, the message says so.
+    Raises `DataError` for an unknown name or a value out of range. The message names the other variant if
+    only the other variant has the setting or the value.
     """
     try:
         changed: AnyConfig = settings.replace(config, name, value)

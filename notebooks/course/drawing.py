@@ -65,7 +65,7 @@ def finish(
 ) -> None:
     """Set the title, axis names with units, the common style, and a legend if lines have labels.
 
-    A `boxed` legend hides the data behind it. A legend `above` is beside the title; `none` is no legend.
+    A `boxed` legend hides the data behind it. The legend `above` is beside the title; `none` draws no legend.
     """
     # With a given height, matplotlib does not measure all tick labels.
     axis.set_title(title, fontsize=TITLE_SIZE, loc="left", y=1.0)

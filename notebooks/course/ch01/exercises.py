@@ -222,7 +222,7 @@ loop_closes = Exercise(
             lambda *chain: np.flatnonzero((np.min(chain, axis=0) >= 0) & returns(follow(*chain)[0])),
         ),
         "the four lists are applied in the reverse order.": lambda *chain: which(*chain[::-1]),
-        "feature 0 is missing: 0 is the number of a feature, and only -1 means that there is no match.": When(
+        "feature 0 is missing: 0 is the number of a feature; the number -1 marks a missing match.": When(
             lambda got, *chain: 0 in which(*chain) and 0 not in got and set(got) < set(which(*chain))
         ),
         "these are indices into the previous right image.": lambda *chain: chain[0][which(*chain)],

@@ -97,7 +97,7 @@ def pixels(x: Array, camera: StereoCamera) -> Array:
 def lines_picture(
     image: Image, camera: StereoCamera, E: Array, x_p: Array, x_c: Array, names: Sequence[int]
 ) -> Image:
-    """The current image with M numbered matches (M, 2), each with the epipolar line of its own E (M, 3, 3).
+    """The current image with M numbered matches (M, 2); each match has an epipolar line, from its E (M, 3, 3).
 
     If all M rows are the same match, the lines also have numbers.
     """
