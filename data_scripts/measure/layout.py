@@ -7,14 +7,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from vo_lib.geometry.types import Array
-from vo_lib.report.page import NO_NUMBER, SPREADS, ReportTable, number
+from vo_lib.report.page import NO_CHANGE, NO_NUMBER, ReportTable, change_limit, number
 
 # Rows TE and RE, columns mean and standard deviation over the seeds: (2, 2); None without a number.
 Cell = Array | None
 Cells = Mapping[str, Mapping[str, Cell]]  # by row and column
 KINDS = "TE, %", "RE, deg/100 m"
 SAME, LEAST_SPREAD = "=", 0.0005  # text of a repeated cell; smallest spread that is not printed as 0.000
-SHARE = 0.02  # a change counts if it exceeds the spread and this share of the error
 
 
 def tables(title: str, cells: Cells, sentences: list[str], name: str = "sequence") -> list[ReportTable]:
@@ -64,18 +63,14 @@ def compared(cells: Cells, before: str, after: str, subject: str) -> list[str]:
             if old is None or new is None:
                 continue
             count += 1
-            change = float(new[kind, 0] - old[kind, 0])
-            if abs(change) > max(
-                SPREADS * float(np.hypot(old[kind, 1], new[kind, 1])), SHARE * float(old[kind, 0])
-            ):
-                sides[change < 0].append(
-                    f"{label} ({number(float(old[kind, 0]))} → {number(float(new[kind, 0]))})"
-                )
+            (was, deviation), (now, new_deviation) = old[kind], new[kind]
+            if abs(now - was) > change_limit(was, deviation, new_deviation):
+                sides[bool(now < was)].append(f"{label} ({number(was)} → {number(now)})")
         lower, higher = ("; ".join(sides[side]) or "no row" for side in (True, False))
         rest = count - sum(map(len, sides.values()))
         sentences.append(
             f"{subject} lowers {unit.split(',')[0]} on {lower}. {unit.split(',')[0]} is higher on {higher}. "
-            f"In {rest} of {count} rows, the change is within two standard deviations or {100 * SHARE:.0f} %."
+            f"In {rest} of {count} rows, the change is {NO_CHANGE}."
         )
     return sentences
 

@@ -20,7 +20,7 @@ from ..paper.settings import MethodConfig
 from ..runs.folder import read_run
 from ..runs.jobs import Job, Outcome
 from .entries import measure_runs
-from .page import NO_NUMBER, SPREADS, ReportTable, number, plus_minus, seeds_text, without_empty_columns
+from .page import NO_NUMBER, ReportTable, change_limit, number, plus_minus, seeds_text, without_empty_columns
 from .plots import SMALL_PAGE, page, png
 from .table1 import ERROR_KINDS, number_fields
 
@@ -152,9 +152,9 @@ def heat_map(sweep: Sweep) -> bytes:
     for axis, (kind, (label, _)) in zip(figure.subplots(2), ERROR_KINDS.items(), strict=True):
         pairs = np.array([(record[kind], record[f"{kind}_std"]) for record in sweep.records], float)
         values = pairs[:, 0].reshape(len(rows), -1)
-        # A difference that does not count beyond the seeds' spread has no strong colour.
-        low, high = np.nanmin(values), np.nanmax(values)
-        margin = max(0.0, SPREADS * float(np.nan_to_num(pairs[:, 1]).mean()) - (high - low)) / 2
+        # A difference that does not count has no strong colour.
+        low, high, deviation = np.nanmin(values), np.nanmax(values), np.nan_to_num(pairs[:, 1]).mean()
+        margin = max(0.0, change_limit(low, deviation, deviation) - (high - low)) / 2
         image = axis.imshow(values, "YlGnBu", aspect="auto", vmin=low - margin, vmax=high + margin)
         figure.colorbar(image, ax=axis, label=f"{label}\nlower is better", format="%.4g")
         axis.set_xticks(range(len(columns)), columns)

@@ -10,7 +10,17 @@ from ..data.catalogue import KITTI
 from ..evaluation.kitti import KITTI_MEASURE
 from ..geometry.types import Array
 from .entries import BENCHMARK_FRAMES, Entry, Group
-from .page import ReportTable, finite, mean_and_spread, number, plus_minus, seeds_text, signed
+from .page import (
+    NO_CHANGE,
+    ReportTable,
+    change_limit,
+    finite,
+    mean_and_spread,
+    number,
+    plus_minus,
+    seeds_text,
+    signed,
+)
 from .printed import AVERAGE, CLAIMS, LEFT_OUT, PROPOSAL, PaperTable, gain
 
 VARIANT_WORDS = {"published": "the paper as published", "kit": "variant kit"}
@@ -126,21 +136,23 @@ def results(groups: list[Group]) -> list[str]:
 def _comparison(group: Group, other: str) -> list[str]:
     """A sentence on the mean errors of the proposal and of another method; none without boxes or errors."""
     by_seed = [group.mean(method) for method in (other, PROPOSAL)]
-    means, deviations = np.array([[*map(mean_and_spread, errors)] for errors in by_seed]).transpose(2, 0, 1)
-    if not np.isfinite(means).all() or not any(entry.labels for entry in group.of_method(PROPOSAL)):
+    if not all(np.isfinite(errors).all() and errors.size for errors in by_seed):
+        return []
+    if not any(entry.labels for entry in group.of_method(PROPOSAL)):
         return []
     parts = []
-    columns = zip(ERROR_KINDS.values(), CLAIMS[other], *means, deviations.max(axis=0), strict=True)
-    for (kind, _), claim, before, after, deviation in columns:
-        less, (name, unit) = float(gain(before, after)), kind.split(" ", 1)
-        if np.isfinite(less) and less != 0.0:
-            verb, change = "lowers" if less > 0 else "raises", f"{signed(-less, 1)} %"
-            if abs(after - before) < deviation:
-                verb, change = "changes", "less than the standard deviation over the seeds"
-            change += f", in the paper −{claim:g} %" if group.is_papers else ""
-            parts.append(f"{verb} {name} from {number(before)} to {number(after)} {unit} ({change})")
+    for (kind, _), claim, *errors in zip(ERROR_KINDS.values(), CLAIMS[other], *by_seed, strict=True):
+        (before, deviation), (after, new_deviation) = map(mean_and_spread, errors)
+        if before == after:
+            continue
+        (name, unit), less = kind.split(" ", 1), float(gain(before, after))
+        verb, change = "lowers" if less > 0 else "raises", f"{signed(-less, 1)} %"
+        if abs(after - before) <= change_limit(before, deviation, new_deviation):
+            verb, change = "changes", NO_CHANGE
+        change += f", in the paper −{claim:g} %" if group.is_papers else ""
+        parts.append(f"{verb} {name} from {number(before)} to {number(after)} {unit} ({change})")
     rows, changes = group.averaged, " and ".join(parts) or "changes neither TE nor RE"
     where = rows[0] if len(rows) == 1 else f"Mean of {len(rows)} sequences"
     result = f"{PROPOSAL}, which removes the features in vehicle boxes, {changes}"
-    seeds = "; one seed" * (by_seed[1].shape[1] == 1)
+    seeds = "; with one seed, a change may be due to chance" * (by_seed[1].shape[1] == 1)
     return [f"{where}, {VARIANT_WORDS[group.variant]}: {result} compared with {other}{seeds}."]
