@@ -147,6 +147,10 @@ def test_evaluate_refuses_missing_truth_and_other_lengths(
         capsys, runs / "a", tmp_path / "five.txt"
     )
     assert "contains no finished run: expected the folder of a run" in refused(capsys, tmp_path)
+    nearest = " ".join(str(runs / name) for name in ("a", "b", "c"))
+    assert refused(capsys, runs).endswith(
+        f": is not the folder of a run, but contains runs: {nearest} and 2 more"
+    )
     (tmp_path / "later.txt").write_text(format_tum(np.arange(10.0, 15.0), straight(5)))
     assert "fewer than two poses at the times" in refused(capsys, runs / "a", tmp_path / "later.txt")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from ..evaluation.evaluate import ONE_FRAME, Evaluation, evaluate
 from ..evaluation.kitti import SHORT_MEASURE, Measure, suitable_measure
 from ..files import write_atomic
 from ..geometry.types import Array, Index
-from ..runs.folder import CONFIG, POSES, POSES_TUM, read_config
+from ..runs.folder import CONFIG, POSES, POSES_TUM, is_finished, read_config
 from .page import ReportTable, number, without_empty_columns
 from .plots import error_curves_figure, png, trajectories_figure
 from .reproduce import slug
@@ -26,6 +27,7 @@ from .table1 import ERROR_KINDS
 COMMON_STEMS = ("poses", "poses_tum", "data")  # file names in many folders, useless as labels
 # Smallest number of points of a curve: the devkit's speed bins overlap, so one speed falls into two or three.
 MIN_CURVE_POINTS = {"length": 2, "speed": 4}
+NEAREST_RUNS = 3  # number of run folders that a message names
 GIVE_TRUTH = "give its ground truth with --truth FILE"
 
 
@@ -52,12 +54,12 @@ def read_paths(
     times. Only frames that occur in all paths are compared. Raises `DataError` if the truth of a path is
     unknown or does not correspond to the path.
     """
-    sources = list(dict.fromkeys(source.absolute() for source in sources))
     for source in sources:
-        if source.is_dir() and not (source / CONFIG).exists():
-            raise DataError("contains no finished run: expected the folder of a run, or a pose file", source)
         if not source.is_dir():
             read_path(source)  # a missing or invalid file is refused before the search for its truth
+        elif not is_finished(source):
+            raise _without_run(source)
+    sources = list(dict.fromkeys(source.absolute() for source in sources))
     configs = {source: read_config(source) for source in sources if source.is_dir()}
     if truth_file is None:
         truths = {source: _truth_of_run(source, config) for source, config in configs.items()}
@@ -81,6 +83,17 @@ def read_paths(
         labels = [_names(source, configs.get(source)) for source in members]
         compared.append(_compared(truth, files, labels, tolerance))
     return compared
+
+
+def _without_run(folder: Path) -> DataError:
+    """The error for a folder that is not a run, with the nearest runs inside as words of a shell."""
+    runs = [path.parent for path in folder.rglob(CONFIG) if (path.parent / POSES).exists()]
+    runs.sort(key=lambda run: (len(run.parts), run))
+    if not runs:
+        return DataError("contains no finished run: expected the folder of a run, or a pose file", folder)
+    nearest, more = shlex.join(map(str, runs[:NEAREST_RUNS])), len(runs) - NEAREST_RUNS
+    others = f" and {more} more" * (more > 0)
+    return DataError(f"is not the folder of a run, but contains runs: {nearest}{others}", folder)
 
 
 def _truth_of_run(folder: Path, config: dict[str, Any]) -> ComparedPaths:
