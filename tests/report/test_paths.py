@@ -67,10 +67,15 @@ def test_evaluate_takes_the_truth_from_run_folders(
     folders = [str(runs / name) for name in ("a", "b", "part", "else")]
     assert main(["evaluate", *folders, "--out", str(tmp_path)]) == 0
     text = capsys.readouterr().out
-    for words in ("bands: sub-sequences of 20, 50, 100 m", "bands, frames 1-4", "shorter than KITTI"):
-        assert words in text
+    # A path of 2.5 m has no sub-sequence, so no lengths are named, and there are no curves.
+    lines, text = text.splitlines(), " ".join(text.split())
+    assert {"bands", "bands, frames 1-4", "street"} <= set(lines)
+    for path in ("2.5 m in 6 frames", "1.5 m in 4 frames"):
+        assert f"No TE and RE: the path, {path}, is shorter than the shortest sub-sequence, 20 m." in text
+    reason = "since too few sub-sequences differ in length and speed."
+    assert f"street: no figure of errors by length and speed, {reason}" in text
+    assert "benchmark" not in text
     names = ("bands", "bands_frames_1-4", "street")
-    # A path of 2.5 m has no sub-sequence, so there are no curves.
     files = {f"trajectory_{name}.png" for name in names}
     assert {path.name for path in tmp_path.iterdir()} == files | {"evaluation.json"}
     stored = json.loads((tmp_path / "evaluation.json").read_text(encoding="utf-8"))["sequences"]
@@ -167,6 +172,7 @@ def test_evaluate_writes_the_same_bytes(tmp_path: Path, capsys: pytest.CaptureFi
     assert "│ 100 m" in text
     assert "SE3" in text
     # The speed is constant, so there is no curve over speed.
+    assert "07: no figure of errors by speed, since too few sub-sequences differ in speed." in text
     files = {"trajectory_07.png", "errors_07_by_length.png"}
     assert {path.name for path in (tmp_path / "one").glob("*.p*")} == files
     for path in (tmp_path / "one").iterdir():

@@ -52,11 +52,12 @@ def _evaluate(options: argparse.Namespace) -> int:
     ]
     numbers = [{"sequence": paths.name} | result.to_dict("systems") for paths, result in results]
     data = json.dumps({"sequences": numbers}, indent=2, allow_nan=False)
+    missing = list[str]()
     if options.out is not None:
         with run_folder(options.out) as folder:
             write_atomic(folder / "evaluation.json", data + "\n")
             for paths, result in results:
-                write_pictures(folder, paths, result)
+                missing += write_pictures(folder, paths, result)
     if options.json:
         print(data)
         return 0
@@ -66,5 +67,6 @@ def _evaluate(options: argparse.Namespace) -> int:
         if paths.matched:
             tell(paths.matched)
     if options.out is not None:
+        tell(*missing)
         say(f"written to {options.out}")
     return 0

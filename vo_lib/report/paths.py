@@ -173,20 +173,23 @@ def evaluation_tables(name: str, result: Evaluation) -> list[ReportTable]:
         drift = map(rmse, (s.ate.distance, s.rpe.translation, np.degrees(s.rpe.rotation)))
         rows.append([s.name, number(s.kitti.te), number(s.kitti.re), *(number(value, 4) for value in drift)])
     columns = ["system", *(unit for unit, _ in ERROR_KINDS.values()), "ATE m", "RPE m", "RPE deg"]
-    first = systems[0]
+    first, head, title = systems[0], list[str](), name
     path = f"the path, {first.distance:.1f} m in {first.frames} frames, is shorter"
     notes = [f"ATE {first.ate.alignment.words}: root mean square."]
     has_rpe, interval = len(first.rpe.rotation) > 0, first.rpe.delta.words
     notes.append(f"RPE {interval}: root mean square." if has_rpe else f"No RPE {interval}: {path}.")
-    notes += [] if len(first.kitti) else [f"No TE and RE: {path} than every sub-sequence."]
-    short = "Short path, so sub-sequences are shorter than KITTI's: not comparable with the benchmark."
-    head = [short] if measure == SHORT_MEASURE else []
+    if len(first.kitti):
+        title += f": sub-sequences of {measure.words}"
+        short = "Short path, so sub-sequences are shorter than KITTI's: not comparable with the benchmark."
+        head += [short] if measure == SHORT_MEASURE else []
+    else:
+        notes.append(f"No TE and RE: {path} than the shortest sub-sequence, {min(result.lengths):g} m.")
     by_length = []
     for length in result.lengths:
         parts = [s.kitti[s.kitti.length == length] for s in systems]
         if len(parts[0]):
             by_length.append([f"{length:g} m", *(f"{number(part.te)} / {number(part.re)}" for part in parts)])
-    errors = ReportTable(f"{name}: sub-sequences of {measure.words}", columns, rows, notes, head)
+    errors = ReportTable(title, columns, rows, notes, head)
     tables = [without_empty_columns(errors)]
     if by_length:
         names = [s.name for s in systems]
@@ -194,16 +197,25 @@ def evaluation_tables(name: str, result: Evaluation) -> list[ReportTable]:
     return tables
 
 
-def write_pictures(folder: Path, paths: ComparedPaths, result: Evaluation) -> None:
-    """Write figures of the paths and the truth, aligned as for the ATE, and figures of error curves."""
+def write_pictures(folder: Path, paths: ComparedPaths, result: Evaluation) -> list[str]:
+    """Write figures of the paths and the truth, aligned as for the ATE, and figures of error curves.
+
+    Returns a sentence if there are too few points for a figure of curves.
+    """
     file, alignment = slug(paths.name), result.sequences[0].ate.alignment
     # The axes of the first camera, in which the path can be seen from above.
     to_start = np.linalg.inv(paths.truth[0])
     aligned = {name: to_start @ align(paths.truth, T, alignment)[0] for name, T in paths.estimates.items()}
     figure = trajectories_figure({f"{paths.name}\n{alignment.words}": (paths.truth, aligned)})
     write_atomic(folder / f"trajectory_{file}.png", png(figure))
+    missing = []
     for by, least in MIN_CURVE_POINTS.items():
         curves = {s.name: s.kitti.curve(by, result.lengths) for s in result.sequences}
-        if max(map(len, curves.values())) >= least:
-            figure = error_curves_figure(paths.name, by, curves)
-            write_atomic(folder / f"errors_{file}_by_{by}.png", png(figure))
+        if max(map(len, curves.values())) < least:
+            missing.append(by)
+            continue
+        write_atomic(folder / f"errors_{file}_by_{by}.png", png(error_curves_figure(paths.name, by, curves)))
+    if not missing:
+        return []
+    names = " and ".join(missing)
+    return [f"{paths.name}: no figure of errors by {names}, since too few sub-sequences differ in {names}."]
