@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from statistics import median
 from typing import TYPE_CHECKING
 
 from .. import settings
@@ -123,6 +124,8 @@ def _show(result: Run, method: str, estimates: dict[str, Array]) -> None:
     if result.config.filter.rule != "none":
         share = f"{100 * result.removed_share:.1f} %"
         rows.append(["features removed in boxes", share if sequence.labels else "no labels"])
+    used = number(median(motion.used for motion in motions), 0)
+    rows.append(["matches used per frame (after buckets), median", used])
     for flag in sorted({flag for motion in motions for flag in motion.flags}):
         rows.append([f"frames flagged {flag}", str(sum(flag in motion.flags for motion in motions))])
     if isinstance(result.config, KitConfig) and result.calibration is not None:
