@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,7 +16,7 @@ from vo_lib import Sequence, open_sequence, preset, run
 from vo_lib.commands.cli import main
 from vo_lib.config import change
 from vo_lib.evaluation.kitti import SHORT_MEASURE, kitti_errors
-from vo_lib.report.sweep import Axis, Sweep, heat_map, parse_axis, run_sweep, sweep_table
+from vo_lib.report.sweep import Sweep, heat_map, parse_axis, run_sweep, sweep_table
 from vo_lib.runs.jobs import run_jobs
 
 
@@ -25,21 +26,21 @@ def sequence(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
     return open_sequence(write_bands(tmp_path_factory.mktemp("sweep") / "bands", 43))
 
 
-def axis(text: str) -> Axis:
+def axis(text: str) -> tuple[str, tuple[Any, ...]]:
     return parse_axis(text, preset("feature_selection"))
 
 
 def sweep_of(sequence: Sequence, place: Path, *axes: str) -> Sweep:
     """A sweep of `feature_selection` with two seeds; cache and runs are in a temporary folder."""
     do, config = partial(run_jobs, cache=place / "cache"), preset("feature_selection")
-    return run_sweep(sequence, "feature_selection", config, tuple(map(axis, axes)), 2, place, do)
+    return run_sweep(sequence, "feature_selection", config, dict(map(axis, axes)), 2, place, do)
 
 
 def test_axis_values_have_the_declared_type() -> None:
-    assert axis("selection.sets=50,100") == Axis("selection.sets", (50, 100))
-    assert axis("filter.margin=0,0.1") == Axis("filter.margin", (0.0, 0.1))
-    assert axis("selection.prior=on,off").values == (True, False)
-    assert axis("filter.classes=2;2,5,7").values == ((2,), (2, 5, 7))
+    assert axis("selection.sets=50,100") == ("selection.sets", (50, 100))
+    assert axis("filter.margin=0,0.1") == ("filter.margin", (0.0, 0.1))
+    assert axis("selection.prior=on,off")[1] == (True, False)
+    assert axis("filter.classes=2;2,5,7")[1] == ((2,), (2, 5, 7))
 
 
 def test_sweep_records_equal_single_runs(sequence: Sequence, tmp_path: Path) -> None:
@@ -86,7 +87,7 @@ def test_difference_within_the_spread_has_no_strong_colour(spread: float, strong
     records = [
         {name: error for name in names} | {f"{name}_std": spread for name in names} for error in (1.0, 1.1)
     ]
-    picture = cv2.imdecode(np.frombuffer(heat_map(Sweep("", (Axis("a", (1, 2)),), records)), np.uint8), 1)
+    picture = cv2.imdecode(np.frombuffer(heat_map(Sweep("", {"a": (1, 2)}, records)), np.uint8), 1)
     assert picture is not None
     darkest = (np.abs(picture - np.array([88, 29, 8])) < 3).all(axis=2)
     # Without this colour, a cell is missing; the colour bar has it in any case.

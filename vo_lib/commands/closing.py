@@ -11,6 +11,8 @@ import numpy as np
 from ..data.poses import read_kitti_poses, write_kitti_poses
 from ..data.sequence import Sequence
 from ..evaluation.ate_rpe import rmse
+from ..evaluation.evaluate import evaluate
+from ..evaluation.kitti import suitable_measure
 from ..files import csv_text, write_atomic
 from ..geometry.types import Array
 from ..loops.find import Loops, find_loops
@@ -18,7 +20,6 @@ from ..loops.graph import Closed, close_path
 from ..loops.settings import LoopConfig
 from ..paper.settings import MethodConfig
 from ..report.page import ReportTable, number
-from ..report.paths import ComparedPaths, evaluate_paths
 from ..runs.drive import single_threaded
 from ..runs.folder import LOOPS, LOOPS_POSES, POSES
 from ..runs.jobs import Outcome
@@ -55,11 +56,10 @@ def close_run(folder: Path, sequence: Sequence, poses: Array, loops: Loops, conf
 def loops_csv(frames: tuple[str, ...], closed: Closed) -> str:
     """CSV text of the closed loops: both frames, similarity, matches, inliers, residual, weight and gap."""
     loops, rows = closed.loops, list[list[object]]([list(COLUMNS)])
-    for row in range(len(loops)):
-        names = frames[loops.first[row]], frames[loops.second[row]]
-        counts = loops.matches[row], loops.inliers[row]
-        numbers = loops.residual[row], closed.weight[row], closed.gap[row]
-        rows.append([*names, f"{loops.similarity[row]:.3f}", *counts, *(f"{x:.3f}" for x in numbers)])
+    numbers = loops.similarity, loops.matches, loops.inliers, loops.residual, closed.weight, closed.gap
+    for first, second, *row in zip(loops.first, loops.second, *numbers, strict=True):
+        cells = [f"{x:.3f}" if isinstance(x, np.floating) else x for x in row]
+        rows.append([frames[first], frames[second], *cells])
     return csv_text(rows)
 
 
@@ -70,7 +70,7 @@ def close_outcomes(outcomes: list[Outcome], config: LoopConfig) -> list[ReportTa
     settings.
     """
     shared: dict[Any, Loops] = {}
-    errors: dict[tuple[str, str, str], list[list[float]]] = {}
+    errors: dict[str, list[Array]] = {}
     for job in (outcome.job for outcome in outcomes if outcome.error is None):
         sequence, method, poses = job.sequence, job.config, read_kitti_poses(job.folder / POSES)
         key = sequence.name, method.seed, method.filter, method.buckets, method.reprojection
@@ -78,24 +78,17 @@ def close_outcomes(outcomes: list[Outcome], config: LoopConfig) -> list[ReportTa
             shared[key] = loops_with_bar(sequence, method, config)
         closed = close_run(job.folder, sequence, poses, shared[key], config)
         if sequence.truth is not None:
-            paths = ComparedPaths(
-                sequence.name, sequence.truth, sequence.times, {job.method: poses, CLOSED: closed.poses}
-            )
-            row = [float(len(closed.loops))]
-            for system in evaluate_paths(paths).sequences:
-                errors_of = rmse(system.ate.distance), system.kitti.te, system.kitti.re
-                row += [np.nan if error is None else error for error in errors_of]
-            errors.setdefault((sequence.name, method.variant, job.method), []).append(row)
-    return [_table(errors)] if errors else []
-
-
-def _table(errors: dict[tuple[str, str, str], list[list[float]]]) -> ReportTable:
+            measure, numbers = suitable_measure(sequence.truth), list[float | None]([len(closed.loops)])
+            for path in evaluate(sequence.truth, {"before": poses, "after": closed.poses}, measure).paths:
+                numbers += [rmse(path.ate.distance), path.kitti.te, path.kitti.re]
+            row = f"{sequence.name}, {method.variant}, {job.method}"
+            errors.setdefault(row, []).append(np.array(numbers, float))
     rows = []
-    for key, of_seeds in errors.items():
+    for row, of_seeds in errors.items():
         count, *means = np.mean(of_seeds, axis=0)
         changes = [f"{number(means[k])} → {number(means[k + 3])}" for k in range(3)]
-        rows.append([", ".join(key), number(count, 1), *changes])
+        rows.append([row, number(count, 1), *changes])
     note = "Means over the seeds, before → after the closing of loops; ATE with SE3 alignment."
     columns = ["sequence, variant, method", "loops", "ATE m", "TE %", "RE deg/100 m"]
     title = "Not in the paper: loops closed by a pose graph"
-    return ReportTable(title, columns, rows, [note])
+    return [ReportTable(title, columns, rows, [note])] if rows else []

@@ -9,8 +9,10 @@ from pathlib import Path
 from ..data.poses import TIME_TOLERANCE_S
 from ..errors import DataError
 from ..evaluation.ate_rpe import Alignment
+from ..evaluation.evaluate import evaluate
+from ..evaluation.kitti import Measure, suitable_measure
 from ..files import write_atomic
-from ..report.paths import evaluate_paths, evaluation_tables, read_paths, write_pictures
+from ..report.paths import evaluation_tables, read_paths, write_pictures
 from ..runs.folder import run_folder
 from .common import parse_delta, parse_lengths, parse_whole
 from .console import say, show_report_table, tell
@@ -46,10 +48,12 @@ def _evaluate(options: argparse.Namespace) -> int:
     if not options.t_max_diff >= 0:
         raise DataError(f"--t-max-diff {options.t_max_diff:g}: expected 0 s or more")
     alignment, delta = Alignment(options.alignment), parse_delta(options.delta)
-    results = [
-        (paths, evaluate_paths(paths, lengths, step, alignment, delta))
-        for paths in read_paths(options.paths, options.truth, options.t_max_diff)
-    ]
+    results = []
+    for paths in read_paths(options.paths, options.truth, options.t_max_diff):
+        usual = suitable_measure(paths.truth)
+        measure = Measure(lengths or usual.lengths, step or usual.step)
+        errors = evaluate(paths.truth, paths.estimates, measure, paths.times, alignment, delta)
+        results.append((paths, errors))
     numbers = [{"sequence": paths.name} | result.to_dict("systems") for paths, result in results]
     data = json.dumps({"sequences": numbers}, indent=2, allow_nan=False)
     missing = list[str]()

@@ -70,10 +70,11 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
             raise DataError(" ".join(result.problems))
         closed = closing.close_outcomes(outcomes, LoopConfig()) if options.loops else []
         groups = group_entries(result.entries)
+        tables = [*(table for group in groups for table in layout_tables(group, paper)), *closed]
         conclusions = [*results(groups), *remarks]
         origin = [options.line, f"duration {time.perf_counter() - start:.0f} s, processes: {workers}"]
-        write_table_files(folder, result, paper, [*without_boxes, *conclusions], origin, closed)
-    for table in [*(table for group in groups for table in layout_tables(group, paper)), *closed]:
+        write_table_files(folder, result, groups, paper, tables, [*without_boxes, *conclusions], origin)
+    for table in tables:
         show_report_table(table)
     tell("", *result.problems, *conclusions)
     say(f"Report with figures: {folder / 'report.html'}")

@@ -11,13 +11,15 @@ from .. import settings
 from ..config import SETTINGS, change
 from ..detection.settings import DetectorConfig
 from ..errors import DataError
+from ..evaluation.evaluate import evaluate
+from ..evaluation.kitti import suitable_measure
 from ..files import write_atomic
 from ..geometry.types import Array
 from ..kit.settings import KitConfig
 from ..loops.settings import LoopConfig
 from ..report.film import FILM_ENDING, Film, film_frames
 from ..report.page import number
-from ..report.paths import ComparedPaths, evaluate_paths, evaluation_tables
+from ..report.paths import evaluation_tables
 from ..report.plots import png, trajectories_figure
 from ..runs.folder import LOOPS, LOOPS_POSES, PICTURE, path_lost, run_folder, warnings_of
 from ..runs.jobs import run_once
@@ -117,8 +119,8 @@ def _show(result: Run, method: str, estimates: dict[str, Array]) -> None:
     if sequence.truth is None:
         say(f"{title}: no errors, since the sequence has no ground truth")
     else:
-        paths = ComparedPaths(title, sequence.truth, sequence.times, estimates)
-        for table in evaluation_tables(title, evaluate_paths(paths)):
+        measure = suitable_measure(sequence.truth)
+        for table in evaluation_tables(title, evaluate(sequence.truth, estimates, measure, sequence.times)):
             show_report_table(table)
     rows = [["matches per frame, median", number(result.matches_per_frame, 0)]]
     if result.config.filter.rule != "none":

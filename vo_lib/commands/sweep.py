@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from functools import partial
 
 from ..errors import DataError
 from ..files import only_process, write_atomic
 from ..report.page import records_csv
 from ..report.sweep import heat_map, parse_axis, run_sweep, sweep_table
 from ..runs.folder import run_folder
-from ..runs.jobs import run_jobs
+from ..runs.jobs import Job, Outcome, run_jobs
 from . import common
 from .console import reporting, say, show_report_table
 
@@ -40,19 +39,17 @@ def add(parser: argparse.ArgumentParser) -> None:
 def _sweep(options: argparse.Namespace) -> int:
     seeds, workers = common.parse_whole("--seeds", options.seeds), common.parse_whole("--jobs", options.jobs)
     base = common.read_settings(options)
-    axes = tuple(parse_axis(text, base) for text in options.axes)
+    axes = dict(parse_axis(text, base) for text in options.axes)
+    if len(axes) < len(options.axes):
+        raise DataError("--set: a setting is repeated")
     sequence = common.open_with_bar(options.sequence, options.cache, options)
     common.warn_without_boxes([(sequence, base)])
     with run_folder(options.out) as folder, only_process(folder):
         with reporting(f"{sequence.name}, {options.method}") as report:
-            run = partial(
-                run_jobs,
-                workers=workers,
-                progress=report,
-                cache=options.cache,
-                scheduler=options.dask,
-                fresh=options.fresh,
-            )
+
+            def run(jobs: list[Job]) -> list[Outcome]:
+                return run_jobs(jobs, workers, report, options.cache, options.dask, options.fresh)
+
             sweep = run_sweep(sequence, options.method, base, axes, seeds, folder, run)
         if not any(record["seeds"] for record in sweep.records):  # an earlier table is kept
             raise DataError(sweep.records[0]["failed"])

@@ -27,12 +27,7 @@ class Alignment(Enum):
     @property
     def words(self) -> str:
         """Text for the note of a table."""
-        return {
-            "none": "without alignment",
-            "origin": "with the first poses made equal",
-            "se3": "after the best rotation and translation (SE3)",
-            "sim3": "after the best rotation, translation and scale (Sim3)",
-        }[self.value]
+        return "without alignment" if self is Alignment.NONE else f"with {self.name} alignment"
 
 
 @dataclass(frozen=True)
@@ -146,16 +141,13 @@ def relative_error(
     return RelativeError(apart, np.linalg.norm(error[:, :3, 3], axis=1), rotation_angle(error[:, :3, :3]))
 
 
-def statistics(errors: Array) -> dict[str, float | None]:
-    """Root of the mean square, mean, median and maximum of errors (N,); None without errors."""
-    if not len(errors):
-        return dict.fromkeys(("rmse", "mean", "median", "max"))
-    mean, median, largest = float(np.mean(errors)), float(np.median(errors)), float(np.max(errors))
-    return {"rmse": rmse(errors), "mean": mean, "median": median, "max": largest}
-
-
 def _in(unit: str, errors: Array) -> dict[str, float | None]:
-    return {f"{name}_{unit}": value for name, value in statistics(errors).items()}
+    """Root of the mean square, mean, median and maximum of errors (N,), for JSON; None without errors."""
+    names = [f"{name}_{unit}" for name in ("rmse", "mean", "median", "max")]
+    if not len(errors):
+        return dict.fromkeys(names)
+    mean, median, largest = float(np.mean(errors)), float(np.median(errors)), float(np.max(errors))
+    return dict(zip(names, (rmse(errors), mean, median, largest), strict=True))
 
 
 def check_pair(truth: Array, estimate: Array, where: str = "") -> None:

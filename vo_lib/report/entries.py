@@ -10,7 +10,7 @@ import numpy as np
 from ..data.catalogue import KITTI
 from ..data.kitti import EXPECTED_FRAMES
 from ..errors import DataError
-from ..evaluation.evaluate import SequenceResult, evaluate
+from ..evaluation.evaluate import PathErrors, evaluate
 from ..evaluation.kitti import KITTI_MEASURE, KittiErrors, Measure, suitable_measure
 from ..geometry.rows import joined
 from ..geometry.types import Array
@@ -41,7 +41,7 @@ class Entry:
     variant: str
     seeds: tuple[int, ...]
     measure: Measure
-    results: tuple[SequenceResult, ...]
+    results: tuple[PathErrors, ...]
     poses: Array
     truth: Array
     labels: bool
@@ -125,8 +125,8 @@ def measure_runs(method: str, runs: list[Run], measure: Measure | None = None) -
     if sequence.truth is None:
         raise DataError(f"{sequence.name} has no ground truth, so there are no errors")
     measure = suitable_measure(sequence.truth) if measure is None else measure
-    pairs = [(sequence.name, sequence.truth, run.poses) for run in runs]
-    errors = evaluate(pairs, measure.lengths, measure.step, times={sequence.name: sequence.times})
+    estimates = {f"seed {run.config.seed}": run.poses for run in runs}
+    errors = evaluate(sequence.truth, estimates, measure, sequence.times)
     back_end_ms = [
         sum(ms for stage, ms in motion.ms.items() if stage not in FRONT_END_STAGES)
         for run in runs
@@ -138,7 +138,7 @@ def measure_runs(method: str, runs: list[Run], measure: Measure | None = None) -
         variant=runs[0].config.variant,
         seeds=tuple(run.config.seed for run in runs),
         measure=measure,
-        results=errors.sequences,
+        results=errors.paths,
         poses=runs[0].poses,
         truth=sequence.truth,
         labels=sequence.labels is not None,

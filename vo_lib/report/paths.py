@@ -13,9 +13,9 @@ import numpy as np
 from ..data.catalogue import open_sequence
 from ..data.poses import TIME_TOLERANCE_S, match_times, read_path
 from ..errors import DataError
-from ..evaluation.ate_rpe import Alignment, Delta, align, rmse
-from ..evaluation.evaluate import ONE_FRAME, Evaluation, evaluate
-from ..evaluation.kitti import SHORT_MEASURE, Measure, suitable_measure
+from ..evaluation.ate_rpe import align, rmse
+from ..evaluation.evaluate import Evaluation
+from ..evaluation.kitti import SHORT_MEASURE
 from ..files import write_atomic
 from ..geometry.types import Array, Index
 from ..runs.folder import CONFIG, POSES, POSES_TUM, is_finished, read_config
@@ -67,14 +67,14 @@ def read_paths(
         times, poses = read_path(truth_file)
         file_truth = ComparedPaths(_names(truth_file.absolute(), None)[0], poses, times, {})
         truths = dict.fromkeys(sources, file_truth)
-    by_name = {truth.name: truth for truth in truths.values()}
+    by_name: dict[str, ComparedPaths] = {}
     for truth in truths.values():
-        if not np.array_equal(truth.truth, by_name[truth.name].truth):
+        if not np.array_equal(truth.truth, by_name.setdefault(truth.name, truth).truth):
             raise DataError(f"two sequences have the name {truth.name}: evaluate them separately")
-    compared = []
     for source in sources:
         if source not in truths and len(by_name) != 1:
             raise DataError(f"is a pose file without ground truth: {GIVE_TRUTH}", source)
+    compared = []
     for name, truth in by_name.items():
         members = [source for source in sources if truths.get(source, truth).name == name]
         # A truth file with times needs paths with times.
@@ -151,24 +151,9 @@ def _matched(path: Path, truth: ComparedPaths, tolerance: float) -> tuple[Index,
     return np.arange(len(poses)), poses
 
 
-def evaluate_paths(
-    paths: ComparedPaths,
-    lengths: tuple[float, ...] | None = None,
-    step: int | None = None,
-    alignment: Alignment = Alignment.SE3,
-    delta: Delta = ONE_FRAME,
-) -> Evaluation:
-    """Errors of each estimate; the default lengths (metres) and step (frames) depend on the path."""
-    measure = suitable_measure(paths.truth)
-    pairs = [(label, paths.truth, poses) for label, poses in paths.estimates.items()]
-    times = {} if paths.times is None else dict.fromkeys(paths.estimates, paths.times)
-    return evaluate(pairs, lengths or measure.lengths, step or measure.step, alignment, times, delta)
-
-
 def evaluation_tables(name: str, result: Evaluation) -> list[ReportTable]:
     """A table of the systems' errors on a sequence, and a table of TE and RE by length."""
-    measure, systems = Measure(result.lengths, result.step), result.sequences
-    rows = []
+    measure, systems, rows = result.measure, result.paths, []
     for s in systems:
         drift = map(rmse, (s.ate.distance, s.rpe.translation, np.degrees(s.rpe.rotation)))
         rows.append([s.name, number(s.kitti.te), number(s.kitti.re), *(number(value, 4) for value in drift)])
@@ -183,9 +168,9 @@ def evaluation_tables(name: str, result: Evaluation) -> list[ReportTable]:
         short = "Short path, so sub-sequences are shorter than KITTI's: not comparable with the benchmark."
         head += [short] if measure == SHORT_MEASURE else []
     else:
-        notes.append(f"No TE and RE: {path} than the shortest sub-sequence, {min(result.lengths):g} m.")
+        notes.append(f"No TE and RE: {path} than the shortest sub-sequence, {min(measure.lengths):g} m.")
     by_length = []
-    for length in result.lengths:
+    for length in measure.lengths:
         parts = [s.kitti[s.kitti.length == length] for s in systems]
         if len(parts[0]):
             by_length.append([f"{length:g} m", *(f"{number(part.te)} / {number(part.re)}" for part in parts)])
@@ -202,7 +187,7 @@ def write_pictures(folder: Path, paths: ComparedPaths, result: Evaluation) -> li
 
     Returns a sentence if there are too few points for a figure of curves.
     """
-    file, alignment = slug(paths.name), result.sequences[0].ate.alignment
+    file, alignment = slug(paths.name), result.paths[0].ate.alignment
     # The axes of the first camera, in which the path can be seen from above.
     to_start = np.linalg.inv(paths.truth[0])
     aligned = {name: to_start @ align(paths.truth, T, alignment)[0] for name, T in paths.estimates.items()}
@@ -210,12 +195,11 @@ def write_pictures(folder: Path, paths: ComparedPaths, result: Evaluation) -> li
     write_atomic(folder / f"trajectory_{file}.png", png(figure))
     missing = []
     for by, least in MIN_CURVE_POINTS.items():
-        curves = {s.name: s.kitti.curve(by, result.lengths) for s in result.sequences}
+        curves = {s.name: s.kitti.curve(by, result.measure.lengths) for s in result.paths}
         if max(map(len, curves.values())) < least:
             missing.append(by)
             continue
         write_atomic(folder / f"errors_{file}_by_{by}.png", png(error_curves_figure(paths.name, by, curves)))
-    if not missing:
-        return []
     names = " and ".join(missing)
-    return [f"{paths.name}: no figure of errors by {names}, since too few sub-sequences differ in {names}."]
+    reason = f"{paths.name}: no figure of errors by {names}, since too few sub-sequences differ in {names}."
+    return [reason] if missing else []

@@ -139,27 +139,21 @@ def trajectories_figure(
     return figure
 
 
-def draw_errors(axis: Axes, errors: Mapping[tuple[str, str], Array], kind: int) -> None:
-    """Draw bars of TE (kind 0) or RE (kind 1), with deviations over S seeds; `errors` are (2, S) each."""
-    sequences, methods = (list(dict.fromkeys(names)) for names in zip(*errors, strict=True))
-    share = 0.85 / len(methods)
-    for k, method in enumerate(methods):
-        values = {n: errors[s, method][kind] for n, s in enumerate(sequences) if (s, method) in errors}
-        x = [place + share * (k - (len(methods) - 1) / 2) for place in values]
-        means, spreads = ([function(v) for v in values.values()] for function in (np.mean, np.std))
-        bars = axis.bar(x, means, share, yerr=spreads, color=method_colour(method, k), label=method)
-        if len(sequences) == 1:
-            axis.bar_label(bars, fmt="%#.3g")
-    axis.set(axisbelow=True, xticks=range(len(sequences)), xticklabels=sequences)
-    axis.margins(0.02, 0.12)  # room for the labels
-
-
 def errors_figure(title: str, errors: Mapping[tuple[str, str], Array]) -> Figure:
-    """Bars of TE and RE for each sequence and method, with deviations; `errors` as in `draw_errors`."""
-    figure = page(title, max(SMALL_PAGE[0], 0.8 * len({sequence for sequence, _ in errors})))
-    axes = figure.subplots(2, sharex=True)
-    for axis, kind, label in zip(axes, (0, 1), ("TE [%]", "RE [deg/100 m]"), strict=True):
-        draw_errors(axis, errors, kind)
+    """Bars of TE and RE by sequence and method, with deviations over S seeds; `errors` are (2, S) each."""
+    sequences, methods = (list(dict.fromkeys(names)) for names in zip(*errors, strict=True))
+    figure = page(title, max(SMALL_PAGE[0], 0.8 * len(sequences)))
+    axes, share = figure.subplots(2, sharex=True), 0.85 / len(methods)
+    for kind, (axis, label) in enumerate(zip(axes, ("TE [%]", "RE [deg/100 m]"), strict=True)):
+        for k, method in enumerate(methods):
+            values = {n: errors[s, method][kind] for n, s in enumerate(sequences) if (s, method) in errors}
+            x = [place + share * (k - (len(methods) - 1) / 2) for place in values]
+            means, spreads = ([function(v) for v in values.values()] for function in (np.mean, np.std))
+            bars = axis.bar(x, means, share, yerr=spreads, color=method_colour(method, k), label=method)
+            if len(sequences) == 1:
+                axis.bar_label(bars, fmt="%#.3g")
+        axis.set(axisbelow=True, xticks=range(len(sequences)), xticklabels=sequences)
+        axis.margins(0.02, 0.12)  # room for the labels
         label_axis(axis, "", label)
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Mapping
-from collections.abc import Sequence as Items
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from urllib.parse import quote
@@ -23,12 +22,12 @@ from ..geometry.types import Array
 from ..paper.settings import MethodConfig
 from ..runs.folder import read_run
 from ..runs.jobs import Job, Outcome
-from .entries import BENCHMARK_FRAMES, Entry, Group, group_entries, measure_runs
+from .entries import BENCHMARK_FRAMES, Entry, Group, measure_runs
 from .film import FILM_ENDING
 from .page import Picture, ReportTable, markdown, records_csv, render_report
 from .plots import errors_figure, png, trajectories_figure
 from .printed import PaperTable, printed_table
-from .table1 import VARIANT_WORDS, layout_tables, table_records
+from .table1 import VARIANT_WORDS, table_records
 
 FIGURE_4_SEQUENCES = (f"{KITTI}02", f"{KITTI}07")
 TABLE_FILES = ("table1.md", "table1.csv", "report.html")
@@ -140,17 +139,13 @@ def collect(outcomes: list[Outcome], missing: list[str], measure: Measure | None
 def write_table_files(
     folder: Path,
     result: Reproduction,
+    groups: list[Group],
     paper: PaperTable,
-    conclusions: Items[str],
+    tables: list[ReportTable],
+    conclusions: list[str],
     origin: list[str],
-    below: Items[ReportTable] = (),
 ) -> None:
-    """Write `TABLE_FILES` and figures, with the sentences in `conclusions`; `origin` : command and duration.
-
-    `below` : tables after the paper's table.
-    """
-    groups = group_entries(result.entries)
-    tables = [*(table for group in groups for table in layout_tables(group, paper)), *below]
+    """Write `TABLE_FILES` and figures; `conclusions` : sentences; `origin` : command and duration."""
     printed = [printed_table()] if any(group.kitti for group in groups) else []
     pictures, films = _pictures(folder, result, groups), _films(folder, result)
     sentences = "".join(f"{line}\n\n" for line in [*conclusions, *result.problems])

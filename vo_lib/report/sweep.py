@@ -24,25 +24,19 @@ from .page import NO_NUMBER, ReportTable, change_limit, number, plus_minus, seed
 from .plots import SMALL_PAGE, page, png
 from .table1 import ERROR_KINDS, number_fields
 
-
-@dataclass(frozen=True)
-class Axis:
-    """A setting, by dotted name, and its values in a sweep."""
-
-    name: str
-    values: tuple[Any, ...]
+Axes = dict[str, tuple[Any, ...]]  # values of each setting, by dotted name; the last changes fastest
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """The results on a grid; the last axis changes fastest.
+    """The results on a grid.
 
     The record of a combination has the value of each axis as text, the number of successful seeds, errors and
     costs as in a record of Table 1, and the causes of failed runs.
     """
 
     title: str
-    axes: tuple[Axis, ...]
+    axes: Axes
     records: list[dict[str, Any]]
 
     @property
@@ -51,8 +45,8 @@ class Sweep:
         return any(record["te_percent"] is not None for record in self.records)
 
 
-def parse_axis(text: str, config: MethodConfig) -> Axis:
-    """The axis in a text such as "selection.sets=50,100,200"; semicolons separate values that are lists.
+def parse_axis(text: str, config: MethodConfig) -> tuple[str, tuple[Any, ...]]:
+    """Name and values in a text such as "selection.sets=50,100,200"; semicolons separate values with commas.
 
     config : a configuration of the variant that has the setting.
 
@@ -71,14 +65,14 @@ def parse_axis(text: str, config: MethodConfig) -> Axis:
         change(config, name, value)  # raises for a setting or value of the other variant
     if len(set(values)) < len(values):
         raise DataError(f"--set {text!r}: a value is repeated")
-    return Axis(name, values)
+    return name, values
 
 
 def run_sweep(
     sequence: Sequence,
     method: str,
     base: MethodConfig,
-    axes: tuple[Axis, ...],
+    axes: Axes,
     seeds: int,
     folder: Path,
     run: Callable[[list[Job]], list[Outcome]],
@@ -93,26 +87,22 @@ def run_sweep(
     """
     if sequence.truth is None:
         raise DataError(f"{sequence.name} has no ground truth, so a sweep has no errors to compare")
-    if len({axis.name for axis in axes}) < len(axes):
-        raise DataError("--set: a setting is repeated")
-    grid: list[tuple[dict[str, str], list[Job]]] = []
-    for values in itertools.product(*(axis.values for axis in axes)):
-        config = base
-        for axis, value in zip(axes, values, strict=True):
-            config = change(config, axis.name, value)  # raises for settings that contradict each other
-        words = {axis.name: settings.as_typed(value) for axis, value in zip(axes, values, strict=True)}
-        name = "+".join(f"{axis}={word}" for axis, word in words.items()).replace(",", "-")
-        cell_path = folder / "cells" / base.variant / name
-        configs = [dataclasses.replace(config, seed=seed) for seed in range(seeds)]
-        jobs = [Job(sequence, method, c, cell_path / f"seed{c.seed}") for c in configs]
-        grid.append((words, jobs))
-    outcomes = iter(run([job for _, jobs in grid for job in jobs]))
-    measure = suitable_measure(sequence.truth)
-    records = list[dict[str, Any]]()
-    for words, _ in grid:
-        cell = list(itertools.islice(outcomes, seeds))
-        runs = [read_run(outcome.job.folder, sequence) for outcome in cell if outcome.error is None]
-        causes = [f"seed {outcome.job.config.seed}: {outcome.error}" for outcome in cell if outcome.error]
+    grid, jobs = list[dict[str, Any]](), list[Job]()
+    for values in itertools.product(*axes.values()):
+        config, words = base, dict(zip(axes, map(settings.as_typed, values), strict=True))
+        for name, value in zip(axes, values, strict=True):
+            config = change(config, name, value)  # raises for settings that contradict each other
+        cell = "+".join(f"{name}={word}" for name, word in words.items()).replace(",", "-")
+        for seed in range(seeds):
+            place = folder / "cells" / base.variant / cell / f"seed{seed}"
+            jobs.append(Job(sequence, method, dataclasses.replace(config, seed=seed), place))
+        grid.append(words)
+    outcomes = iter(run(jobs))
+    measure, records = suitable_measure(sequence.truth), list[dict[str, Any]]()
+    for words in grid:
+        done = list(itertools.islice(outcomes, seeds))
+        runs = [read_run(outcome.job.folder, sequence) for outcome in done if outcome.error is None]
+        causes = [f"seed {outcome.job.config.seed}: {outcome.error}" for outcome in done if outcome.error]
         entry = measure_runs(method, runs, measure) if runs else None
         fields = number_fields(np.zeros((2, 0)) if entry is None else entry.errors, entry)
         records.append(words | {"seeds": len(runs)} | fields | {"failed": "; ".join(causes)})
@@ -123,16 +113,17 @@ def run_sweep(
 
 def sweep_table(sweep: Sweep) -> ReportTable:
     """A table with a row per combination; failed runs are in the notes."""
-    axes = [axis.name for axis in sweep.axes]
-    columns = [*axes, *(unit for unit, _ in ERROR_KINDS.values()), "removed", "back end ms"]
+    columns = [*sweep.axes, *(unit for unit, _ in ERROR_KINDS.values()), "removed", "back end ms"]
     rows, notes = list[list[str]](), list[str]()
     for record in sweep.records:
         share = record["removed_share"]
         errors = [plus_minus(record[kind], record[f"{kind}_std"]) for kind in ERROR_KINDS]
         removed = NO_NUMBER if share is None else f"{100 * share:.1f} %"
-        rows.append([*(record[axis] for axis in axes), *errors, removed, number(record["back_end_ms"], 1)])
+        rows.append(
+            [*(record[name] for name in sweep.axes), *errors, removed, number(record["back_end_ms"], 1)]
+        )
         if record["failed"]:
-            label = ", ".join(f"{axis}={record[axis]}" for axis in axes)
+            label = ", ".join(f"{name}={record[name]}" for name in sweep.axes)
             notes.append(f"Failed: {label}, {record['failed']}")
     if not sweep.has_errors:
         notes.append("No errors and no heat map: the path is shorter than every sub-sequence.")
@@ -142,11 +133,9 @@ def sweep_table(sweep: Sweep) -> ReportTable:
 def heat_map(sweep: Sweep) -> bytes:
     """PNG of TE and RE; the last setting is the horizontal axis; dark is a large error, a cross no result."""
     *down, across = sweep.axes
-    columns = [settings.as_typed(value) for value in across.values]
-    rows = [
-        ", ".join(map(settings.as_typed, values))
-        for values in itertools.product(*(axis.values for axis in down))
-    ]
+    columns = [*map(settings.as_typed, sweep.axes[across])]
+    grid = itertools.product(*(sweep.axes[name] for name in down))
+    rows = [", ".join(map(settings.as_typed, values)) for values in grid]
     width, height = max(SMALL_PAGE[0], 1.5 + 1.1 * len(columns)), 2 * (1.2 + 0.55 * len(rows)) + 0.8
     figure = page(sweep.title, width, height)
     for axis, (kind, (label, _)) in zip(figure.subplots(2), ERROR_KINDS.items(), strict=True):
@@ -159,7 +148,7 @@ def heat_map(sweep: Sweep) -> bytes:
         figure.colorbar(image, ax=axis, label=f"{label}\nlower is better", format="%.4g")
         axis.set_xticks(range(len(columns)), columns)
         axis.set_yticks(range(len(rows)) if down else [], rows if down else [])
-        axis.set(xlabel=across.name, ylabel=",\n".join(axis.name for axis in down))
+        axis.set(xlabel=across, ylabel=",\n".join(down))
         for (row, column), record in zip(np.ndindex(values.shape), sweep.records, strict=True):
             text = plus_minus(record[kind], record[f"{kind}_std"])
             text = text.replace(" ±", "\n±").replace(NO_NUMBER, "×")

@@ -18,7 +18,7 @@ from ..data.poses import format_kitti_poses, format_tum, read_kitti_poses
 from ..data.sequence import Sequence
 from ..errors import DataError
 from ..evaluation.evaluate import Evaluation, evaluate
-from ..evaluation.kitti import KITTI_LENGTHS, KITTI_STEP, SHORT_LENGTHS, trajectory_distances
+from ..evaluation.kitti import KITTI_LENGTHS, SHORT_MEASURE, trajectory_distances
 from ..files import DRAFT, LOCK, csv_text, read_csv, read_mapping, write_atomic
 from ..geometry.motion import inverse
 from ..geometry.result import MAX_MISSING_FRAMES, Flag, FrameResult
@@ -82,14 +82,12 @@ def evaluate_run(result: Run) -> dict[str, Evaluation]:
 
     "kitti" has the benchmark's lengths and starts, "short" (only for short paths) has short lengths.
     """
-    sequence = result.sequence
+    sequence, estimates = result.sequence, {result.sequence.name: result.poses}
     if sequence.truth is None:
         return {}
-    pairs = [(sequence.name, sequence.truth, result.poses)]
-    times = {sequence.name: sequence.times}
-    errors = {"kitti": evaluate(pairs, KITTI_LENGTHS, KITTI_STEP, times=times)}
+    errors = {"kitti": evaluate(sequence.truth, estimates, times=sequence.times)}
     if trajectory_distances(sequence.truth)[-1] < KITTI_LENGTHS[-1]:
-        errors["short"] = evaluate(pairs, SHORT_LENGTHS, 1, times=times)
+        errors["short"] = evaluate(sequence.truth, estimates, SHORT_MEASURE, sequence.times)
     return errors
 
 
