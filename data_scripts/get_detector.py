@@ -11,12 +11,14 @@ examples:
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
 from pathlib import Path
 
-from fetch.detectors import FETCHABLE, LICENCE, YOLOV8, fetch_detector, register_detector
+from fetch.detectors import FETCHABLE, LICENCE, NAME, YOLOV8, Detector, fetch_detector, register_detector
 from fetch.download import confirm, in_words
 from vo_lib.commands.console import reporting, say, show_table
+from vo_lib.commands.script import typed
 from vo_lib.commands.scripts import run_script
 from vo_lib.detection.models import detector_folder, list_detectors
 from vo_lib.errors import DataError, did_you_mean
@@ -52,25 +54,28 @@ def run(options: argparse.Namespace) -> int:
         show_table(["name", "size", "about", "state"], rows, numbers=False)
     elif options.source is not None:
         say(f"registered as {register_detector(options.name, options.source, folder)}")
+    elif options.name in FETCHABLE:
+        return fetch(FETCHABLE[options.name], folder, options.yes)
+    elif (path := Path(options.name)).is_file():
+        name = path.stem if NAME.fullmatch(path.stem) else "mine"
+        command = typed(shlex.join(["vo", "data", "get_detector", name, "--from", str(path)]))
+        raise DataError(f"is a file, expected a name; to register the file: {command}", path)
     elif options.name.startswith("yolov8"):
         say(*YOLOV8)
     else:
-        return fetch(options, folder)
+        near = did_you_mean(options.name, [*FETCHABLE, "yolov8n"])
+        raise DataError(f"unknown detector {options.name!r}; {near}expected one of {', '.join(FETCHABLE)}")
     return 0
 
 
-def fetch(options: argparse.Namespace, folder: Path) -> int:
+def fetch(detector: Detector, folder: Path, yes: bool) -> int:
     """Describe the detector, ask for confirmation, then download and verify the file."""
-    if options.name not in FETCHABLE:
-        near = did_you_mean(options.name, FETCHABLE)
-        raise DataError(f"unknown detector {options.name!r}; {near}expected one of {', '.join(FETCHABLE)}")
-    detector = FETCHABLE[options.name]
     say(
         f"{detector.name}: {in_words(detector.size)}, licence {LICENCE}, {detector.about}",
         f"from {detector.url}",
         f"SHA-256 {detector.sha256}",
     )
-    if detector.name not in list_detectors(folder) and not confirm(f"Download to {folder}?", options.yes):
+    if detector.name not in list_detectors(folder) and not confirm(f"Download to {folder}?", yes):
         say("nothing was downloaded")
         return 1
     with reporting(detector.name, in_bytes=True) as report:
