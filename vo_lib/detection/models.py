@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import platformdirs
@@ -32,9 +33,7 @@ def find_model(name: str | Path, folder: Path | None = None) -> Path:
     if path.is_file():
         return path
     expected = f"expected an ONNX file or one of {', '.join(files)}"
-    if path.suffix or path.name != str(name):
-        raise DataError(f"the model is missing: {expected}", path)
-    if name in DOWNLOADABLE:
-        raise DataError(f"the detector {name} is not downloaded yet; use: vo data get_detector {name}")
-    near = did_you_mean(str(name), [*files, *DOWNLOADABLE])
+    if name in DOWNLOADABLE or re.fullmatch("yolov8[a-z]?", str(name)):
+        raise DataError(f"the detector {name} is not on this machine; use: vo data get_detector {name}")
+    near = did_you_mean(path.stem, [*files, *DOWNLOADABLE, "yolov8n"])
     raise DataError(f"unknown detector {str(name)!r}: {near}{expected}; `vo data get_detector` lists more")
