@@ -50,6 +50,20 @@ def test_part_has_its_images_times_and_truth(bands: Path) -> None:
             open_sequence(bands).part(start, stop)
 
 
+def test_number_of_a_kitti_sequence_gets_a_command_or_a_name(
+    bands: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(bands, tmp_path / "kitti" / "sequences" / "01")
+    monkeypatch.setenv("KITTI_ROOT", str(tmp_path / "kitti"))
+    for name, words in (
+        ("kitti/1", "did you mean kitti/01?"),
+        ("kitti/07", f"not found in {tmp_path / 'kitti'}; .*: vo data get_kitti --sequences 07"),
+        ("kitti/22", "KITTI has the sequences 00 to 21"),
+    ):
+        with pytest.raises(DataError, match=words):
+            open_sequence(name)
+
+
 def test_truth_in_the_poses_folder_is_read_by_frame_number(bands: Path) -> None:
     root = bands.parent / "root"
     shutil.copytree(bands, root / "sequences" / "05")

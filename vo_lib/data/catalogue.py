@@ -9,6 +9,7 @@ from pathlib import Path
 from ..errors import DataError, did_you_mean
 from ..geometry.types import Progress
 from .drawn import ensure_scene, scene_folder
+from .kitti import EXPECTED_FRAMES
 from .scenes import SCENES
 from .sequence import Sequence, open_folder
 
@@ -75,8 +76,17 @@ def _find_folder(name: str, cache: Path | None, progress: Progress | None) -> Pa
     names = available()
     if (folder := names.get(name)) is not None:
         return folder
-    number = name.lower().removeprefix(KITTI)
-    near = did_you_mean(f"{KITTI}{number:0>2}" if number.isdigit() else name, names)
+    near = did_you_mean(name, names)
+    if number := re.fullmatch(r"(?:kitti/)?0*(\d+)", name, re.ASCII | re.IGNORECASE):
+        sequence = number[1].rjust(2, "0")
+        if sequence not in EXPECTED_FRAMES:
+            raise DataError(
+                f"there is no sequence {name}: KITTI has the sequences 00 to {max(EXPECTED_FRAMES)}"
+            )
+        if f"{KITTI}{sequence}" not in names:
+            remedy = f"to download the sequence: vo data get_kitti --sequences {sequence}"
+            raise DataError(f"{KITTI}{sequence} was not found in {kitti_places()}; {remedy}")
+        near = f"did you mean {KITTI}{sequence}? "
     if name.startswith(KITTI):
         raise DataError(f"the sequence {name} was not found; {near}looked in {kitti_places()}")
     raise DataError(f"the folder is missing: {near}expected a folder or a name from `vo list`", name)
