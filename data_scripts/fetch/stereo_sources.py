@@ -17,6 +17,7 @@ from fetch.stereo_check import SAMPLE_PAIRS
 from vo_lib.data.kitti import read_image
 from vo_lib.data.poses import match_times
 from vo_lib.errors import DataError
+from vo_lib.files import open_binary
 from vo_lib.geometry.types import Array, Image
 
 Pair = tuple[Image, Image]
@@ -27,6 +28,7 @@ NANOSECONDS, SECONDS = (
     re.compile(r"\d{18,19}"),
     re.compile(r"\d{9,10}\.\d+"),
 )  # patterns of names that are times
+TEXT_AS_VIDEO = cv2.VideoWriter.fourcc(*"ansi")  # FFmpeg shows a text file as a terminal would
 VIDEO_SAMPLE_STEP = 10  # frames of a video between pairs of the sample
 
 
@@ -120,10 +122,10 @@ class VideoSource:
         return max(value, 0.0) if np.isfinite(value) else 0.0
 
     def _open(self) -> cv2.VideoCapture:
-        if not self.path.is_file():
-            raise DataError("the file is missing", self.path)
-        video = cv2.VideoCapture(str(self.path))
-        if not video.isOpened():
+        with open_binary(self.path):  # raises for a missing file or a folder
+            video = cv2.VideoCapture(str(self.path))
+        is_text = int(video.get(cv2.CAP_PROP_FOURCC)) == TEXT_AS_VIDEO
+        if not video.isOpened() or is_text or cv2.haveImageReader(str(self.path)):
             raise DataError("is not a video that OpenCV can read", self.path)
         return video
 

@@ -134,6 +134,15 @@ def test_side_by_side_video_is_split(source: FolderSource, tmp_path: Path) -> No
     np.testing.assert_array_equal(swapped[0], result.sample()[0][1])
 
 
+@pytest.mark.parametrize("name", ["text.txt", "image.avi", "empty.avi"])
+def test_other_files_are_not_videos(bands: Path, name: str) -> None:
+    (bands / "text.txt").write_text("1.0 0.5 0.25\n" * 4000, encoding="utf-8")
+    (bands / "image_0" / "000000.png").rename(bands / "image.avi")
+    (bands / "empty.avi").touch()
+    with pytest.raises(DataError, match=rf"{name}: is not a video that OpenCV can read"):
+        VideoSource(bands / name).sample()
+
+
 def test_failed_import_leaves_no_files(source: FolderSource, bands: Path, tmp_path: Path) -> None:
     source.paths[4][1].write_bytes(b"")
     same: Any = cv2.initUndistortRectifyMap(K, np.zeros(5), np.eye(3), K, (480, 240), cv2.CV_16SC2)
