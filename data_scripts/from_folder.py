@@ -100,18 +100,15 @@ def run(options: argparse.Namespace) -> int:
         raise DataError(f"--max-delay {options.max_delay:g}: expected 0 s or more")
     drive = read_drive(options)
     source: Source
-    times: Array | float
+    times: Array | None
+    rate = 0.0
     if drive is not None:
         source, rig, note = FolderSource(drive.paths), drive.rig, drive.note
         times, poses = drive.times, drive.poses
     else:
         source, poses = find_source(options), None
-        name_times, note, rate = None, "", DEFAULT_FPS
-        if isinstance(source, VideoSource):
-            rate = source.fps() or rate
-        else:
-            name_times, note = source.times, source.note
-        times = name_times if name_times is not None and options.fps is None else options.fps or rate
+        rate = options.fps or (source.fps() if isinstance(source, VideoSource) else 0.0)
+        times, note = (None, "") if isinstance(source, VideoSource) else (source.times, source.note)
         numbers = options.focal, options.centre, options.baseline
         rig = rig_of(source, numbers, options.calibration, options.rectified, UNITS[options.unit])
     if note:
@@ -119,13 +116,19 @@ def run(options: argparse.Namespace) -> int:
     say(*look(source, rig, options.anyway, MIN_MEDIAN_DEPTH_M if drive is None else 0.0))
     if options.times is not None:
         times = read_times(options.times)
+    elif options.fps is not None:
+        times = None
+    elif times is None and not rate:
+        rate = DEFAULT_FPS
+        say(f"note: {rate:g} pairs per second are assumed; give the times by --fps or --times")
     if options.poses is not None:
         poses = read_kitti_poses(options.poses)
     if isinstance(source, FolderSource):
-        times = times if isinstance(times, float) else source.of_pairs(times)
+        times = None if times is None else source.of_pairs(times)
         poses = None if poses is None else source.of_pairs(poses)
     with reporting("writing pairs") as report:
-        count = write_sequence(source, rig, options.out, times, poses, options.copy, report)
+        moments = rate if times is None else times
+        count = write_sequence(source, rig, options.out, moments, poses, options.copy, report)
     camera = open_sequence(options.out).camera
     say(
         f"{count} pairs of {camera.width}×{camera.height}, f {camera.f:.1f} px, centre {camera.cx:.1f},"

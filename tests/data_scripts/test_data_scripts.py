@@ -96,11 +96,13 @@ def test_from_folder_checks_pairs_and_writes_a_sequence(
     printed = capsys.readouterr().out
     assert "baseline 0.500 m, with truth" in printed
     assert f"vo run {out}" in printed
+    assert "note: 10 pairs per second are assumed; give the times by --fps or --times" in printed
     # Names that are times replace the frame rate.
     for side in (left, right):
         for frame in range(2):
             old = Path(side, f"{frame:06d}.png")
             old.rename(old.with_stem(str(1403636579763555584 + 250_000_000 * frame)))
     assert main(["--left", left, "--right", right, *camera, "0.5", "--out", str(tmp_path / "timed")]) == 0
+    assert "assumed" not in capsys.readouterr().out
     seconds = (tmp_path / "timed" / "times.txt").read_text(encoding="utf-8").split()
     assert float(seconds[1]) - float(seconds[0]) == pytest.approx(0.25, abs=1e-6)
