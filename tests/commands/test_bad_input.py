@@ -20,17 +20,19 @@ CASES = json.loads((Path(__file__).parent / "bad_input.json").read_text(encoding
 
 @pytest.fixture(scope="module")
 def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """Paths of inputs by name: images, poses, settings, two unusable masks, a link to itself."""
+    """Paths of inputs by name: images, poses, settings, three unusable masks, a link to itself."""
     bands = write_bands(tmp_path_factory.mktemp("bad") / "bands")
     config = {"method": "mesvo_f", "variant": "published", "settings": {}}
     (bands / "config.json").write_text(json.dumps(config), encoding="utf-8")
     (bands / "loop").symlink_to(bands / "loop")
     cv2.imwrite(str(bands / "mask.png"), np.zeros((120, 480), np.uint8))
     cv2.imwrite(str(bands / "full.png"), np.full((240, 480), 255, np.uint8))
+    cv2.imwrite(str(bands / "empty.jpg"), np.zeros((240, 480), np.uint8))
     (bands / "seven.txt").write_text("0 0 0 0 0 0 1\n", encoding="utf-8")
     paths = {
         "MASK": bands / "mask.png",
         "FULL": bands / "full.png",
+        "JPEG": bands / "empty.jpg",
         "SEVEN": bands / "seven.txt",
         "BANDS": bands,
         "LEFT": bands / "image_0",

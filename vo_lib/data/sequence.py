@@ -72,8 +72,14 @@ class Sequence:
 
     def mask_images(self) -> Iterator[Image]:
         """The masks of all frames in order, empty without masks; one common mask is repeated endlessly."""
-        images = map(self._image, self.mask_files())
+        images = map(self._mask, self.mask_files())
         return images if self.masks is None or self.masks.is_dir() else repeat(next(images))
+
+    def _mask(self, path: Path) -> Image:
+        image = self._image(path)
+        if path.suffix.lower() != ".png":
+            raise DataError("expected a mask in PNG format: JPEG does not keep zeros", path)
+        return image
 
     def boxes(self, index: int) -> Boxes:
         """Labelled boxes of a frame's left image; none if the label file is missing."""
