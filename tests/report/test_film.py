@@ -13,6 +13,7 @@ from playwright.sync_api import sync_playwright
 from vo_lib import preset, run
 from vo_lib.commands.cli import main
 from vo_lib.data.catalogue import open_sequence
+from vo_lib.errors import DataError
 from vo_lib.geometry.types import Image
 from vo_lib.report.film import WORDS_HEIGHT_PX, Film, film_frames
 from vo_lib.report.plots import METHOD_COLOURS, REMOVED, TRUTH_COLOUR, bgr
@@ -52,6 +53,19 @@ def test_film_shows_path_and_removed_features(bands: Path, variant: str) -> None
         assert drawn[-1] > 3 * drawn[0] > 0
     assert near(pictures[3][image], REMOVED) > 0 == near(pictures[5][image], REMOVED)
     assert all(picture[words].std() > 5 for picture in pictures.values())
+
+
+def test_incomplete_film_is_an_error(bands: Path) -> None:
+    result = run(open_sequence(bands), preset("solution_selection"))
+    place = bands.parent / "films"
+    place.mkdir()
+    film = Film(place / "film.mp4", result, "mine")
+    film.add(next(film_frames(result)))
+    for draft in place.iterdir():  # as on a full disk
+        draft.unlink()
+    with pytest.raises(DataError, match=r"film\.mp4: the film cannot be written"):
+        film.__exit__(None)
+    assert not list(place.iterdir())
 
 
 PLAY = """async video => {

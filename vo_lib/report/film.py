@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -31,11 +31,11 @@ if TYPE_CHECKING:
 FILM_FPS = 10
 FILM_ENDING = ".mp4"
 FILM_CODEC = cv2.VideoWriter.fourcc(*"vp09")  # VP9 plays in browsers, JupyterLab and VS Code
-# At a low frame rate, OpenCV's encoder uses 100 kB per frame; only its limit of bits per second reduces the
-# size. So the frames are encoded at this high rate, and `with_frame_rate` sets the rate of the film.
+# OpenCV passes no options to the encoder. At a low frame rate, a frame takes 100 kB; only OpenCV's limit of
+# bits per second reduces the size. So frames are encoded at this high rate, and then copied into the film.
 ENCODER_FPS = 5000
 MIN_PATH_SIDE_PX = 300  # side of the square with the path
-WORDS_HEIGHT_PX = 60  # height of the lines of text at the top
+LINE_HEIGHT_PX, WORDS_HEIGHT_PX = 26, 88  # heights of a line of text and of the text at the top
 # Wide enough for a film at half size: the truth is a thin line on the path.
 PATH_WIDTH_PX, LINE_WIDTH_PX = 9, 3  # width of the path; width of the truth and of loops
 Pairs = Sequence[tuple[int, int]]
@@ -105,10 +105,8 @@ class Film:
         self._paths = [run.poses] if truth is None else [run.poses, from_first(truth)]
         self._drift = None if truth is None else plots.distance_from_truth(run.poses, truth)
         self._driven = trajectory_distances(self._paths[-1])
-        self._draft = path.with_name(f".{path.stem}.{os.getpid()}{DRAFT}{FILM_ENDING}")
-        self._writer = cv2.VideoWriter(
-            str(self._draft), cv2.CAP_FFMPEG, FILM_CODEC, ENCODER_FPS, self._shape[::-1]
-        )
+        self._drafts = [path.with_name(f".{path.stem}.{os.getpid()}{k}{DRAFT}{FILM_ENDING}") for k in "ab"]
+        self._writer = self._open(self._drafts[0], ENCODER_FPS)
         if not self._writer.isOpened():
             raise DataError("the film cannot be written: no write access, or no VP9 encoder", self.path)
         self._count = 0
@@ -119,11 +117,30 @@ class Film:
     def __exit__(self, kind: object, *details: object) -> None:
         self._writer.release()
         try:
-            if kind is None:
-                self._draft.write_bytes(with_frame_rate(self._draft.read_bytes(), self._count))
-                os.replace(self._draft, self.path)
+            if kind is None and self._count:
+                self._copy_at_film_rate()
+                os.replace(self._drafts[1], self.path)
         finally:
-            self._draft.unlink(missing_ok=True)
+            for draft in self._drafts:
+                draft.unlink(missing_ok=True)
+
+    def _open(self, path: Path, fps: int, *options: int) -> cv2.VideoWriter:
+        return cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, FILM_CODEC, fps, self._shape[::-1], options)
+
+    def _copy_at_film_rate(self) -> None:
+        """Copy the encoded frames from the first draft into the second draft, without coding them again."""
+        packets = cv2.VideoCapture(str(self._drafts[0]), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])
+        # By default, OpenCV marks every frame as a key frame.
+        no_interval = cv2.VIDEOWRITER_PROP_KEY_INTERVAL, 10**9
+        writer = self._open(self._drafts[1], FILM_FPS, cv2.VIDEOWRITER_PROP_RAW_VIDEO, 1, *no_interval)
+        while packets.grab():
+            writer.set(cv2.VIDEOWRITER_PROP_KEY_FLAG, packets.get(cv2.CAP_PROP_LRF_HAS_KEY_FRAME))
+            writer.write(packets.retrieve()[1])
+        packets.release()
+        writer.release()
+        # OpenCV reports no error of writing.
+        if cv2.VideoCapture(str(self._drafts[1])).get(cv2.CAP_PROP_FRAME_COUNT) != self._count:
+            raise DataError("the film cannot be written: is the disk full?", self.path)
 
     def add(self, frame: FilmFrame) -> None:
         """Write a frame."""
@@ -165,11 +182,12 @@ class Film:
         if self._drift is not None:
             drift = self._drift[index]
             first.append(f"{drift:.2f} m from the truth ({100 * drift / max(driven, 1e-9):.2f} %)")
-        _write(part, "  ".join([*first, *motion.flags]), (12, 22))
-        counts = [f"{getattr(motion, name)} {name}" for name in ("matches", "removed", "used", "inliers")]
+        counts = [f"{motion.matches} matches", f"{motion.removed} removed"]
+        counts += [f"{motion.used} used after bucketing", f"{motion.inliers} inliers"]
+        for number, words in enumerate([[*first, *motion.flags], counts], start=1):
+            _write(part, "  ".join(words), (12, LINE_HEIGHT_PX * number))
         new, *_, old = plots.AGE_COLOURS
-        legend = [("  ".join(counts), WHITE), ("new match", new), ("old", old)]
-        legend += [("removed", plots.REMOVED), ("path", self._colour)]
+        legend = [("new match", new), ("old", old), ("removed", plots.REMOVED), ("path", self._colour)]
         if self._drift is not None:
             legend += [("truth", TRUE_PATH_COLOUR), ("truth ahead", PALE)]
         if self.loops:
@@ -177,31 +195,10 @@ class Film:
             legend.append((f"{closed} loops", LOOP_LINE_COLOUR))
         if frame.state is not None:
             legend.append(("boxes: solid moving, dashed parked, dotted unknown", WHITE))
-        at = 12
+        at = 17
         for text, colour in legend:
-            cv2.circle(part, (at, 42), 4, colour, -1, cv2.LINE_AA)
-            at = _write(part, text, (at + 8, 46)) + 20
-
-
-def with_frame_rate(video: bytes, frames: int) -> bytes:
-    """An MP4 file of `ENCODER_FPS` frames per second, changed to `FILM_FPS` frames per second.
-
-    Only header numbers change: time units per second, and durations (ISO 14496-12, boxes of version 0).
-    """
-    if not frames:
-        return video
-    data, header = bytearray(video), video.rindex(b"moov")
-
-    def change(box: bytes, offset: int, new: Callable[[int], int]) -> None:
-        start = video.index(box, header) + len(box) + offset
-        data[start : start + 4] = new(int.from_bytes(video[start : start + 4], "big")).to_bytes(4, "big")
-
-    movie = video.index(b"mvhd", header) + 16
-    units = int.from_bytes(video[movie : movie + 4], "big") * frames // FILM_FPS
-    for box, offset in ((b"mvhd", 16), (b"tkhd", 20), (b"elst", 8)):
-        change(box, offset, lambda _: units)
-    change(b"mdhd", 12, lambda per_second: per_second * FILM_FPS // ENCODER_FPS)
-    return bytes(data)
+            cv2.circle(part, (at, 3 * LINE_HEIGHT_PX - 6), 5, colour, -1, cv2.LINE_AA)
+            at = _write(part, text, (at + 10, 3 * LINE_HEIGHT_PX)) + 20
 
 
 def _draw_line(part: Image, points: Array, colour: tuple[int, int, int], width: int) -> None:
@@ -211,5 +208,6 @@ def _draw_line(part: Image, points: Array, colour: tuple[int, int, int], width: 
 
 def _write(part: Image, text: str, at: tuple[int, int]) -> int:
     """Write a line of text and return the column of its end, pixels."""
-    cv2.putText(part, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.45, (0, 0, 0), 1, cv2.LINE_AA)
-    return at[0] + cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 0.45, 1)[0][0]
+    font = cv2.FONT_HERSHEY_SIMPLEX, 0.6
+    cv2.putText(part, text, at, *font, (0, 0, 0), 1, cv2.LINE_AA)
+    return at[0] + cv2.getTextSize(text, *font, 1)[0][0]
