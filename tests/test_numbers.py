@@ -49,6 +49,10 @@ def test_readme_quotes_the_claim_as_measured(row: str, variant: str, method: str
     require_rounded(README[row][f"{variant}, `{method}`"].split(" / "), exact)
 
 
+def readme() -> str:
+    return " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+
+
 def choices() -> list[dict[str, str]]:
     with (ROOT / "notebooks" / "choices.csv").open(encoding="utf-8", newline="") as lines:
         return [*csv.DictReader(lines)]
@@ -56,11 +60,27 @@ def choices() -> list[dict[str, str]]:
 
 def test_readme_quotes_the_gain_of_boxes() -> None:
     re_of = {row["alternative"]: row["re"] for row in choices() if row["sequence"] == "kitti/drive_0013"}
-    text = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    text = readme()
     quoted = re.findall(f"from ({NUMBER}) to ({NUMBER}) at ({NUMBER}) px", text)
     assert [threshold for *_, threshold in quoted] == ["1", "0.5", "0.25"]
     for *pair, threshold in quoted:
         require_rounded(pair, [re_of[f"{threshold} px, {of}"] for of in ("all features", "boxes removed")])
+
+
+def test_readme_quotes_what_removal_costs() -> None:
+    text = readme()
+    te_of = {row["alternative"]: row["te"] for row in choices() if row["sequence"] == "kitti/drive_0013"}
+    at_one_px = re.search(rf"but TE from ({NUMBER}) to ({NUMBER})\)", text)
+    assert at_one_px is not None
+    require_rounded(at_one_px.groups(), [te_of[f"1 px, {of}"] for of in ("all features", "boxes removed")])
+    parked = re.search(
+        rf"as published from ({NUMBER}) to ({NUMBER}),.*? `kit` from ({NUMBER}) to ({NUMBER})", text
+    )
+    assert parked is not None
+    measured = tables(ROOT / "notebooks" / "results.md")
+    rows = [measured[FIRST[variant]]["synthetic/parked"] for variant in FIRST]
+    exact = [row[method] for row in rows for method in ("solution_selection", "feature_selection")]
+    require_rounded(parked.groups(), exact)
 
 
 def pages(name: str) -> str:

@@ -14,13 +14,13 @@ from .script import steps
 OPTIONS = ["--sequences", "synthetic/jam", "--variant", "published", "--lengths", "50", "--seeds", "2"]
 NEXT_STEPS = {
     "vo lab": "the course: notebooks that build the method step by step",
-    "vo reproduce --sequences synthetic/parked --seeds 1": "the table of a street with parked cars",
+    "vo reproduce --sequences synthetic/parked --variant published --seeds 1": "a street with parked cars only",
     "vo list": "the other streets, and the KITTI sequences on this machine",
     "vo run PATH --out runs/mine": "a folder of your own in KITTI's layout",
     "vo check": "missing data and packages, with the commands that install them",
 }
 CLOSING_REMARKS = (
-    "In streets where all vehicles are parked, the removal costs good features and gains nothing.",
+    "Where all vehicles are parked, removal costs the published method good features and gains nothing.",
     "These numbers are means over two seeds; the table in the README has means over five seeds.",
 )
 
