@@ -95,7 +95,7 @@ def test_other_drives_have_a_less_certain_shift(learnt: Calibration) -> None:
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        (errors(d_1=0.04, r_1=-0.04), "none that needs correction"),
+        (errors(d_1=0.04, r_1=-0.04), "none beyond two standard deviations"),
         (errors(**{"d_x²": -1.0, "d_y²": 1.0}), "disparities are off by -0.5 to +0.0 ±0.01 px"),
         (errors(r_xy=-5.0), "rows are off by -0.8 to +0.8 ±0.01 px"),
         (errors(p1=1.2, k1=-12.0), "lens: p1 +1.2 ±0.0 px; lens: k1 -12.0 ±0.0 px"),
@@ -113,4 +113,4 @@ def test_small_errors_are_not_described() -> None:
 def test_uncertain_errors_are_neither_described_nor_used(learnt: Calibration) -> None:
     vague = dataclasses.replace(learnt, estimate=errors(d_1=0.5, k1=5.0), covariance=prior_covariance())
     assert not vague.in_use(CalibrationConfig()).any()
-    assert vague.in_words(CalibrationConfig()) == "none that needs correction"
+    assert vague.in_words(CalibrationConfig()) == "none beyond two standard deviations"

@@ -179,7 +179,7 @@ def warn_without_boxes(runs: Iterable[tuple[Sequence, MethodConfig]]) -> list[st
         return []
     warning = (
         f"No vehicle boxes for {names}: no features are removed, so feature_selection is equal to "
-        "solution_selection. `--detector MODEL` detects vehicles with a model of `vo data get_detector`."
+        "solution_selection. `--detector MODEL` detects them (an ONNX file, or see `vo data get_detector`)."
     )
     tell(f"warning: {warning}")
     return [warning]

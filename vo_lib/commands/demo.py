@@ -14,7 +14,7 @@ from .script import steps
 OPTIONS = ["--sequences", "synthetic/jam", "--variant", "published", "--lengths", "50", "--seeds", "2"]
 NEXT_STEPS = {
     "vo lab": "the course: notebooks that build the method step by step",
-    "vo reproduce --sequences synthetic/parked --variant published --seeds 1": "a street with parked cars only",
+    "vo reproduce --sequences synthetic/parked --variant published --seeds 1": "a street of parked cars",
     "vo list": "the other streets, and the KITTI sequences on this machine",
     "vo run PATH --out runs/mine": "a folder of your own in KITTI's layout",
     "vo check": "missing data and packages, with the commands that install them",
@@ -27,7 +27,7 @@ CLOSING_REMARKS = (
 
 def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo demo`."""
-    parser.epilog = f"equivalent to: vo reproduce {shlex.join(OPTIONS)}"
+    parser.epilog = f"equivalent to: vo reproduce {shlex.join(OPTIONS)} --out runs/demo --fresh"
     parser.add_argument("--out", default="runs/demo", metavar="DIR", help="folder; default %(default)s")
     common.add_cache(parser)
     parser.set_defaults(command=_demo)

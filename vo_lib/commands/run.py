@@ -102,7 +102,7 @@ def _run(options: argparse.Namespace) -> int:
     say(f"written to {folder}")
     if options.video is not None:
         film = Film(options.video, result, label, pairs, options.method)
-        with reporting("drawing frames") as report, film:
+        with reporting("drawing the film") as report, film:
             for frame in film_frames(result, matches, calibration):
                 film.add(frame)
                 report(frame.index + 1, len(sequence))
@@ -132,7 +132,7 @@ def _show(result: Run, method: str, estimates: dict[str, Array]) -> None:
         rows.append([f"frames flagged {flag}", str(sum(flag in motion.flags for motion in motions))])
     if isinstance(result.config, KitConfig) and result.calibration is not None:
         errors = result.calibration.in_words(result.config.calibration)
-        rows.append(["calibration errors (± one σ)", errors.replace("; ", "\n")])
+        rows.append(["calibration errors (± σ of the noise)", errors.replace("; ", "\n")])
     rows.append(["time per frame", f"{result.ms_per_frame:.1f} ms"])
     show_table(["quantity", "value"], rows)
     if path_lost(result):
@@ -153,8 +153,9 @@ def _help_settings(config: MethodConfig) -> int:
 
 def _check(options: argparse.Namespace, config: MethodConfig) -> Calibration | None:
     """The calibration of --calibration, or None; `DataError` for options that contradict each other."""
-    if options.sequence is None or options.out is None:
-        raise DataError("expected a sequence and --out DIR")
+    given = {"a sequence (`vo list`)": options.sequence, "--out DIR": options.out}
+    if missing := [name for name, value in given.items() if value is None]:
+        raise DataError(f"missing: {' and '.join(missing)}")
     if options.detector is not None and options.labels is not None:
         raise DataError("--labels and --detector: use only one of them, since both give boxes")
     if (film := options.video) is not None:

@@ -127,4 +127,4 @@ def describe_errors(errors: Array, covariance: Array, camera: StereoCamera) -> s
     for name, size, deviation in zip(ERROR_NAMES[FIELD:], errors[FIELD:], deviations[FIELD:], strict=True):
         if abs(size) >= max(MIN_REPORTED_ERROR_PX, 2.0 * deviation):
             parts.append(f"lens: {name} {size:+.1f} ±{deviation:.1f} px")
-    return "; ".join(parts) or "none that needs correction"
+    return "; ".join(parts) or "none beyond two standard deviations"
