@@ -81,7 +81,7 @@ def test_a_run_writes_its_files(bands: Path, done: Callable[..., str], variant: 
     assert str(out) in printed
     if variant == "kit":
         learnt = read_learnt_calibration(out / "calibration.json").in_words(config.calibration)
-        assert f"calibration errors (± σ of the noise) {learnt}" in re.sub(r"[│\s]+", " ", printed)
+        assert f"corrected calibration errors (± σ) {learnt}" in re.sub(r"[│\s]+", " ", printed)
 
 
 def test_run_on_frames_with_a_label_folder(bands: Path, done: Callable[..., str]) -> None:

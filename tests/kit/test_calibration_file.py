@@ -96,8 +96,8 @@ def test_other_drives_have_a_less_certain_shift(learnt: Calibration) -> None:
     ("wrong", "words"),
     [
         (errors(d_1=0.04, r_1=-0.04), "none beyond two standard deviations"),
-        (errors(**{"d_x²": -1.0, "d_y²": 1.0}), "disparities are off by -0.5 to +0.0 ±0.01 px"),
-        (errors(r_xy=-5.0), "rows are off by -0.8 to +0.8 ±0.01 px"),
+        (errors(**{"d_x²": -1.0, "d_y²": 1.0}), "disparities are off by -0.5 to +0.0 ±0.03 px"),
+        (errors(r_xy=-5.0), "rows are off by -0.8 to +0.8 ±0.03 px"),
         (errors(p1=1.2, k1=-12.0), "lens: p1 +1.2 ±0.0 px; lens: k1 -12.0 ±0.0 px"),
     ],
 )
@@ -106,8 +106,8 @@ def test_errors_are_described_in_words(wrong: Array, words: str) -> None:
 
 
 def test_small_errors_are_not_described() -> None:
-    assert "p1" in describe_errors(errors(p1=1.2), 0.3 * np.eye(ERROR_COUNT), CAMERA)
-    assert "p1" not in describe_errors(errors(p1=1.0), 0.3 * np.eye(ERROR_COUNT), CAMERA)
+    assert "p1" in describe_errors(errors(p1=2.4), 0.3 * np.eye(ERROR_COUNT), CAMERA)
+    assert "p1" not in describe_errors(errors(p1=2.0), 0.3 * np.eye(ERROR_COUNT), CAMERA)
 
 
 def test_uncertain_errors_are_neither_described_nor_used(learnt: Calibration) -> None:

@@ -132,7 +132,7 @@ def _show(result: Run, method: str, estimates: dict[str, Array]) -> None:
         rows.append([f"frames flagged {flag}", str(sum(flag in motion.flags for motion in motions))])
     if isinstance(result.config, KitConfig) and result.calibration is not None:
         errors = result.calibration.in_words(result.config.calibration)
-        rows.append(["calibration errors (± σ of the noise)", errors.replace("; ", "\n")])
+        rows.append(["corrected calibration errors (± σ)", errors.replace("; ", "\n")])
     rows.append(["time per frame", f"{result.ms_per_frame:.1f} ms"])
     show_table(["quantity", "value"], rows)
     if path_lost(result):
