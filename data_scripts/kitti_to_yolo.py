@@ -1,10 +1,8 @@
-"""Convert KITTI's labels to a data set for train_detector.
+"""Convert KITTI's object labels to a data set for train_detector.
 
 examples:
-  vo data kitti_to_yolo object kitti/training data/cars \\
+  vo data kitti_to_yolo kitti/training data/cars \\
       --mapping train_mapping.txt --order train_rand.txt
-  vo data kitti_to_yolo tracking kitti/training data/cars \\
-      --drive 0000=2011_09_26_drive_0005
 
 Car and Van become car, Truck becomes truck, Tram becomes train; other objects
 get no label. Images of the raw drives of the odometry sequences 00-10 are
@@ -16,34 +14,20 @@ the folder `mapping` of the object development kit.
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
-from training.evaluated import DRIVE
-from training.kitti_set import (
-    NAMES,
-    check_origin,
-    read_object_set,
-    read_tracking_set,
-    split,
-    write_set,
-)
+from training.kitti_set import NAMES, check_origin, read_object_set, split, write_set
 from vo_lib.commands.common import parse_whole
 from vo_lib.commands.console import reporting, say
-from vo_lib.commands.scripts import run_script
 from vo_lib.errors import DataError
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """The options."""
-    parser.add_argument("kind", choices=("object", "tracking"), help="KITTI's object or tracking benchmark")
-    parser.add_argument("kitti", type=Path, help="training folder of the benchmark, with label_2 or label_02")
+    parser.add_argument("kitti", type=Path, help="training folder of the object benchmark, with label_2")
     parser.add_argument("out", type=Path, help="folder of the data set")
-    parser.add_argument("--mapping", type=Path, metavar="FILE", help="train_mapping.txt, for object labels")
-    parser.add_argument("--order", type=Path, metavar="FILE", help="train_rand.txt, for object labels")
-    parser.add_argument(
-        "--drive", action="append", default=[], metavar="0000=DRIVE", help="raw drive of a tracking sequence"
-    )
+    parser.add_argument("--mapping", type=Path, metavar="FILE", help="train_mapping.txt")
+    parser.add_argument("--order", type=Path, metavar="FILE", help="train_rand.txt")
     parser.add_argument(
         "--valid", type=share, default=0.15, metavar="X", help="share of validation images; default 0.15"
     )
@@ -54,10 +38,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Read the labels, skip images of evaluated sequences, write the data set."""
-    if options.kind == "object":
-        images = read_object_set(options.kitti, options.mapping, options.order)
-    else:
-        images = read_tracking_set(options.kitti, parse_drives(options.drive))
+    images = read_object_set(options.kitti, options.mapping, options.order)
     allowed = check_origin(images, options.allow_evaluated)
     if len(allowed) < 2:
         raise DataError(f"{len(allowed)} images remain for training: expected two or more", options.kitti)
@@ -78,18 +59,3 @@ def share(text: str) -> float:
     if not 0.0 < value < 1.0:
         raise ValueError
     return value
-
-
-def parse_drives(items: list[str]) -> dict[str, str]:
-    """Raw drive of each tracking sequence."""
-    drives = {}
-    for item in items:
-        sequence, equals, drive = item.partition("=")
-        if not equals or not DRIVE.fullmatch(drive):
-            raise DataError(f"--drive {item!r}: expected SEQUENCE=DRIVE, such as 0000=2011_09_26_drive_0005")
-        drives[sequence] = drive
-    return drives
-
-
-if __name__ == "__main__":
-    sys.exit(run_script(sys.modules[__name__]))

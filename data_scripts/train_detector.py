@@ -19,7 +19,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +30,6 @@ from training.evaluated import refuse_evaluated
 from vo_lib.commands.common import parse_whole
 from vo_lib.commands.console import say
 from vo_lib.commands.script import install
-from vo_lib.commands.scripts import run_script
 from vo_lib.detection.models import detector_folder
 from vo_lib.errors import DataError
 from vo_lib.files import write_atomic
@@ -81,15 +79,9 @@ def run(options: argparse.Namespace) -> int:
         else:
             network = YOLO(str(options.weights or FROM_SCRATCH))
             paths = {"data": str(described), "project": str(options.out.resolve()), "name": "train"}
-            parameters = {
-                "epochs": epochs,
-                "imgsz": size,
-                "batch": batch,
-                "seed": seed,
-                "device": options.device,
-            }
-            merged = options.one_class is not None
-            network.train(**paths, **parameters, single_cls=merged, exist_ok=True, amp=False, workers=2)
+            parameters = {"epochs": epochs, "imgsz": size, "batch": batch, "seed": seed}
+            parameters |= {"device": options.device, "single_cls": options.one_class is not None}
+            network.train(**paths, **parameters, exist_ok=True, amp=False, workers=2)
         best = YOLO(str(last.with_name("best.pt")))
         if options.one_class is not None:
             best.model.names = {0: options.one_class}  # Ultralytics names a single class "item"
@@ -134,7 +126,3 @@ def _description(data: DetectionSet, one_class: str | None) -> bytes:
     folders = {key: str(folder.resolve()) for key, folder in full.items()}
     names = [one_class] if one_class is not None else list(data.names)
     return str(yaml.safe_dump({**folders, "names": dict(enumerate(names))}, sort_keys=False)).encode()
-
-
-if __name__ == "__main__":
-    sys.exit(run_script(sys.modules[__name__]))

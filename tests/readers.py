@@ -20,7 +20,7 @@ from fetch.euroc import read_euroc_drive
 from fetch.kitti_raw import read_raw_drive
 from fetch.stereo_calibration import read_opencv, rig_from_matrices
 from training.dataset import open_set
-from training.kitti_set import read_object_set, read_tracking_set
+from training.kitti_set import read_object_set
 from vo_lib import open_sequence, preset, run
 from vo_lib.data.kitti import read_calibration, read_image, read_part, read_times
 from vo_lib.data.labels import read_labels
@@ -139,9 +139,6 @@ def _run() -> tuple[dict[str, str | bytes], Callable[[Path], Any]]:
     return files, lambda folder: read_run(folder, sequence).poses
 
 
-TRACKING = "".join(f"{frame} 0 {OBJECT}" for frame in range(2))
-
-
 @functools.cache
 def readers() -> dict[str, Reader]:
     """All readers by name."""
@@ -179,11 +176,6 @@ def readers() -> dict[str, Reader]:
         "objects": Reader("label_2/000000.txt", objects, drives),
         "mapping": Reader("mapping.txt", objects, drives),
         "order": Reader("order.txt", objects, drives),
-        "tracking": Reader(
-            "label_02/0000.txt",
-            lambda folder: read_tracking_set(folder, {"0000": "2011_09_26_drive_0005"}),
-            {"label_02/0000.txt": TRACKING} | {f"image_02/0000/{frame:06d}.png": png() for frame in range(2)},
-        ),
         "scene.json": Reader("truth/scene.json", open_truth, _truth()),
         "objects.npz": Reader("truth/objects.npz", open_truth, _truth()),
     }

@@ -29,7 +29,8 @@ NAMES = {
     "R": ("r", "rotation"),
     "T": ("t", "translation"),
 }
-SHAPES = {"K": (3, 3), "R": (3, 3), "P": (3, 4)}
+SHAPES = {"K": (3, 3), "R": (3, 3), "P": (3, 4), "T": (3,), "D": (-1,)}
+DISTORTION_SIZES = (4, 5, 8, 12, 14)
 MAX_CAMERA_NUMBER = 1e9  # pixels, millimetres
 MAX_BRACKETS = 1000  # opening brackets and dashes in a file; a calibration has a few dozen
 
@@ -56,17 +57,15 @@ class Rig:
         """The rectified images, (H, W) uint8 each; `DataError` for a size not in the calibration."""
         if self.maps is None:
             return left, right
+        rectified = []
         for image, maps in zip((left, right), self.maps, strict=True):
             if image.shape != maps[0].shape[:2]:
                 actual, expected = (f"{shape[1]}×{shape[0]}" for shape in (image.shape, maps[0].shape))
                 raise DataError(
                     f"an image is {actual}, but the first image is {expected}: all images need the same size"
                 )
-        pair = zip((left, right), self.maps, strict=True)
-        rectified = [
-            np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.uint8)
-            for image, maps in pair
-        ]
+            result = cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            rectified.append(np.asarray(result, np.uint8))
         return rectified[0], rectified[1]
 
 
@@ -116,18 +115,11 @@ def _read_matrix(name: str, node: cv2.FileNode, path: Path) -> Array:
 
 
 def _shaped(name: str, matrix: Array, path: Path) -> Array:
-    if not (np.abs(matrix) < MAX_CAMERA_NUMBER).all():
-        raise DataError(f"{name}: expected finite numbers", path)
-    if name == "T":
-        expected, fits, matrix = "3 numbers", matrix.size == 3, matrix.reshape(-1)
-    elif name[0] == "D":
-        expected, fits, matrix = "4, 5, 8, 12 or 14 numbers", matrix.size in (4, 5, 8, 12, 14), matrix.ravel()
-    else:
-        shape = SHAPES[name[0]]
-        expected, fits = f"{shape[0]}×{shape[1]} numbers", matrix.shape == shape
-    if not fits:
-        raise DataError(f"{name}: expected {expected}", path)
-    return matrix
+    shape = SHAPES[name[0]]
+    sizes = DISTORTION_SIZES if name[0] == "D" else (math.prod(shape),)
+    if matrix.size not in sizes or not (np.abs(matrix) < MAX_CAMERA_NUMBER).all():
+        raise DataError(f"{name}: expected {' or '.join(map(str, sizes))} finite numbers", path)
+    return matrix.reshape(shape)
 
 
 def rig_from_matrices(

@@ -37,8 +37,6 @@ def open_set(where: Path) -> DetectionSet:
     """
     path = where / "data.yaml" if where.is_dir() else where
     about = read_yaml(path)
-    if not about:
-        raise DataError("expected the keys train, val and names", path)
     names = about.get("names")
     if isinstance(names, dict):
         names = [names.get(k) for k in range(len(names))]
@@ -58,13 +56,8 @@ def read_yaml(path: Path) -> dict[str, Any]:
     text = read_text(path)
     try:
         about = yaml.safe_load(text)
-    except (
-        yaml.YAMLError,
-        ValueError,
-        TypeError,
-        AttributeError,
-        RecursionError,
-    ) as error:  # also raised for invalid dates
+    # PyYAML raises these errors also for invalid dates and for deep nesting.
+    except (yaml.YAMLError, ValueError, TypeError, AttributeError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         raise DataError("is not YAML", path, None if mark is None else mark.line + 1) from None
     return about if isinstance(about, dict) else {}
@@ -74,10 +67,7 @@ def _images(path: Path, entry: Any) -> tuple[Path, ...]:
     """Image files of a split. Roboflow's paths begin with ../, but the folders are next to data.yaml."""
     if not isinstance(entry, str):
         return ()
-    candidates = [path.parent / entry, path.parent / entry.removeprefix("../")]
-    folder = next(
-        (candidate for candidate in candidates if os.path.isdir(candidate)), None
-    )  # false also for a name that is too long
-    if folder is None:
-        return ()
-    return tuple(sorted(file for file in folder.iterdir() if file.suffix.lower() in IMAGE_ENDINGS))
+    for folder in (path.parent / entry, path.parent / entry.removeprefix("../")):
+        if os.path.isdir(folder):  # false also for a name that is too long
+            return tuple(sorted(file for file in folder.iterdir() if file.suffix.lower() in IMAGE_ENDINGS))
+    return ()

@@ -1,4 +1,4 @@
-"""KITTI's object and tracking labels as a data set in YOLO format.
+"""KITTI's object labels as a data set in YOLO format.
 
 Car and Van become car, Truck becomes truck, Tram becomes train. Other objects, and boxes with a height under
 8 px, have no label and are background for the detector.
@@ -25,7 +25,6 @@ from vo_lib.geometry.types import Progress
 
 NAMES = ("car", "truck", "train")
 CLASS_OF = {"Car": 0, "Van": 0, "Truck": 1, "Tram": 2}
-OTHERS = ("Misc", "DontCare", "Pedestrian", "Person_sitting", "Person", "Cyclist")
 MIN_HEIGHT = 8.0  # px
 NUMBER = re.compile(r"[0-9]{1,9}")
 
@@ -63,9 +62,7 @@ def read_object_set(
     """
     drives = _object_drives(mapping, permutation)
     images = []
-    for path in _listed(root / "label_2", "*.txt"):
-        rows = [(number, line.split()) for number, line in enumerate(read_text(path).splitlines(), 1)]
-        boxes = _boxes([(number, words) for number, words in rows if words], path)
+    for path in _labels(root / "label_2"):
         number = int(path.stem)
         if drives and number >= len(drives):
             raise DataError(f"the mapping has only {len(drives)} images", path)
@@ -73,43 +70,22 @@ def read_object_set(
         image = root / "image_2" / f"{path.stem}.png"
         if not image.is_file():
             raise DataError("the image is missing", image)
-        images.append(Labelled(image, drive, boxes))
+        images.append(Labelled(image, drive, _boxes(path)))
     return images
 
 
-def read_tracking_set(root: Path, drives: dict[str, str] | None = None) -> list[Labelled]:
-    """KITTI's tracking sequences: `image_02/0000/000000.png` with `label_02/0000.txt`.
-
-    `drives` : raw drives by sequence, {"0000": "2011_09_26_drive_0005"}.
-    """
-    images = []
-    for path in _listed(root / "label_02", "*.txt"):
-        frames: dict[int, list[tuple[int, list[str]]]] = {}
-        for number, line in enumerate(read_text(path).splitlines(), 1):
-            words = line.split()
-            if words:
-                if not NUMBER.fullmatch(words[0]) or len(words) < 10:
-                    raise DataError("expected frame, track, type and at least 7 numbers", path, number)
-                # After frame and track, the fields are the same as in object labels.
-                frames.setdefault(int(words[0]), []).append((number, words[2:]))
-        for image in _listed(root / "image_02" / path.stem, "*.png"):
-            boxes = _boxes(frames.get(int(image.stem), []), path)
-            images.append(Labelled(image, (drives or {}).get(path.stem, ""), boxes))
-    return images
-
-
-def _boxes(rows: list[tuple[int, list[str]]], path: Path) -> Boxes:
-    """Boxes of the vehicles in rows of a label file: type, 3 numbers, left, top, right, bottom, …"""
+def _boxes(path: Path) -> Boxes:
+    """Boxes of the vehicles in a label file: lines of type, 3 numbers, left, top, right, bottom, …"""
     vehicles: list[tuple[int, list[float]]] = []
-    for number, words in rows:
+    for number, line in enumerate(read_text(path).splitlines(), 1):
+        if not (words := line.split()):
+            continue
         try:
             corners = [float(word) for word in words[4:8]]
         except ValueError:
             corners = []
         if len(corners) != 4 or not np.isfinite(corners).all():
             raise DataError("expected type, 3 numbers, then left, top, right and bottom", path, number)
-        if words[0] not in (*CLASS_OF, *OTHERS):
-            raise DataError(f"{words[0]!r} is not a class of KITTI", path, number)
         good = corners[3] - corners[1] >= MIN_HEIGHT and corners[2] > corners[0]
         if words[0] in CLASS_OF and good:
             vehicles.append((CLASS_OF[words[0]], corners))
@@ -117,14 +93,14 @@ def _boxes(rows: list[tuple[int, list[str]]], path: Path) -> Boxes:
     return Boxes(xyxy, np.array([kind for kind, _ in vehicles], np.int64), np.ones(len(vehicles)))
 
 
-def _listed(folder: Path, pattern: str) -> list[Path]:
-    """Files of a folder whose file names must be numbers."""
-    files = sorted(folder.glob(pattern))
+def _labels(folder: Path) -> list[Path]:
+    """The label files of a folder; their names must be numbers."""
+    files = sorted(folder.glob("*.txt"))
     if not files:
-        raise DataError(f"expected files {pattern}", folder)
+        raise DataError("expected label files such as 000000.txt", folder)
     for path in files:
         if not NUMBER.fullmatch(path.stem):
-            raise DataError(f"unexpected file: expected names such as 000000{path.suffix}", path)
+            raise DataError("unexpected file: expected names such as 000000.txt", path)
     return files
 
 
@@ -167,15 +143,10 @@ def split(images: list[Labelled], share: float, seed: int) -> dict[str, list[Lab
     """Training and validation images. All images of one raw drive are in the same part."""
     units = sorted({image.drive or image.stem for image in images})
     order = np.random.default_rng([seed, 30]).permutation(len(units))
-    count = min(max(1, round(share * len(units))), len(units) - 1)
-    valid = {units[k] for k in order[:count]} if count > 0 else set()
+    valid = {units[k] for k in order[: min(max(1, round(share * len(units))), len(units) - 1)]}
     parts: dict[str, list[Labelled]] = {"train": [], "valid": []}
     for image in images:
         parts["valid" if (image.drive or image.stem) in valid else "train"].append(image)
-    if not parts["valid"]:
-        # With a single drive, its last frames are for validation.
-        last = max(1, round(share * len(images)))
-        parts = {"train": images[:-last], "valid": images[-last:]}
     return parts
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from data_command import load
 
-from training.kitti_set import check_origin, read_object_set, read_tracking_set, split
+from training.kitti_set import check_origin, read_object_set, split
 from vo_lib.data.labels import read_labels
 from vo_lib.errors import DataError
 
@@ -72,7 +72,7 @@ def test_split_separates_drives(objects: Path) -> None:
 
 
 def test_data_set_round_trip(objects: Path, tmp_path: Path) -> None:
-    words = ["object", str(objects), str(tmp_path / "set"), "--mapping", str(objects / "train_mapping.txt")]
+    words = [str(objects), str(tmp_path / "set"), "--mapping", str(objects / "train_mapping.txt")]
     assert kitti_to_yolo([*words, "--order", str(objects / "train_rand.txt")]) == 0
     labels = sorted((tmp_path / "set").glob("*/labels/*.txt"))
     assert len(labels) == 4
@@ -82,20 +82,3 @@ def test_data_set_round_trip(objects: Path, tmp_path: Path) -> None:
     image = labels[0].parent.parent / "images" / f"{labels[0].stem}.png"
     assert cv2.imread(str(image)) is not None
     assert "  - car\n  - truck\n  - train\n" in (tmp_path / "set" / "data.yaml").read_text()
-
-
-def test_tracking_labels_are_assigned_to_frames(tmp_path: Path) -> None:
-    root = tmp_path / "tracking"
-    (root / "label_02").mkdir(parents=True)
-    for k in range(3):
-        write_image(root / "image_02" / "0000" / f"{k:06d}.png")
-    rows = [f"0 1 {ROWS[0]}", f"2 1 {ROWS[1]}", f"2 -1 {ROWS[5]}"]
-    (root / "label_02" / "0000.txt").write_text("\n".join(rows) + "\n")
-    result = read_tracking_set(root, {"0000": FREE})
-    assert [len(one.boxes) for one in result] == [1, 0, 1]
-    assert result[2].boxes.xyxy[0].tolist() == [100, 30, 140, 70]
-    words = ["tracking", str(root), str(tmp_path / "set"), "--drive", f"0000={FREE}"]
-    assert kitti_to_yolo(words) == 0
-    # With one drive, the last frame is the validation set.
-    assert [p.stem for p in (tmp_path / "set" / "valid" / "images").iterdir()] == [f"{FREE}_000002"]
-    assert kitti_to_yolo([*words[:4], f"0000={EVALUATED}"]) == 2
