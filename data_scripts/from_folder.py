@@ -26,21 +26,19 @@ examples:
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 from fetch.euroc import read_euroc_drive
 from fetch.kitti_raw import read_raw_drive
-from fetch.stereo_import import look, require_new, rig_of, write_sequence
+from fetch.stereo_calibration import Rig, read_opencv, rig_from_matrices, rig_from_numbers
+from fetch.stereo_import import look, write_sequence
 from fetch.stereo_sources import MAX_DELAY_S, Drive, FolderSource, Source, VideoSource, pair_images
 from vo_lib.commands.console import reporting, say
 from vo_lib.commands.script import typed
-from vo_lib.commands.scripts import run_script
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.kitti import read_times
 from vo_lib.data.poses import read_kitti_poses
 from vo_lib.errors import DataError
-from vo_lib.geometry.types import Array
 
 MIN_MEDIAN_DEPTH_M = 5.0  # a smaller median depth indicates a wrong unit of the baseline
 MIN_FPS, MAX_FPS, DEFAULT_FPS = 0.001, 10_000.0, 10.0
@@ -91,29 +89,22 @@ def run(options: argparse.Namespace) -> int:
             raise DataError(
                 f"--{name}: {len(paths)} paths; quote the pattern, so that the shell does not expand it"
             )
-    require_new(options.out)
     if sum(place is not None for place in (options.video, options.raw, options.euroc, options.left)) != 1:
         raise DataError("give the images by --left and --right, or by one of --video, --raw and --euroc")
     if options.fps is not None and not MIN_FPS <= options.fps <= MAX_FPS:
         raise DataError(f"--fps {options.fps:g}: expected {MIN_FPS:g} to {MAX_FPS:g} pairs per second")
     if not options.max_delay >= 0:
         raise DataError(f"--max-delay {options.max_delay:g}: expected 0 s or more")
-    drive = read_drive(options)
-    source: Source
-    times: Array | None
-    rate = 0.0
-    if drive is not None:
-        source, rig, note = FolderSource(drive.paths), drive.rig, drive.note
-        times, poses = drive.times, drive.poses
+    source = find_source(options)
+    rate = options.fps or (source.fps() if isinstance(source, VideoSource) else 0.0)
+    times, note = (None, "") if isinstance(source, VideoSource) else (source.times, source.note)
+    if isinstance(source, Drive):
+        rig, poses, min_depth = source.rig, source.poses, 0.0
     else:
-        source, poses = find_source(options), None
-        rate = options.fps or (source.fps() if isinstance(source, VideoSource) else 0.0)
-        times, note = (None, "") if isinstance(source, VideoSource) else (source.times, source.note)
-        numbers = options.focal, options.centre, options.baseline
-        rig = rig_of(source, numbers, options.calibration, options.rectified, UNITS[options.unit])
+        rig, poses, min_depth = rig_of(source, options), None, MIN_MEDIAN_DEPTH_M
     if note:
         say(f"note: {note}")
-    say(*look(source, rig, options.anyway, MIN_MEDIAN_DEPTH_M if drive is None else 0.0))
+    say(*look(source, rig, options.anyway, min_depth))
     if options.times is not None:
         times = read_times(options.times)
     elif options.fps is not None:
@@ -138,21 +129,16 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def read_drive(options: argparse.Namespace) -> Drive | None:
-    """The drive in the folder of --raw or --euroc; None if both options are missing."""
-    kind = "raw" if options.raw is not None else "euroc"
-    if getattr(options, kind) is None:
-        return None
-    for name in ("right", "swap", "focal", "centre", "baseline", "calibration", "rectified", "fps"):
-        if getattr(options, name) not in (None, False):
-            raise DataError(f"--{name} with --{kind}: the folder has its own calibration")
-    if options.raw is not None:
-        return read_raw_drive(options.raw, options.skip_unpaired)
-    return read_euroc_drive(options.euroc, options.max_delay)
-
-
 def find_source(options: argparse.Namespace) -> Source:
-    """The video, or the two folders or patterns of images."""
+    """The drive, the video, or the two folders or patterns of images."""
+    kind = "raw" if options.raw is not None else "euroc"
+    if getattr(options, kind) is not None:
+        for name in ("right", "swap", "focal", "centre", "baseline", "calibration", "rectified", "fps"):
+            if getattr(options, name) not in (None, False):
+                raise DataError(f"--{name} with --{kind}: the folder has its own calibration")
+        if options.raw is not None:
+            return read_raw_drive(options.raw, options.skip_unpaired)
+        return read_euroc_drive(options.euroc, options.max_delay)
     if options.video is not None:
         return VideoSource(options.video, options.swap)
     if options.right is None:
@@ -161,5 +147,20 @@ def find_source(options: argparse.Namespace) -> Source:
     return pair_images(left, right, options.max_delay, options.skip_unpaired)
 
 
-if __name__ == "__main__":
-    sys.exit(run_script(sys.modules[__name__]))
+def rig_of(source: Source, options: argparse.Namespace) -> Rig:
+    """The rig given by either numbers or calibration files; otherwise `DataError`."""
+    numbers, unit = (options.focal, options.centre, options.baseline), UNITS[options.unit]
+    if (files := options.calibration) is not None:
+        if any(number is not None for number in numbers):
+            raise DataError("use either --calibration, or --focal, --centre and --baseline")
+        height, width = next(iter(source.pairs()))()[0].shape
+        return rig_from_matrices(read_opencv(files), (width, height), files[0], options.rectified, unit)
+    if None in numbers:
+        raise DataError(
+            "the calibration is missing: add --focal, --centre and --baseline, or --calibration FILE"
+        )
+    try:
+        cx, cy = (float(word) for word in options.centre.split(","))
+    except ValueError:
+        raise DataError(f"--centre {options.centre!r}: expected two numbers such as 607.2,185.2") from None
+    return rig_from_numbers(options.focal, cx, cy, unit * options.baseline)

@@ -111,11 +111,11 @@ def _raw() -> dict[str, str | bytes]:
 
 
 def _euroc() -> dict[str, str | bytes]:
-    files: dict[str, str | bytes] = {"mav0/state_groundtruth_estimate0/data.csv": TRUTH}
+    truth = re.sub(r"^(1\d+)", r"\g<1>000000000", TRUTH, flags=re.MULTILINE)
+    files: dict[str, str | bytes] = {"mav0/state_groundtruth_estimate0/data.csv": truth}
     for side in range(2):
         files[f"mav0/cam{side}/sensor.yaml"] = SENSOR.format(0.11 * side)
-        files[f"mav0/cam{side}/data.csv"] = "#t,file\n1000000000,a.png\n1050000000,b.png\n"
-        files |= {f"mav0/cam{side}/data/{name}.png": png() for name in "ab"}
+        files |= {f"mav0/cam{side}/data/{time}000000000.png": png() for time in (1000000000, 1050000000)}
     return files
 
 
@@ -184,6 +184,5 @@ def readers() -> dict[str, Reader]:
     for name in ("calib_cam_to_cam.txt", "calib_imu_to_velo.txt", "image_00/timestamps.txt"):
         result[name.removeprefix("image_00/")] = Reader(name, read_raw_drive, _raw())
     result["oxts"] = Reader("oxts/data/0000000001.txt", read_raw_drive, _raw())
-    for name in ("sensor.yaml", "data.csv"):
-        result[name] = Reader(f"mav0/cam1/{name}", read_euroc_drive, _euroc())
+    result["sensor.yaml"] = Reader("mav0/cam1/sensor.yaml", read_euroc_drive, _euroc())
     return result

@@ -2,87 +2,51 @@
 
 from __future__ import annotations
 
-import os
-import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fetch.stereo_calibration import Rig, rig_from_matrices
-from fetch.stereo_sources import MAX_DELAY_S, Drive
+from fetch.stereo_sources import MAX_DELAY_S, Drive, pair_images
 from training.dataset import read_yaml
 from vo_lib.data.poses import from_first, is_rotation, match_times, read_euroc
 from vo_lib.errors import DataError
-from vo_lib.files import read_csv
 from vo_lib.geometry.motion import inverse, rigid
 from vo_lib.geometry.types import Array
 
 TRUTH = Path("state_groundtruth_estimate0") / "data.csv"
 MAX_POSE_DELAY_S = 0.003  # largest time difference of an image and its pose; the truth has 200 Hz
-MOMENT = re.compile(r"[0-9]{1,19}")
 MAX_CAMERA_NUMBER = 1e5  # largest plausible number in a calibration, pixels or metres
-LAST_ROW = np.array([0.0, 0.0, 0.0, 1.0])  # of a 4×4 pose
 
 
 def read_euroc_drive(folder: Path, max_delay: float = MAX_DELAY_S) -> Drive:
     """The drive in a folder mav0 or its parent. Raises `DataError` with the name of an invalid file.
 
-    Each left image is paired with the right image nearest in time, within `max_delay` seconds. Images without
-    a partner are skipped. Pairs before the start or after the end of the ground truth are skipped.
+    The names of the images are times in nanoseconds. Images without a partner within `max_delay` seconds are
+    skipped, and also pairs before the start or after the end of the ground truth.
     """
     base = folder / "mav0" if (folder / "mav0").is_dir() else folder
     if not (base / "cam0").is_dir():
         raise DataError("is not a EuRoC folder: expected mav0/cam0 and mav0/cam1", folder)
-    notes: list[str] = []
-    images = [_images(base / f"cam{camera}", notes) for camera in (0, 1)]
-    moments = [np.sort(np.array([*side], np.int64)) for side in images]
-    seconds = [1e-9 * each.astype(np.float64) for each in moments]
-    left, right = match_times(seconds[0], seconds[1], max_delay)
-    if len(left) < 2:
-        expected = f"expected two or more pairs of images at most {max_delay:g} s apart"
-        raise DataError(f"{expected}, found {len(left)}", base)
+    pairs = pair_images(base / "cam0" / "data", base / "cam1" / "data", max_delay, skip_unpaired=True)
+    if pairs.times is None:
+        raise DataError("expected images whose names are times in nanoseconds", base / "cam0" / "data")
     rig, T_body_camera = _rig(base)
-    pairs = list(zip(moments[0][left].tolist(), moments[1][right].tolist(), strict=True))
-    times = seconds[0][left]
-    single = len(moments[0]) + len(moments[1]) - 2 * len(pairs)
-    notes += [f"{single} images without a partner are skipped"] if single else []
-    chosen, poses = slice(0, len(pairs)), None
+    notes, chosen, poses = [pairs.note] if pairs.note else [], slice(len(pairs.paths)), None
     if (base / TRUTH).exists():
         true_times, bodies = read_euroc(base / TRUTH)
-        at, at_truth = match_times(times, true_times, MAX_POSE_DELAY_S)
+        at, at_truth = match_times(pairs.times, true_times, MAX_POSE_DELAY_S)
         if len(at) < 2 or len(at) < at[-1] - at[0] + 1:
             notes.append(f"no true poses: {base / TRUTH} does not have a pose for every pair")
         else:
             chosen = slice(int(at[0]), int(at[-1]) + 1)
             poses = from_first(bodies[at_truth] @ T_body_camera)
-            left_out = len(pairs) - len(at)
+            left_out = len(pairs.paths) - len(at)
             notes += [f"{left_out} pairs before or after the truth are skipped"] if left_out else []
     else:
         notes.append(f"no true poses: {base / TRUTH} is missing")
-    paths = [(images[0][at_left], images[1][at_right]) for at_left, at_right in pairs[chosen]]
-    return Drive(paths, rig, times[chosen], poses, "; ".join(notes))
-
-
-def _images(camera: Path, notes: list[str]) -> dict[int, Path]:
-    """Image files by time in nanoseconds, from the rows of data.csv before the first row without an image."""
-    path = camera / "data.csv"
-    images: dict[int, Path] = {}
-    for number, cells in read_csv(path):
-        words = [word.strip() for word in cells]
-        if len(words) != 2 or not MOMENT.fullmatch(words[0]):
-            raise DataError("expected a time in ns and a file name, separated by a comma", path, number)
-        if int(words[0]) in images:
-            raise DataError(f"repeats the time {words[0]}", path, number)
-        image = camera / "data" / words[1]
-        if not os.path.isfile(image):  # false also for a name that is too long
-            missing = f"{words[1]} is missing in {camera / 'data'}"
-            if not images:
-                raise DataError(missing, path, number)
-            notes.append(f"{path}, line {number}: {missing}; only the lines above are used")
-            break
-        images[int(words[0])] = image
-    return images
+    return Drive(pairs.paths[chosen], pairs.times[chosen], "; ".join(notes), rig=rig, poses=poses)
 
 
 def _rig(base: Path) -> tuple[Rig, Array]:
@@ -102,9 +66,9 @@ def _rig(base: Path) -> tuple[Rig, Array]:
         if (sizes[-1] < 1).any() or (sizes[-1] % 1).any():
             raise DataError("resolution: expected a width and a height, pixels", path)
         T = _numbers(sensor, "T_BS", 16, path).reshape(4, 4)
-        if not is_rotation(T[:3, :3]) or (T[3] != LAST_ROW).any():
+        if not is_rotation(T[:3, :3]):
             raise DataError("T_BS is not a pose: expected a rotation and a translation, row by row", path)
-        T_body.append(T)
+        T_body.append(rigid(T[:3, :3], T[:3, 3]))
     if (sizes[0] != sizes[1]).any():
         raise DataError("resolution differs from the resolution of cam0", base / "cam1" / "sensor.yaml")
     T_10 = inverse(T_body[1]) @ T_body[0]

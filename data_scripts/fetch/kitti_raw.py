@@ -62,7 +62,8 @@ def describe_drive(drive: Path, paths: list[tuple[Path, Path]]) -> Drive:
         raise DataError(f"expected a row for every image up to {stems[-1]}", path_of_times, len(moments))
     times = moments[[int(stem) for stem in stems]]
     poses, note = _poses(drive, where, cameras, stems)
-    return Drive(paths, rig_from_matrices(P, (0, 0), path, rectified=True), times - times[0], poses, note)
+    rig = rig_from_matrices(P, (0, 0), path, rectified=True)
+    return Drive(paths, times - times[0], note, rig=rig, poses=poses)
 
 
 def read_calibration_file(path: Path) -> dict[str, Array]:

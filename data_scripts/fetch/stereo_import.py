@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import shutil
-from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from fetch.stereo_calibration import Rig, read_opencv, rig_from_matrices, rig_from_numbers
+from fetch.stereo_calibration import Rig
 from fetch.stereo_check import complaints, measure_pairs
 from fetch.stereo_sources import FolderSource, Pair, Source
 from vo_lib.data.catalogue import open_sequence
@@ -24,38 +24,8 @@ from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.types import Array, Progress
 from vo_street.folder import calibration_text
 
+BATCH_PAIRS = 16  # pairs in memory
 MIN_FOCAL_OVER_WIDTH = 0.1  # a smaller focal length gives an angle of view of more than 157 degrees
-
-
-def rig_of(
-    source: Source,
-    numbers: tuple[float | None, str | None, float | None],
-    files: list[Path] | None,
-    rectified: bool,
-    unit: float,
-) -> Rig:
-    """The rig of a source, from either numbers or calibration files; otherwise `DataError`.
-
-    Parameters
-    ----------
-    numbers : focal length, pixels; principal point such as "607.2,185.2", pixels; baseline in `unit`.
-    rectified : whether the images are already rectified. unit : unit of lengths, metres.
-    """
-    focal, centre, baseline = numbers
-    if files is not None:
-        if any(number is not None for number in numbers):
-            raise DataError("use either --calibration, or --focal, --centre and --baseline")
-        height, width = next(iter(source.pairs()))()[0].shape
-        return rig_from_matrices(read_opencv(files), (width, height), files[0], rectified, unit)
-    if focal is None or centre is None or baseline is None:
-        raise DataError(
-            "the calibration is missing: add --focal, --centre and --baseline, or --calibration FILE"
-        )
-    try:
-        cx, cy = (float(word) for word in centre.split(","))
-    except ValueError:
-        raise DataError(f"--centre {centre!r}: expected two numbers such as 607.2,185.2") from None
-    return rig_from_numbers(focal, cx, cy, unit * baseline)
 
 
 def look(source: Source, rig: Rig, anyway: bool, nearest: float = 0.0) -> list[str]:
@@ -143,16 +113,11 @@ def write_tables(folder: Path, rig: Rig, times: Array, poses: Array | None) -> N
         write_kitti_poses(folder / "poses.txt", poses)
 
 
-def require_new(out: Path) -> None:
-    """Raise `DataError` if `out` is a file or a folder that is not empty."""
-    if os.path.lexists(out) and (not out.is_dir() or any(out.iterdir())):
-        raise DataError("already exists and is not empty; choose another folder", out)
-
-
 @contextmanager
 def _new_folder(out: Path) -> Iterator[Path]:
     """A temporary folder that is renamed to `out` after success and deleted after a failure."""
-    require_new(out)
+    if os.path.lexists(out) and (not out.is_dir() or any(out.iterdir())):
+        raise DataError("already exists and is not empty; choose another folder", out)
     working = out.with_name(f".{out.name}.{os.getpid()}.tmp")
     try:
         for side in ("image_0", "image_1"):
@@ -193,15 +158,10 @@ def _write_images(source: Source, rig: Rig, folder: Path, progress: Progress | N
             data = cv2.imencode(".png", image)[1]
             (folder / side / f"{number:06d}.png").write_bytes(data.tobytes())
 
-    count = 0
+    count, pairs = 0, enumerate(source.pairs())
     with ThreadPoolExecutor(max_workers=min(os.cpu_count() or 1, 8)) as pool:
-        waiting: deque[Future[None]] = deque()
-        for count, read in enumerate(source.pairs(), start=1):
-            waiting.append(pool.submit(write, count - 1, read))
-            if len(waiting) >= 16:
-                waiting.popleft().result()
+        while batch := list(itertools.islice(pairs, BATCH_PAIRS)):  # a video is too large for the memory
+            count += len(list(pool.map(write, *zip(*batch, strict=True))))
             if progress is not None:
                 progress(count, max(total, count))
-        for future in waiting:
-            future.result()
     return count

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
@@ -24,39 +24,22 @@ Pair = tuple[Image, Image]
 
 ENDINGS = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff", ".webp")
 MAX_DELAY_S = 0.005  # between left and right image; at 50 km/h a car drives 7 cm in this time
-NANOSECONDS, SECONDS = (
-    re.compile(r"\d{18,19}"),
-    re.compile(r"\d{9,10}\.\d+"),
-)  # patterns of names that are times
+NANOSECONDS, SECONDS = r"\d{18,19}", r"\d{9,10}\.\d+"  # patterns of names that are times
 TEXT_AS_VIDEO = cv2.VideoWriter.fourcc(*"ansi")  # FFmpeg shows a text file as a terminal would
 VIDEO_SAMPLE_STEP = 10  # frames of a video between pairs of the sample
 
 
 @dataclass(frozen=True)
-class Drive:
-    """N stereo pairs of a data set with its own calibration.
+class FolderSource:
+    """N pairs of image files.
 
     Attributes
     ----------
-    paths : image files, left and right. rig : the rectified camera.
-    times : (N,) seconds of the data set's clock.
-    poses : (N, 4, 4) T_w_c of the rectified left camera, identity for the first pair; None without truth.
+    paths : left and right image of each pair.
+    times : (N,) seconds, if the names are times or the data set has times.
     note : a sentence on skipped images, or "".
-    """
-
-    paths: list[tuple[Path, Path]]
-    rig: Rig
-    times: Array
-    poses: Array | None
-    note: str
-
-
-@dataclass(frozen=True)
-class FolderSource:
-    """N pairs of image files. `times` : (N,) seconds, if the names are times. `note` : see `Drive`.
-
-    `left` : index of each pair's left image among all left images, including skipped images; `left_count` :
-    number of all left images.
+    left : index of each pair's left image among all left images, including skipped images.
+    left_count : number of all left images.
     """
 
     paths: list[tuple[Path, Path]]
@@ -84,6 +67,21 @@ class FolderSource:
 
 
 @dataclass(frozen=True)
+class Drive(FolderSource):
+    """N pairs of a data set with its own calibration.
+
+    Attributes
+    ----------
+    times : (N,) seconds. rig : the rectified camera.
+    poses : (N, 4, 4) T_w_c of the rectified left camera, identity for the first pair; None without truth.
+    """
+
+    times: Array
+    rig: Rig = field(kw_only=True)
+    poses: Array | None = field(kw_only=True)
+
+
+@dataclass(frozen=True)
 class VideoSource:
     """A video with both images side by side in every frame."""
 
@@ -98,14 +96,8 @@ class VideoSource:
     def pairs(self) -> Iterator[Callable[[], Pair]]:
         """All pairs."""
         video = self._open()
-        try:
-            while True:
-                good, frame = video.read()
-                if not good:
-                    return
-                yield partial(self._halves, np.asarray(frame, np.uint8))
-        finally:
-            video.release()
+        while (answer := video.read())[0]:
+            yield partial(self._halves, np.asarray(answer[1], np.uint8))
 
     def size_hint(self) -> int:
         """The number of frames in the video's header."""
@@ -116,9 +108,7 @@ class VideoSource:
         return self._property(cv2.CAP_PROP_FPS)
 
     def _property(self, number: int) -> float:
-        video = self._open()
-        value = float(video.get(number))
-        video.release()
+        value = float(self._open().get(number))
         return max(value, 0.0) if np.isfinite(value) else 0.0
 
     def _open(self) -> cv2.VideoCapture:
@@ -204,9 +194,10 @@ def _images(place: Path) -> dict[str, Path]:
 
 def _seconds(names: list[str]) -> Array | None:
     """Times (N,), seconds, from file names; None if a name is not a time."""
-    if all(NANOSECONDS.fullmatch(name) for name in names):
-        return 1e-9 * np.array(names, np.float64)
-    return np.array(names, np.float64) if all(SECONDS.fullmatch(name) for name in names) else None
+    for pattern, unit in ((NANOSECONDS, 1e-9), (SECONDS, 1.0)):
+        if all(re.fullmatch(pattern, name, re.ASCII) for name in names):
+            return unit * np.array(names, np.float64)
+    return None
 
 
 def _by_number(name: str) -> list[tuple[int, str]]:
