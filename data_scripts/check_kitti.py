@@ -12,17 +12,11 @@ examples:
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
-
-from rich.console import Console
-from rich.text import Text
-from rich.tree import Tree
 
 from fetch.kitti_check import SequenceReport, check_tree, parse_numbers
 from vo_lib.commands.console import reporting, say
 from vo_lib.commands.script import typed
-from vo_lib.commands.scripts import run_script
 from vo_lib.data.catalogue import kitti_root
 from vo_lib.errors import DataError
 
@@ -59,21 +53,12 @@ def run(options: argparse.Namespace) -> int:
 
 
 def show_sequences(root: Path, reports: list[SequenceReport]) -> None:
-    """Print a tree of the sequences and their files, with the first problems of each sequence in red."""
-    tree = Tree(Text(str(root), style="bold"))
+    """Print the sequences with their complete files and their first problems."""
+    say(str(root))
     for report in reports:
         total = "" if report.expected is None else f" of {report.expected}"
-        state = "complete" if not report.problems else "incomplete"
-        style = "green" if not report.problems else "red"
-        branch = tree.add(Text(f"{report.name}: {report.pairs}{total} pairs, {state}", style=style))
-        for part, content in report.parts:
-            branch.add(Text(f"{part}: {content}"))
-        for problem in report.problems[:MAX_PROBLEMS_SHOWN]:
-            branch.add(Text(problem, style="red"))
+        state = "incomplete" if report.problems else "complete"
+        lines = [*report.complete, *report.problems[:MAX_PROBLEMS_SHOWN]]
         if (more := len(report.problems) - MAX_PROBLEMS_SHOWN) > 0:
-            branch.add(Text(f"and {more} more", style="red"))
-    Console().print(tree, soft_wrap=True)
-
-
-if __name__ == "__main__":
-    sys.exit(run_script(sys.modules[__name__]))
+            lines.append(f"and {more} more")
+        say(f"  {report.name}: {report.pairs}{total} pairs, {state}", *(f"    {line}" for line in lines))

@@ -5,44 +5,67 @@ from __future__ import annotations
 import hashlib
 import shutil
 import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 from urllib.parse import urlsplit
 
 import requests
 import urllib3
-from requests.adapters import HTTPAdapter
 
 from vo_lib.errors import DataError
 from vo_lib.files import write_atomic
 from vo_lib.geometry.types import Progress
 
-ATTEMPTS = 5  # attempts without progress before a download fails
+ATTEMPTS = 5  # before a download fails
 PAUSE_S = 1.0  # pause before the second attempt; later pauses are longer
 TIMEOUT_S = (10.0, 30.0)  # for the connection, and for the next bytes
 CHUNK_BYTES = 1 << 18
-MAX_CONNECTIONS = 16  # parallel connections to one server
+MAX_CONNECTIONS = 10  # parallel connections of a session
 SPARE_BYTES = 100_000_000  # disk space that must stay free
 
 LOST = (requests.RequestException, urllib3.exceptions.HTTPError)
+Answer = TypeVar("Answer")
 
 
 def open_session() -> requests.Session:
-    """A session with persistent connections that repeats failed requests."""
+    """A session with persistent connections."""
     session = requests.Session()
-    retry = urllib3.Retry(
-        total=ATTEMPTS - 1,
-        backoff_factor=PAUSE_S / 2,
-        status_forcelist=(500, 502, 503, 504),
-        raise_on_status=False,
-    )
-    for scheme in ("http://", "https://"):
-        session.mount(scheme, HTTPAdapter(max_retries=retry, pool_maxsize=MAX_CONNECTIONS))
     # With compressed responses, ranges and sizes would be wrong.
     session.headers["Accept-Encoding"] = "identity"
     return session
 
 
-def what_failed(error: BaseException | None, url: str) -> str:
+def repeated(ask: Callable[[], Answer], place: str, fault: str = "is damaged") -> Answer:
+    """The result of `ask`, which is called again after a lost connection, a server's error or damaged data.
+
+    place : URL or path that `ask` reads; a path is read once. fault : fault of damaged data, for the message.
+
+    Raises `DataError` after the last attempt, or at once for HTTP 4xx.
+    """
+    for attempt in range(ATTEMPTS):
+        time.sleep(PAUSE_S * attempt)
+        try:
+            return ask()
+        except DataError:
+            raise
+        except Exception as error:  # errors of zipfile and its compressions have no other common base class
+            failure = error
+            status = getattr(getattr(error, "response", None), "status_code", 500)
+            if status < 500 or not is_url(place):
+                break
+    if isinstance(failure, LOST):
+        raise DataError(what_failed(failure, place)) from None
+    raise DataError(f"{fault} ({failure})", place) from None
+
+
+def is_url(place: str) -> bool:
+    """Whether a place is a URL, not a path."""
+    return place.startswith(("http://", "https://"))
+
+
+def what_failed(error: Exception, url: str) -> str:
     """The cause of a failed request and the remedy, as text."""
     host = urlsplit(url).hostname
     if (response := getattr(error, "response", None)) is not None:
@@ -98,8 +121,9 @@ def download(url: str, path: Path, size: int, sha256: str, progress: Progress | 
     Raises `DataError` for a failed connection, a wrong file or a full disk.
     """
     require_space(path.parent, size)
-    data = bytearray()
-    try:
+
+    def ask() -> bytearray:
+        data = bytearray()
         with open_session() as session, session.get(url, stream=True, timeout=TIMEOUT_S) as answer:
             answer.raise_for_status()
             for chunk in answer.iter_content(CHUNK_BYTES):
@@ -108,8 +132,9 @@ def download(url: str, path: Path, size: int, sha256: str, progress: Progress | 
                     progress(min(len(data), size), size)
                 if len(data) > size:
                     break
-    except requests.RequestException as error:
-        raise DataError(what_failed(error, url)) from None
+        return data
+
+    data = repeated(ask, url)
     if len(data) != size or hashlib.sha256(data).hexdigest() != sha256:
         raise DataError(f"{url}: unexpected file: expected {size} bytes with SHA-256 {sha256[:12]}…")
     write_file(path, bytes(data))

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import re
 import zlib
 from collections.abc import Iterable
-from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path, PurePosixPath
 
 from fetch.download import write_file
@@ -95,15 +94,12 @@ def fetch(
 
     pool = ThreadPoolExecutor(max_workers=jobs)
     try:
-        # Requests in the archive's order are faster for the server.
-        waiting: dict[Future[None], Member] = {pool.submit(take, member): member for member in members}
-        for future in as_completed(waiting):
-            future.result()
-            done += waiting[future].info.compress_size
+        for member, _ in zip(members, pool.map(take, members), strict=True):
+            done += member.info.compress_size
             if progress is not None:
                 progress(done, total)
     finally:
-        pool.shutdown(wait=True, cancel_futures=True)
+        pool.shutdown(cancel_futures=True)
 
 
 def link_tree(tree: Path, root: Path, sequences: Iterable[str]) -> list[str]:
@@ -122,8 +118,6 @@ def link_tree(tree: Path, root: Path, sequences: Iterable[str]) -> list[str]:
 def _link(source: Path, link: Path) -> None:
     if link.is_symlink() and link.resolve() == source.resolve():
         return
-    if os.path.lexists(link):
-        raise DataError("already exists; move it away first", link)
     try:
         link.parent.mkdir(parents=True, exist_ok=True)
         link.symlink_to(source.resolve(), target_is_directory=source.is_dir())

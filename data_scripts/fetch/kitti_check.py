@@ -27,7 +27,7 @@ class SequenceReport:
     name : the sequence's name.
     part : options of `vo data get_kitti` for this part of a sequence; "" for a whole sequence.
     pairs, expected : numbers of present and of expected stereo pairs (None for a user's own sequence).
-    parts : name and content of each complete file or image folder, as text, in a fixed order.
+    complete : one line for each complete file or image folder.
     problems : one sentence for each missing or invalid file; empty for a complete sequence.
     """
 
@@ -35,7 +35,7 @@ class SequenceReport:
     part: str
     pairs: int
     expected: int | None
-    parts: tuple[tuple[str, str], ...]
+    complete: tuple[str, ...]
     problems: tuple[str, ...]
 
 
@@ -44,9 +44,7 @@ def parse_numbers(text: str) -> list[str]:
     names = [name.removeprefix("kitti/") for name in parse_sequences(text)]
     for name in names:
         if name not in kitti.EXPECTED_FRAMES:
-            raise DataError(
-                f"--sequences {text!r}: unknown sequence {name!r}; expected numbers from 00 to 21"
-            )
+            raise DataError(f"--sequences {text!r}: unknown sequence {name!r}; expected 00 to 21")
     return list(dict.fromkeys(names))
 
 
@@ -77,54 +75,49 @@ def check_tree(
     return reports
 
 
-def _by_number(folder: Path) -> dict[int, str]:
-    """File names of the images in a folder by image number; empty for a missing folder."""
-    return {int(path.stem): path.name for path in sorted(folder.glob("*.png")) if path.stem.isdecimal()}
-
-
 def _check_sequence(root: Path, folder: Path, deep: bool) -> SequenceReport:
     colour = any((folder / side).is_dir() for side in ("image_2", "image_3"))
     sides = {f"image_{side}": _by_number(folder / f"image_{side}") for side in range(4 if colour else 2)}
-    problems: list[str] = []
-    part = kitti.read_part(folder)
-    numbers = kitti.wanted_frames(folder)
+    part, numbers = kitti.read_part(folder), kitti.wanted_frames(folder)
     expected = None if numbers is None else len(numbers)
     if numbers is None:  # a user's own clip may start with any number
         everything = set().union(*sides.values())
         numbers = range(min(everything, default=0), max(everything, default=-1) + 1)
-    frames = len(numbers)
     mark = "" if part is None else part[0]
-    parts = [("a part", mark)] if mark else []
+    complete, problems = [f"a part: {mark}"] if mark else [], list[str]()
     for side, images in sides.items():
-        count = f"{len(images)} of {frames}" if expected is not None else str(len(images))
-        inside = [number for number in images if number in numbers]
+        missing = [number for number in numbers if number not in images]
         if not images:
             problems.append(f"{side}: no images")
-        elif len(inside) < frames:
-            first = next(number for number in numbers if number not in images)
-            problems.append(f"{side}: {frames - len(inside)} images missing, the first is {first:06d}")
-        if surplus := images.keys() - set(inside):
+        elif missing:
+            problems.append(f"{side}: {len(missing)} images missing, the first is {missing[0]:06d}")
+        if surplus := images.keys() - set(numbers):
             problems.append(f"{side}: {len(surplus)} images have wrong numbers, such as {min(surplus):06d}")
         size, wrong = _look_at_images(folder / side, images) if deep else ("", [])
         problems += [f"{side}/{words}" for words in wrong]
-        if len(inside) == frames:
-            parts.append((side, f"{count} images{size}"))
-    pairs = len(set(sides["image_0"]) & set(sides["image_1"]))
+        if images and not missing:
+            complete.append(f"{side}: {len(numbers)} images{size}")
     readers: dict[Path, Callable[[Path], str]] = {
         folder / "calib.txt": _camera,
-        folder / "times.txt": lambda path: _rows(len(kitti.read_times(path)), frames),
+        folder / "times.txt": lambda path: _rows(len(kitti.read_times(path)), len(numbers)),
     }
     poses = folder / "poses.txt"
     poses = poses if poses.exists() else root / "poses" / f"{folder.name}.txt"
     if poses.exists() or (expected is not None and folder.name <= LAST_WITH_POSES):
-        readers[poses] = lambda path: _rows(len(read_kitti_poses(path)), frames)
+        readers[poses] = lambda path: _rows(len(read_kitti_poses(path)), len(numbers))
     for path, read in readers.items():
         label = path.name if path.parent == folder else f"poses/{path.name}"
         try:
-            parts.append((label, read(path)))
+            complete.append(f"{label}: {read(path)}")
         except DataError as error:
             problems.append(f"{label}: " + str(error).removeprefix(f"{path}: "))
-    return SequenceReport(folder.name, mark, pairs, expected, tuple(parts), tuple(problems))
+    pairs = kitti.count_pairs(folder)
+    return SequenceReport(folder.name, mark, pairs, expected, tuple(complete), tuple(problems))
+
+
+def _by_number(folder: Path) -> dict[int, str]:
+    """File names of the images in a folder by image number; empty for a missing folder."""
+    return {int(path.stem): path.name for path in sorted(folder.glob("*.png")) if path.stem.isdecimal()}
 
 
 def _look_at_images(folder: Path, images: dict[int, str]) -> tuple[str, list[str]]:
