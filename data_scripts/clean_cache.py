@@ -12,13 +12,11 @@ from __future__ import annotations
 
 import argparse
 import shutil
-import sys
 from pathlib import Path
 
 from fetch.download import in_words
 from vo_lib.commands.common import add_cache
 from vo_lib.commands.console import say
-from vo_lib.commands.scripts import run_script
 from vo_lib.runs.identity import FRONT_END_CODE
 from vo_lib.runs.matches import code_folder, folder_size, match_folder
 
@@ -43,7 +41,3 @@ def run(options: argparse.Namespace) -> int:
     removed, folder = clean_matches(options.cache), match_folder(options.cache)
     say(f"{folder}: {in_words(removed)} deleted, {in_words(folder_size(folder))} remain")
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(run_script(sys.modules[__name__]))

@@ -12,14 +12,12 @@ from __future__ import annotations
 
 import argparse
 import shlex
-import sys
 from pathlib import Path
 
 from fetch.detectors import FETCHABLE, LICENCE, NAME, YOLOV8, Detector, fetch_detector, register_detector
 from fetch.download import confirm, in_words
 from vo_lib.commands.console import reporting, say, show_table
 from vo_lib.commands.script import typed
-from vo_lib.commands.scripts import run_script
 from vo_lib.detection.models import detector_folder, list_detectors
 from vo_lib.errors import DataError, did_you_mean
 
@@ -82,7 +80,3 @@ def fetch(detector: Detector, folder: Path, yes: bool) -> int:
         path = fetch_detector(detector, folder, report)
     say(f"verified: {path}")
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(run_script(sys.modules[__name__]))

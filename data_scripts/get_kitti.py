@@ -19,7 +19,6 @@ examples:
 from __future__ import annotations
 
 import argparse
-import sys
 from functools import partial
 from pathlib import Path
 
@@ -31,7 +30,6 @@ from fetch.zip_archives import Archives
 from vo_lib.commands.common import parse_frames, parse_whole
 from vo_lib.commands.console import reporting, say
 from vo_lib.commands.script import typed
-from vo_lib.commands.scripts import run_script
 from vo_lib.data.catalogue import kitti_root
 from vo_lib.data.kitti import EXPECTED_FRAMES, PART
 from vo_lib.errors import DataError
@@ -120,7 +118,3 @@ def fetch_missing(root: Path, sequences: set[str], options: argparse.Namespace) 
                 say(f"note: {note}")
         say("done; to check the files: " + typed(f"vo data check_kitti --root {root}"))
         return 0
-
-
-if __name__ == "__main__":
-    sys.exit(run_script(sys.modules[__name__]))

@@ -11,13 +11,11 @@ split. After an interruption, repeat the command to continue.
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 from training.street_set import DetectionSetConfig, write_street_set
 from vo_lib.commands.common import parse_whole
 from vo_lib.commands.console import reporting, say
-from vo_lib.commands.scripts import run_script
 from vo_lib.commands.setting_options import add_settings, from_options
 
 
@@ -35,7 +33,3 @@ def run(options: argparse.Namespace) -> int:
         write_street_set(options.folder, config, parse_whole("--jobs", options.jobs), report)
     say(f"written to {options.folder}")
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(run_script(sys.modules[__name__]))

@@ -8,11 +8,9 @@ examples:
 from __future__ import annotations
 
 import argparse
-import sys
 
 from vo_lib.commands.common import add_cache, parse_frames, parse_whole
 from vo_lib.commands.console import reporting
-from vo_lib.commands.scripts import run_script
 from vo_lib.commands.setting_options import add_settings, option_values
 from vo_lib.data.drawn import ensure_scene
 from vo_lib.data.scenes import SCENES, SceneConfig, scene_config
@@ -36,7 +34,3 @@ def run(options: argparse.Namespace) -> int:
     with reporting(f"drawing {options.scene}") as report:
         print(ensure_scene(config, options.cache, report, parse_whole("--jobs", options.jobs), frames))
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(run_script(sys.modules[__name__]))

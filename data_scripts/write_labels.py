@@ -11,12 +11,10 @@ in the folder contains the model's SHA-256.
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 from vo_lib.commands.common import add_cache, open_with_bar
 from vo_lib.commands.console import reporting, say
-from vo_lib.commands.scripts import run_script
 from vo_lib.commands.setting_options import add_settings, from_options
 from vo_lib.detection.labels import RECORD, write_label_folder
 from vo_lib.detection.settings import DetectorConfig
@@ -52,7 +50,3 @@ def run(options: argparse.Namespace) -> int:
         )
     say(f"{folder}: {len(sequence)} frames, {count} of them new; {RECORD} describes the model")
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(run_script(sys.modules[__name__]))

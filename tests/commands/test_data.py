@@ -1,10 +1,7 @@
-"""Data scripts run as `vo data NAME`, or as a file from any folder."""
+"""Data scripts run as `vo data NAME`."""
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -31,13 +28,3 @@ def test_scripts_have_help(name: str, capsys: pytest.CaptureFixture[str]) -> Non
     printed = capsys.readouterr().out
     assert printed.startswith(f"usage: vo data {name} ")
     assert f"\n  vo data {name}" in printed.partition("examples:")[2]
-
-
-def test_script_runs_as_a_program(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert load("get_kitti")(["--help"]) == 0
-    command = [sys.executable, str(FOLDER / "get_kitti.py"), "--help"]
-    environ = {**os.environ, "COLUMNS": "80"}
-    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, env=environ)
-    assert (ended.returncode, ended.stderr) == (0, "")
-    assert ended.stdout.split() == capsys.readouterr().out.split()
-    assert list(tmp_path.iterdir()) == []
