@@ -10,7 +10,7 @@ from ..data.catalogue import KITTI, available, kitti_places, kitti_root
 from ..data.drawn import cache_folder
 from ..data.kitti import count_pairs, wanted_frames
 from ..detection.models import detector_folder, list_detectors
-from ..runs.identity import FRONT_END_CODE, hash_folder, versions
+from ..runs.identity import FRONT_END_CODE, versions
 from ..runs.matches import code_folder, folder_size, match_folder
 from .console import say, show_table
 from .script import install, steps
@@ -25,7 +25,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def _check(options: argparse.Namespace) -> int:
-    findings = [_packages(), _kitti(), _detectors(), _caches()]
+    findings = [_packages(), _kitti(), _detectors(), _cache()]
     show_table(["subject", "state", "facts"], [[*finding[:3]] for finding in findings], numbers=False)
     say(*(f"{subject}: {remedy}" for subject, _, _, remedy in findings if remedy))
     return int(any(state == "problem" for _, state, _, _ in findings))
@@ -72,15 +72,9 @@ def _detectors() -> Finding:
     return "downloaded detectors", "ok", ", ".join(names) or f"none in {detector_folder()}", remedy
 
 
-def _caches() -> Finding:
-    current = sum(folder_size(code_folder(variant)) for variant in FRONT_END_CODE)
-    sizes = {
-        "scenes": folder_size(cache_folder()),
-        "matches": current,
-        "matches of other versions": folder_size(match_folder(None)) - current,
-        "labels": folder_size(cache_folder().parent / "labels"),
-        "hashes of images": folder_size(hash_folder()),
-    }
-    facts = [str(cache_folder().parent), *(f"{name}: {size / 1e6:.1f} MB" for name, size in sizes.items())]
+def _cache() -> Finding:
+    folder, matches = cache_folder().parent, folder_size(match_folder(None))
+    stale = matches - sum(folder_size(code_folder(variant)) for variant in FRONT_END_CODE)
+    facts = f"{folder}: {folder_size(folder) / 1e6:.1f} MB\nmatches of other versions: {stale / 1e6:.1f} MB"
     remedy = "to free space" + steps({"vo data clean_cache": "deletes the matches of other versions"})
-    return "caches", "ok", "\n".join(facts), remedy
+    return "cache", "ok", facts, remedy
