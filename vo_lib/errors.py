@@ -8,7 +8,6 @@ from collections.abc import Iterable
 from pathlib import Path
 
 _PREFIX = re.compile("^(--|.*/)")  # of options and of sequences such as kitti/07
-RENAMED = {"finish_window": "subpixel_window"}  # new names of settings, by name in earlier versions
 
 
 class DataError(Exception):
@@ -25,8 +24,6 @@ class DataError(Exception):
 
 def did_you_mean(name: str, names: Iterable[str]) -> str:
     """A question for an error message, with the valid name nearest to `name`; "" if no name is near."""
-    for earlier, new in RENAMED.items():
-        name = name.replace(earlier, new)
     # A common beginning would make short names similar.
     words = {_PREFIX.sub("", valid).lower(): valid for valid in names}
     near = difflib.get_close_matches(_PREFIX.sub("", name).lower(), words, n=1)

@@ -13,7 +13,6 @@ import cv2
 import numpy as np
 import platformdirs
 
-from ..errors import DataError
 from ..geometry.types import Progress
 from ..settings import to_dict
 from .scenes import SCENES, SceneConfig, scene_config
@@ -60,8 +59,7 @@ def ensure_scene(
     jobs : number of processes that draw; the images do not depend on this number.
     frames : if the complete scene is not in the cache, draw only these frames, in a separate folder.
 
-    Raises `DataError` if the scene is unknown, the cache is not writable, or the kit is not installed from
-    its folder.
+    Raises `DataError` if the scene is unknown or the cache is not writable.
     """
     config = name_or_config if isinstance(name_or_config, SceneConfig) else scene_config(name_or_config)
     folder = scene_folder(config, cache)
@@ -69,11 +67,7 @@ def ensure_scene(
         folder = folder.with_name(f"{folder.name}-{frames.start}-{frames.stop}")
     if folder.is_dir():
         return folder
-    try:
-        from vo_street.cache import draw_scene
-    except ImportError:
-        raise DataError(
-            "drawing a street needs the kit's folder: install the kit with `pip install -e .`"
-        ) from None
+    from vo_street.cache import draw_scene  # here, since vo_street imports this package
+
     draw_scene(config, folder, progress, jobs, frames)
     return folder
