@@ -45,22 +45,17 @@ def loops_with_bar(sequence: Sequence, method: MethodConfig, config: LoopConfig)
 
 
 def close_run(folder: Path, sequence: Sequence, poses: Array, loops: Loops, config: LoopConfig) -> Closed:
-    """Close the accepted loops; write the poses and the loops into the folder of the run."""
+    """Close the accepted loops; write the poses and the closed loops into the folder of the run."""
     with single_threaded():  # the last digits depend on the number of threads
         closed = close_path(poses, loops[loops.accepted(config)], config)
     write_kitti_poses(folder / LOOPS_POSES, closed.poses)
-    write_atomic(folder / LOOPS, loops_csv(sequence.frames, closed))
-    return closed
-
-
-def loops_csv(frames: tuple[str, ...], closed: Closed) -> str:
-    """CSV text of the closed loops: both frames, similarity, matches, inliers, residual, weight and gap."""
-    loops, rows = closed.loops, list[list[object]]([list(COLUMNS)])
+    loops, frames, rows = closed.loops, sequence.frames, list[list[object]]([list(COLUMNS)])
     numbers = loops.similarity, loops.matches, loops.inliers, loops.residual, closed.weight, closed.gap
     for first, second, *row in zip(loops.first, loops.second, *numbers, strict=True):
         cells = [f"{x:.3f}" if isinstance(x, np.floating) else x for x in row]
         rows.append([frames[first], frames[second], *cells])
-    return csv_text(rows)
+    write_atomic(folder / LOOPS, csv_text(rows))
+    return closed
 
 
 def close_outcomes(outcomes: list[Outcome], config: LoopConfig) -> list[ReportTable]:

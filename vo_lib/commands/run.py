@@ -67,7 +67,9 @@ def _run(options: argparse.Namespace) -> int:
     config = common.read_settings(options)
     if options.help_settings:
         return _help_settings(config)
-    config = changed_by_options(options, config)
+    for item in (SETTINGS | {item.name: item for item in settings.declared(type(config))}).values():
+        if (text := getattr(options, item.name)) is not None:
+            config = change(config, item.name, item.parse(text))
     loops = from_options(options, LoopConfig, closing.PREFIX)
     calibration, cache = _check(options, config), Path(options.cache) if options.cache else None
     detection = from_options(options, DetectorConfig, DETECTOR)
@@ -170,11 +172,3 @@ def _check(options: argparse.Namespace, config: MethodConfig) -> Calibration | N
     from ..kit.calibration import read_learnt_calibration
 
     return read_learnt_calibration(options.calibration)
-
-
-def changed_by_options(options: argparse.Namespace, config: MethodConfig) -> MethodConfig:
-    """The configuration with the options' thresholds; `DataError` for a threshold of the other variant."""
-    for item in (SETTINGS | {item.name: item for item in settings.declared(type(config))}).values():
-        if (text := getattr(options, item.name)) is not None:
-            config = change(config, item.name, item.parse(text))
-    return config

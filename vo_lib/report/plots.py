@@ -111,16 +111,13 @@ def draw_drift(axis: Axes, truth: Array, estimates: Mapping[str, Array]) -> None
     label_axis(axis, "along the path [m]", "distance from the truth [m]")
 
 
-def draw_loops(axis: Axes, poses: Array, loops: Sequence[tuple[int, int]]) -> None:
-    """Draw a line between the two frames of each loop, on a path (N, 4, 4) seen from above."""
-    ends = poses[np.array(loops).T][:, :, [0, 2], 3]
-    axis.plot(*np.moveaxis(ends, 2, 0), "-o", color=LOOP_COLOUR, markersize=3, linewidth=1.2, label="loop")
-
-
 def trajectories_figure(
     panels: Mapping[str, tuple[Array | None, dict[str, Array]]], loops: Sequence[tuple[int, int]] = ()
 ) -> Figure:
-    """One row per panel (title, truth, named estimates): paths seen from above, and distances from truth."""
+    """One row per panel (title, truth, named estimates): paths seen from above, and distances from truth.
+
+    loops : pairs of frames that a line on the first path joins.
+    """
     rows, columns = len(panels), 1 + any(truth is not None for truth, _ in panels.values())
     width, height = SMALL_PAGE
     figure = page(width=width * columns, height=(height - 1.0) * rows + 1.0)
@@ -129,7 +126,9 @@ def trajectories_figure(
         axis = figure.add_subplot(rows, columns, row * columns + 1)
         draw_trajectories(axis, title, truth, estimates)
         if loops:
-            draw_loops(axis, next(iter(estimates.values())), loops)
+            ends = next(iter(estimates.values()))[np.array(loops).T, :3, 3]
+            x, _, z = np.moveaxis(ends, 2, 0)
+            axis.plot(x, z, "-o", color=LOOP_COLOUR, markersize=3, linewidth=1.2, label="loop")
         lines = {str(line.get_label()): line for line in axis.get_lines()}
         labels |= {name: line for name, line in lines.items() if not name.startswith("_")}
         if truth is not None:

@@ -30,7 +30,6 @@ from .printed import PaperTable, printed_table
 from .table1 import VARIANT_WORDS, table_records
 
 FIGURE_4_SEQUENCES = (f"{KITTI}02", f"{KITTI}07")
-TABLE_FILES = ("table1.md", "table1.csv", "report.html")
 
 
 @dataclass(frozen=True)
@@ -145,17 +144,14 @@ def write_table_files(
     conclusions: list[str],
     origin: list[str],
 ) -> None:
-    """Write `TABLE_FILES` and figures; `conclusions` : sentences; `origin` : command and duration."""
+    """Write tables, report and figures; `conclusions` : sentences; `origin` : command and duration."""
     printed = [printed_table()] if any(group.kitti for group in groups) else []
     pictures, films = _pictures(folder, result, groups), _films(folder, result)
     sentences = "".join(f"{line}\n\n" for line in [*conclusions, *result.problems])
-    contents = (
-        sentences + "\n".join(map(markdown, [*tables, *printed])),
-        records_csv(table_records(groups, paper)),
-        render_report(conclusions, tables, printed, pictures, origin, result.problems, films),
-    )
-    for name, content in zip(TABLE_FILES, contents, strict=True):
-        write_atomic(folder / name, content)
+    page = render_report(conclusions, tables, printed, pictures, origin, result.problems, films)
+    write_atomic(folder / "table1.md", sentences + "\n".join(map(markdown, [*tables, *printed])))
+    write_atomic(folder / "table1.csv", records_csv(table_records(groups, paper)))
+    write_atomic(folder / "report.html", page)
 
 
 def _pictures(folder: Path, result: Reproduction, groups: list[Group]) -> list[Picture]:
