@@ -18,6 +18,7 @@ from datetime import date
 from pathlib import Path
 
 from measure import ablation
+from measure.axes import MAX_ANGLE_DEG
 from measure.result_tables import Key, cells_of_systems, claim_table, jobs_of, result_tables
 from vo_lib.commands.common import add_cache, open_with_bar, parse_whole
 from vo_lib.commands.console import reporting, say, show_report_table
@@ -52,9 +53,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """The options."""
     add_inputs(parser)
     parser.add_argument("--runs", default="runs/results", metavar="DIR", help="folder for the runs")
-    parser.add_argument(
-        "--out", default="runs/results/results.md", metavar="FILE", help="Markdown file of the tables"
-    )
+    text = "Markdown file of the tables; default: results.md in the folder for the runs"
+    parser.add_argument("--out", type=Path, metavar="FILE", help=text)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -64,6 +64,7 @@ def run(options: argparse.Namespace) -> int:
     for sequence in sequences:
         if sequence.truth is None:
             raise DataError(f"{sequence.name} has no ground truth, so errors cannot be computed")
+    out = options.out or Path(options.runs) / "results.md"
     with run_folder(options.runs) as folder:
         jobs = {key: job for sequence in sequences for key, job in jobs_of(sequence, folder)}
         with reporting(f"{len(jobs)} runs") as report:
@@ -79,9 +80,9 @@ def run(options: argparse.Namespace) -> int:
     rows = [cells for _, cells in read_csv(ABLATION)[1:]]
     if {cells[2] for cells in rows} <= {sequence.name for sequence in sequences}:
         tables += ablation.tables(rows)
-    write_atomic(options.out, _page(tables, options))
-    show_report_table(claim_table(systems))
-    say(f"written to {options.out}")
+    write_atomic(out, _page(tables, options))
+    show_report_table(claim_table(systems["published"]))
+    say(f"written to {out}")
     return 0
 
 
@@ -110,9 +111,9 @@ def _page(tables: list[ReportTable], options: argparse.Namespace) -> str:
         "standard deviations. A change counts if it exceeds two standard deviations and 2 %. Drawn scenes "
         "have the sub-sequences of the KITTI benchmark; `jam`, which is 100 m long, and the clips of KITTI "
         "have shorter sub-sequences, which start at every frame. A clip is the beginning of its sequence. "
-        "In rows with `axes removed`, TE is computed with the pitch and yaw that minimise TE, because the "
-        "truth of a raw drive is rotated against the camera. For clips without labels, the vehicle boxes "
-        "come from the detector in the command.",
+        f"In rows with `axes removed`, TE is computed with the pitch and yaw, up to {MAX_ANGLE_DEG:g}°, that "
+        "minimise TE, because the truth of a raw drive is rotated against the camera. For clips without "
+        "labels, the vehicle boxes come from the detector in the command.",
         f"    {shlex.join(words)}",
         f"{date.today().isoformat()}. " + "; ".join(origin) + ".",
     ]
