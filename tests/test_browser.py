@@ -20,7 +20,6 @@ from course.panel import ERROR_CLASS
 from course.results import NOT_YET_CLASS, RIGHT_CLASS
 
 NOTEBOOKS = sorted((Path(__file__).resolve().parents[1] / "notebooks").glob("*.ipynb"))
-CASES = [("", path) for path in NOTEBOOKS]  # without KITTI; test_notebooks_kitti.py has its clips
 TOKEN = "notebooks-under-test"
 LONG = 600_000.0  # time limit of one step, milliseconds
 SELDOM = 200.0  # polling interval, milliseconds; the default polls, and draws, every animation frame
@@ -45,8 +44,8 @@ def free_port() -> int:
 
 
 @pytest.fixture(scope="module")
-def lab(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Address of a JupyterLab that `vo lab` starts on a copy of the notebooks with a given KITTI_ROOT."""
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Address of a JupyterLab that `vo lab` starts on a copy of the notebooks, without KITTI."""
     folder, port = tmp_path_factory.mktemp("lab"), free_port()
     for plugin, values in SETTINGS.items():
         path = folder / "settings" / f"{plugin}.jupyterlab-settings"
@@ -58,7 +57,7 @@ def lab(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
         "JUPYTERLAB_WORKSPACES_DIR": str(folder / "workspaces"),
         "JUPYTER_CONFIG_DIR": str(folder / "config"),
         "IPYTHONDIR": str(folder / "ipython"),
-        "KITTI_ROOT": request.param,
+        "KITTI_ROOT": "",  # test_notebooks.py has the clips
     }
     words = ["lab", "--copy", str(folder / "work"), "--", "--port", str(port), "--no-browser", "--allow-root"]
     log = folder / "server.log"
@@ -105,7 +104,7 @@ def browser() -> Iterator[BrowserContext]:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("street")
-@pytest.mark.parametrize(("lab", "path"), CASES, indirect=["lab"], ids=lambda each: Path(each).stem)
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_notebook_runs_in_a_browser(path: Path, lab: str, browser: BrowserContext) -> None:
     page = browser.new_page()
     page.set_default_timeout(LONG)
@@ -141,7 +140,6 @@ def test_notebook_runs_in_a_browser(path: Path, lab: str, browser: BrowserContex
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("lab", [""], indirect=True)
 def test_lab_opens_the_course_without_dialogs(lab: str, browser: BrowserContext) -> None:
     page = browser.new_page()
     page.set_default_timeout(LONG)
