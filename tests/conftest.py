@@ -37,14 +37,8 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     # A background job of a shell ignores SIGINT, and so would every program that the tests start.
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# The slowest files start first, so that no process works on one when the others are done.
-LONGEST = (
-    "test_notebooks.py",
-    "test_browser.py",
-    "test_panels.py",
-    "test_odometry.py",
-    "test_jobs.py",
-)
+# The slowest files come first: a process without work takes tests from the end of another one's list.
+LONGEST = ("test_notebooks.py", "test_browser.py", "test_panels.py", "test_odometry.py", "test_jobs.py")
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 
@@ -79,6 +73,13 @@ def clips() -> Path:
     if not CLIPS.is_dir():
         pytest.skip("the real KITTI clips are not beside this checkout (shared/data/kitti_clips)")
     return CLIPS
+
+
+@pytest.fixture
+def drive_00(clips: Path, monkeypatch: pytest.MonkeyPatch) -> Sequence:
+    """The first 201 frames of KITTI 00. Its matches in the user's cache serve several tests and notebooks."""
+    monkeypatch.setenv("KITTI_ROOT", str(clips))
+    return open_sequence("kitti/00")
 
 
 @pytest.fixture(scope="session")

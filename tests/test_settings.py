@@ -2,22 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
-import json
-
 import pytest
 
-from vo_lib import METHODS, DataError, preset, settings
+from vo_lib import DataError, settings
 from vo_lib.kit.settings import KitConfig
 
 DECLARED = list(settings.declared(KitConfig))
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_every_preset_survives_json(method: str) -> None:
-    config = settings.replace(preset(method, seed=3, variant="kit"), "selection.mode", "literal")
-    again = settings.from_dict(KitConfig, json.loads(json.dumps(settings.to_dict(config))))
-    assert again == config
 
 
 @pytest.mark.parametrize("item", DECLARED, ids=lambda item: item.name)
@@ -40,18 +30,3 @@ def test_value_out_of_range_is_refused(item: settings.Setting) -> None:
 def test_values_of_another_type_are_refused(value: object) -> None:
     with pytest.raises(DataError, match="loop_tolerance"):
         settings.replace(KitConfig(), "matching.loop_tolerance", value)
-
-
-def test_replace_changes_one_setting() -> None:
-    config = settings.replace(KitConfig(), "selection.sets", 77)
-    assert config.selection.sets == 77
-    assert dataclasses.replace(config.selection, sets=KitConfig().selection.sets) == KitConfig().selection
-
-
-def test_unknown_settings_and_methods_are_refused() -> None:
-    with pytest.raises(DataError, match=r"selection\.sats"):
-        settings.replace(KitConfig(), "selection.sats", 1)
-    with pytest.raises(DataError, match="did you mean solution_selection"):
-        preset("solution_selecton", variant="kit")
-    with pytest.raises(DataError, match="sats"):
-        settings.from_dict(KitConfig, {"selection": {"sats": 1}})

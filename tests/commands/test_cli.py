@@ -113,8 +113,9 @@ def test_missing_boxes_cause_a_warning(
     warning = "No vehicle boxes for bands: no features are removed, so feature_selection is equal"
     assert " ".join(done("a").split()).startswith(f"warning: {warning}")
     assert "No vehicle boxes" not in done("b", "--method", "solution_selection")
-    words = ["--sequences", str(bands), "--seeds", "1", "--out", str(bands.parent / "c")]
-    assert main(["reproduce", *words, "--cache", str(bands.parent / "cache")]) == 0
+    words = ["--sequences", str(bands), "--methods", "feature_selection", "--variant", "published"]
+    words += ["--seeds", "1", "--cache", str(bands.parent / "cache")]
+    assert main(["reproduce", *words, "--out", str(bands.parent / "c")]) == 0
     page = (bands.parent / "c" / "report.html").read_text(encoding="utf-8")
     for text in (capsys.readouterr().out, page):
         assert " ".join(text.split()).count(warning) == text.count("No vehicle boxes") == 1

@@ -105,13 +105,6 @@ def test_a_printed_number_is_reproduced_within_the_spread_of_the_seeds_alone(tmp
     assert te["04 Feature selection"][-1] == "no verdict: no boxes"
 
 
-def test_the_page_of_results_has_other_systems_on_the_same_frames() -> None:
-    table = results_table("Other systems on the same frames", "kitti/00, 100 m")
-    names = [row[0].removeprefix("kitti/00, 100 m, ") for row in table.rows]
-    assert names[:2] == ["libviso2", "ORB-SLAM2"]
-    assert all(len(row) == len(table.columns) for row in table.rows)
-
-
 def test_results_are_as_chapter_6_and_the_appendix_say() -> None:
     rows = results_table("Other systems on the same frames", "kitti/00, 100 m").rows
     for errors in zip(*(map(float, row[1:]) for row in rows), strict=True):

@@ -6,12 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import strategies as st
 
 from vo_lib.data.labels import read_labels, write_labels
 from vo_lib.geometry.boxes import Boxes, no_boxes
-
-shares = st.floats(0, 1)
 
 
 def test_boxes_are_clipped_and_scores_are_optional(tmp_path: Path) -> None:

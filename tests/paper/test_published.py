@@ -12,6 +12,7 @@ from box_scenes import CAMERA, match_points
 
 from vo_lib.config import PUBLISHED, change, preset
 from vo_lib.data.catalogue import open_sequence
+from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.kitti import kitti_errors
 from vo_lib.geometry.boxes import Boxes, no_boxes
 from vo_lib.geometry.matches import StereoMatches, empty_matches
@@ -34,7 +35,8 @@ from vo_lib.paper.translation import (
     feature_rows,
     solve_translation,
 )
-from vo_lib.runs.drive import make_odometry, run
+from vo_lib.runs.drive import make_odometry, run, run_methods
+from vo_lib.runs.matches import CachedMatches
 
 R_CP = rotation_from_vector(np.array([0.004, 0.03, -0.002]))
 T_CP = rigid(R_CP, np.array([0.05, -0.02, -1.1]))
@@ -238,12 +240,12 @@ def test_seed_determines_the_bytes(bands: Path) -> None:
     assert np.abs(poses[0][:, 0, 3] - 0.5 * np.arange(6)).max() < 0.03
 
 
-def test_published_errors_on_00(clips: Path) -> None:
-    """First 201 frames of KITTI 00, sub-sequences of 100 m from every frame."""
-    sequence = open_sequence(clips / "sequences" / "00")
-    poses = run(sequence, preset("solution_selection", variant="published")).poses
-    assert sequence.truth is not None
-    errors = kitti_errors(sequence.truth, poses, (100.0,), 1)
+def test_published_errors_on_00(drive_00: Sequence) -> None:
+    """Sub-sequences of 100 m from every frame."""
+    config = preset("solution_selection", variant="published")
+    result = run_methods(drive_00, {"": config}, matches=CachedMatches(drive_00, config))[""]
+    assert drive_00.truth is not None
+    errors = kitti_errors(drive_00.truth, result.poses, (100.0,), 1)
     assert errors.te is not None
     assert errors.re is not None
     assert 0.85 < errors.te < 1.15

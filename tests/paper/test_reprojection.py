@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +10,8 @@ from box_scenes import CAMERA, match_points
 
 from course.simulation.tracks import SimulatedFrame, TrackConfig, simulate_tracks
 from measure.axes import fit_axes
-from vo_lib import open_sequence, preset, run
+from vo_lib import preset
+from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.kitti import kitti_errors
 from vo_lib.geometry.boxes import no_boxes
 from vo_lib.geometry.matches import StereoMatches
@@ -19,7 +19,8 @@ from vo_lib.geometry.motion import rigid, rotation_angle, rotation_from_vector
 from vo_lib.geometry.types import Array, BoolArray
 from vo_lib.paper.settings import ReprojectionConfig
 from vo_lib.paper.viso2 import observed, ransac_motion
-from vo_lib.runs.drive import make_odometry
+from vo_lib.runs.drive import make_odometry, run_methods
+from vo_lib.runs.matches import CachedMatches
 
 CONFIG = ReprojectionConfig()
 # Step of the camera pose in the world: 1 m forward per frame and 0.5° of rotation.
@@ -113,9 +114,9 @@ def test_frame_without_motion_repeats_the_last_one() -> None:
     np.testing.assert_array_equal(lost.T_cp, motion.T_cp)
 
 
-def test_viso2_errors_on_00(clips: Path) -> None:
-    sequence = open_sequence(clips / "sequences" / "00")
-    truth, poses = sequence.truth, run(sequence, preset("viso2", variant="kit")).poses
+def test_viso2_errors_on_00(drive_00: Sequence) -> None:
+    truth, config = drive_00.truth, preset("viso2", variant="kit")
+    poses = run_methods(drive_00, {"": config}, matches=CachedMatches(drive_00, config))[""].poses
     assert truth is not None
     # libviso2 with its own features has 1.44 / 1.17 over 100 m and 1.61 / 1.88 over 50 m.
     for length, te, turned, re in ((100.0, 1.25, 0.60, 1.17), (50.0, 1.55, 1.30, 1.88)):

@@ -15,7 +15,7 @@ from vo_lib.data.scenes import SCENES, scene_config
 def test_demo_ends_with_the_result(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(SCENES, "jam", scene_config("jam", length=52.0, speed=12.0, width=480, height=200))
+    monkeypatch.setitem(SCENES, "jam", scene_config("jam", length=53.0, speed=25.0, width=480, height=200))
     out = tmp_path / "runs" / "demo"
     assert main(["demo", "--cache", str(tmp_path / "cache"), "--out", str(out)]) == 0
     printed = " ".join(capsys.readouterr().out.split())

@@ -9,12 +9,11 @@ from pathlib import Path
 import pytest
 from conftest import small, write_bands
 
-from clean_cache import clean_matches
 from vo_lib import Sequence, open_sequence, preset, run
 from vo_lib.paper.settings import MethodConfig
 from vo_lib.runs.drive import run_methods
 from vo_lib.runs.front_end import TimedMatches, find_matches
-from vo_lib.runs.matches import CachedMatches, code_folder
+from vo_lib.runs.matches import CachedMatches
 
 FRAMES = 12
 
@@ -72,13 +71,3 @@ def test_damaged_cache_files_are_replaced(sequence: Sequence, damage: str) -> No
     path.write_bytes(broken[damage]) if damage in broken else path.unlink()
     assert matches_of(cached(sequence, small())) == matches
     assert matches_of(cached(sequence, small())) == matches_of(find_matches(sequence, small()))
-
-
-def test_clean_matches_removes_outdated_files(tmp_path: Path) -> None:
-    kept, old = code_folder("published", tmp_path), tmp_path / "matches" / "published-0"
-    for folder in (kept, old):
-        folder.mkdir(parents=True)
-        (folder / "x.npz").write_bytes(bytes(100))
-    assert clean_matches(tmp_path) == 100
-    assert [path.name for path in (tmp_path / "matches").iterdir()] == [kept.name]
-    assert clean_matches(tmp_path) == 0

@@ -12,11 +12,12 @@ import pytest
 from conftest import BASELINE, small, texture, with_box, write_bands
 
 from measure.axes import fit_axes
-from vo_lib import Run, open_sequence, preset, run
+from vo_lib import Run, Sequence, open_sequence, preset, run
 from vo_lib.evaluation.kitti import kitti_errors
 from vo_lib.runs.drive import run_methods, unmasked
 from vo_lib.runs.folder import warnings_of
 from vo_lib.runs.front_end import find_matches
+from vo_lib.runs.matches import CachedMatches
 
 METHODS = ("mesvo_f", "solution_selection", "feature_selection")
 
@@ -82,16 +83,15 @@ def test_boxes_remove_their_features(bands: Path) -> None:
     assert all("filter_off" in motion.flags and motion.removed == 0 for motion in off.motions)
 
 
-def test_errors_on_00_are_within_bounds(clips: Path) -> None:
-    sequence = open_sequence(clips / "sequences" / "00")
+def test_errors_on_00_are_within_bounds(drive_00: Sequence) -> None:
     seeds = {str(seed): preset("feature_selection", seed=seed, variant="kit") for seed in range(5)}
-    assert sequence.truth is not None
-    for result in run_methods(sequence, seeds).values():
+    assert drive_00.truth is not None
+    for result in run_methods(drive_00, seeds, matches=CachedMatches(drive_00, seeds["0"])).values():
         # KITTI's truth is slightly rotated. A wrong principal point has the same effect, so TE is also tested
         # without this rotation.
         for length, te, turned, re in ((100.0, 1.20, 0.70, 1.17), (50.0, 1.65, 1.45, 1.7)):
-            errors = kitti_errors(sequence.truth, result.poses, [length], 1)
-            without = fit_axes(sequence.truth, result.poses, [length], 1).kitti
+            errors = kitti_errors(drive_00.truth, result.poses, [length], 1)
+            without = fit_axes(drive_00.truth, result.poses, [length], 1).kitti
             actual = np.array([errors.te, errors.re, without.te], float)
             assert (actual < (te, re, turned)).all()
 
