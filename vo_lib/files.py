@@ -13,9 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
-import numpy as np
 from filelock import FileLock, Timeout
-from numpy.typing import NDArray
 
 from .errors import DataError
 
@@ -67,15 +65,6 @@ def read_csv(path: str | Path) -> list[tuple[int, list[str]]]:
     """Rows of a CSV file, each with the number of its last line; empty rows and comments (#) are skipped."""
     reader = csv.reader(io.StringIO(read_text(path)))
     return [(reader.line_num, cells) for cells in reader if cells and not cells[0].startswith("#")]
-
-
-def read_arrays(data: bytes) -> dict[str, NDArray[Any]]:
-    """The arrays of an npz file with the content `data`. Invalid content raises `ValueError`."""
-    try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as file:
-            return {name: file[name] for name in file.files}
-    except Exception as error:  # the errors of zipfile, zlib and NumPy have no other common base class
-        raise ValueError(f"not a valid npz file: {error}") from None
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import io
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DataError
-from ..files import read_arrays, read_bytes, read_mapping
+from ..files import read_bytes, read_mapping
 from ..geometry.matches import StereoMatches
 from ..geometry.types import Array, BoolArray, IntArray
 from ..settings import from_dict
@@ -80,13 +81,11 @@ def open_truth(folder: Path | str) -> Truth:
     folder = Path(folder)
     try:
         scene = read_mapping(folder / "truth" / "scene.json", "a scene's settings")
-        return Truth(
-            folder=folder,
-            config=from_dict(SceneConfig, scene["config"]),
-            poses=read_kitti_poses(folder / "poses.txt"),
-            objects=read_arrays(read_bytes(folder / "truth" / "objects.npz"))["poses"],
-        )
-    except (DataError, ValueError, KeyError) as error:
+        config, poses = from_dict(SceneConfig, scene["config"]), read_kitti_poses(folder / "poses.txt")
+        vehicles = io.BytesIO(read_bytes(folder / "truth" / "objects.npz"))
+        with np.load(vehicles, allow_pickle=False) as file:
+            return Truth(folder, config, poses, objects=file["poses"])
+    except Exception as error:  # the errors of zipfile, zlib and NumPy have no other common base class
         raise DataError(f"the truth of a drawn scene is missing or invalid: {error}", folder) from None
 
 
