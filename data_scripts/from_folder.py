@@ -31,7 +31,7 @@ from pathlib import Path
 from fetch.euroc import read_euroc_drive
 from fetch.kitti_raw import read_raw_drive
 from fetch.stereo_calibration import Rig, read_opencv, rig_from_matrices, rig_from_numbers
-from fetch.stereo_import import look, write_sequence
+from fetch.stereo_import import look, require_new, write_sequence
 from fetch.stereo_sources import MAX_DELAY_S, Drive, FolderSource, Source, VideoSource, pair_images
 from vo_lib.commands.console import reporting, say
 from vo_lib.commands.script import typed
@@ -89,6 +89,7 @@ def run(options: argparse.Namespace) -> int:
             raise DataError(
                 f"--{name}: {len(paths)} paths; quote the pattern, so that the shell does not expand it"
             )
+    require_new(options.out)
     if sum(place is not None for place in (options.video, options.raw, options.euroc, options.left)) != 1:
         raise DataError("give the images by --left and --right, or by one of --video, --raw and --euroc")
     if options.fps is not None and not MIN_FPS <= options.fps <= MAX_FPS:

@@ -83,8 +83,6 @@ def fetch(
 
     The first failure ends the download; complete files are kept, so a second call continues.
 
-    Parameters
-    ----------
     progress : called with (bytes done, total bytes).
     """
     total, done = sum(member.info.compress_size for member in members), 0

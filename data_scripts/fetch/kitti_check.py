@@ -58,9 +58,7 @@ def check_tree(
     deep : decode every image, on all cores; otherwise only file names are checked.
     progress : called with (sequences checked, total sequences).
 
-    Raises
-    ------
-    DataError : the folder is missing.
+    Raises `DataError` if the folder is missing.
     """
     root = root / "dataset" if (root / "dataset" / "sequences").is_dir() else root
     if not (root / "sequences").is_dir():

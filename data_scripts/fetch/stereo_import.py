@@ -69,7 +69,7 @@ def write_sequence(
     copy: bool = False,
     progress: Progress | None = None,
 ) -> int:
-    """Write a sequence in KITTI's layout; the folder appears only when complete.
+    """Write a sequence in KITTI's layout, and return its number of pairs; the folder appears when complete.
 
     PNG images that are already rectified are linked, or copied (with `copy`, or without links in the file
     system). Other images are rectified and written as grey PNG.
@@ -77,10 +77,6 @@ def write_sequence(
     Parameters
     ----------
     times : (N,) seconds, or the frame rate, Hz. poses : (N, 4, 4) true poses T_w_c, or None.
-
-    Returns
-    -------
-    The number of pairs.
     """
     files = source.paths if isinstance(source, FolderSource) and rig.maps is None else []
     with _new_folder(out) as folder:
@@ -113,11 +109,16 @@ def write_tables(folder: Path, rig: Rig, times: Array, poses: Array | None) -> N
         write_kitti_poses(folder / "poses.txt", poses)
 
 
+def require_new(out: Path) -> None:
+    """Raise `DataError` if `out` is a file or a folder that is not empty."""
+    if os.path.lexists(out) and (not out.is_dir() or any(out.iterdir())):
+        raise DataError("already exists and is not empty; choose another folder", out)
+
+
 @contextmanager
 def _new_folder(out: Path) -> Iterator[Path]:
     """A temporary folder that is renamed to `out` after success and deleted after a failure."""
-    if os.path.lexists(out) and (not out.is_dir() or any(out.iterdir())):
-        raise DataError("already exists and is not empty; choose another folder", out)
+    require_new(out)
     working = out.with_name(f".{out.name}.{os.getpid()}.tmp")
     try:
         for side in ("image_0", "image_1"):
