@@ -61,8 +61,8 @@ def parse_sequences(text: str) -> list[str]:
             names.append(item)
             continue
         first, last = int(numbers[1]), int(numbers[2] or numbers[1])
-        if last < first:
-            raise DataError(f"--sequences {item}: expected an increasing range, such as 02-10")
+        if last < first or f"{last:02d}" not in EXPECTED_FRAMES:
+            raise DataError(f"--sequences {item}: expected numbers from 00 to 21, or a range such as 02-10")
         names += [f"{KITTI}{number:02d}" for number in range(first, last + 1)]
     if not all(names):
         raise DataError(f"--sequences {text!r}: expected names separated by commas")
