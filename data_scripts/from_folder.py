@@ -2,12 +2,13 @@
 
 The images come from two folders or patterns, or from a video with both images
 side by side. A drive of KITTI's raw data or a EuRoC folder (mav0) includes
-calibration, times and truth. If file names are times (nanoseconds, or seconds
-with decimals), left and right images are paired by time. The calibration is
-given by --focal, --centre and --baseline for rectified images, or by OpenCV
-YAML files: with K1 D1 K2 D2 R T, the script rectifies the images; with P1 P2
-alone, the images must already be rectified. A sample of pairs is checked for
-exchanged images, unequal rows and a wrong baseline.
+calibration, times and truth. Left and right images are paired by the number
+in their names (leading zeros and other text do not matter), or by equal names,
+or by time if the names are times (nanoseconds, or seconds with decimals). The
+calibration is given by --focal, --centre and --baseline for rectified images,
+or by OpenCV YAML files: with K1 D1 K2 D2 R T, the script rectifies the images;
+with P1 P2 alone, the images must already be rectified. A sample of pairs is
+checked for exchanged images, unequal rows and a wrong baseline.
 
 examples:
   vo data from_folder --left L --right R --out data/mine \\

@@ -141,31 +141,38 @@ def pair_images(
     """Pairs of left and right image files; each side is a folder or a pattern such as `S/I1_*.png`.
 
     If the names are times (nanoseconds, or seconds with decimals), each left image is paired with the right
-    image nearest in time, within `max_delay` seconds. Otherwise, images with equal names, or with equal text
-    in place of `*`, are paired; without equal names, images are paired in the order of their numbers.
+    image nearest in time, within `max_delay` seconds. Otherwise, images with equal numbers are paired. The
+    number of an image is the only group of digits that differs within its side. Images without such a number
+    are paired if their names, or their texts in place of `*`, are equal.
 
-    Raises `DataError` for a side without images, for unequal numbers of images with different names, and,
-    without `skip_unpaired`, for an image without a partner.
+    Raises `DataError` for a side without images, for fewer than two pairs, and, without `skip_unpaired`, for
+    an image without a partner.
     """
     sides = [_images(place) for place in (left, right)]
-    names, stamps = [list(side) for side in sides], [_seconds(list(side)) for side in sides]
+    stamps = [_seconds(list(side)) for side in sides]
     times, notes = None, []
     if stamps[0] is not None and stamps[1] is not None:
-        chosen = [each.tolist() for each in match_times(stamps[0], stamps[1], max_delay)]
-        if len(chosen[0]) < 2:
+        nearest = match_times(stamps[0], stamps[1], np.inf)
+        delays = np.abs(stamps[0][nearest[0]] - stamps[1][nearest[1]])
+        close = delays <= max_delay
+        if np.count_nonzero(close) < 2:
             raise DataError(
-                f"expected two or more pairs of images at most --max-delay {max_delay:g} s apart", left
+                f"expected two or more pairs of images at most --max-delay {max_delay:g} s apart; "
+                f"the nearest images are {delays.min():.3g} s apart",
+                left,
             )
+        chosen = [each[close].tolist() for each in nearest]
         times = stamps[0][chosen[0]]
-        if (delay := float(np.abs(times - stamps[1][chosen[1]]).max(initial=0.0))) > 0:
+        if (delay := float(delays[close].max())) > 0:
             notes.append(f"left and right images are up to {1e3 * delay:.1f} ms apart")
-    elif common := sides[0].keys() & sides[1].keys():
-        chosen = [[n for n, name in enumerate(of_side) if name in common] for of_side in names]
-    elif len(sides[0]) == len(sides[1]):
-        chosen = [list(range(len(sides[0])))] * 2
     else:
-        counts = f"has {len(sides[1])} images, {left} has {len(sides[0])}"
-        raise DataError(f"{counts}, and the names do not match", right)
+        if all(numbered := [_by_number(side) for side in sides]):
+            sides = numbered
+        common = sides[0].keys() & sides[1].keys()
+        if len(common) < 2:
+            expected = "expected equal names, equal numbers (the digits that differ) or times"
+            raise DataError(f"fewer than two names agree with the names in {left}: {expected}", right)
+        chosen = [[n for n, name in enumerate(side) if name in common] for side in sides]
     files = [list(side.values()) for side in sides]
     single = [f[n] for f, c in zip(files, chosen, strict=True) for n in sorted({*range(len(f))} - {*c})]
     if single and not skip_unpaired:
@@ -189,7 +196,7 @@ def _images(place: Path) -> dict[str, Path]:
     }
     if len(named) < 2:
         raise DataError(f"expected two or more images, found {len(named)}", place)
-    return {name: named[name] for name in sorted(named, key=_by_number)}
+    return {name: named[name] for name in sorted(named, key=_natural)}
 
 
 def _seconds(names: list[str]) -> Array | None:
@@ -200,9 +207,20 @@ def _seconds(names: list[str]) -> Array | None:
     return None
 
 
-def _by_number(name: str) -> list[tuple[int, str]]:
+def _natural(name: str) -> list[tuple[int, str]]:
     """Sort key that orders img2 before img10."""
     return [(int(part or 0), word) for word, part in re.findall(r"(\D*)(\d*)", name)]
+
+
+def _by_number(images: dict[str, Path]) -> dict[str, Path]:
+    """The images by number, in order; empty unless exactly one group of digits differs between the names."""
+    groups = [[int(digits) for digits in re.findall(r"\d+", name)] for name in images]
+    if len({*map(len, groups)}) > 1:
+        return {}
+    differing = [numbers for numbers in zip(*groups, strict=True) if len({*numbers}) > 1]
+    if len(differing) != 1 or len({*differing[0]}) < len(images):
+        return {}
+    return {str(number): path for number, path in sorted(zip(differing[0], images.values(), strict=True))}
 
 
 def _read_pair(paths: tuple[Path, Path]) -> Pair:

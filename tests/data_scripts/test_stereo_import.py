@@ -71,6 +71,43 @@ def test_patterns_pair_images_of_one_folder(bands: Path) -> None:
         pair_images(bands / "I1_*.png", bands / "I3_*.png")
 
 
+@pytest.mark.parametrize(
+    ("left", "right"),
+    [
+        ("frame{:04d}", "img_{:06d}_R"),
+        ("{}", "{:02d}"),
+        ("z{}", "{}a"),
+        ("1_{}", "2_{:03d}_0"),
+        ("{0}_{0}.5", "{0}_{0}.5"),  # two groups of digits: equal names
+    ],
+)
+def test_names_that_are_not_times_are_paired_by_number(bands: Path, left: str, right: str) -> None:
+    names = [[form.format(n) for n in range(7, 13)] for form in (f"L{left}", right)]
+    renamed(bands, lambda side, frame: f"image_{side}/{names[side][frame]}.png")
+    sides = bands / "image_0" / "L*", bands / "image_1"
+    every = [f"image_0/{a}.png image_1/{b}.png" for a, b in zip(*names, strict=True)]
+    assert numbers(pair_images(*sides), bands) == every
+    # Without these images, the counts are equal and every third pair is complete.
+    (bands / "image_0" / f"{names[0][1]}.png").unlink()
+    (bands / "image_1" / f"{names[1][4]}.png").unlink()
+    with pytest.raises(DataError, match=f"{names[0][4]}.png: the image has no partner; --skip-unpaired"):
+        pair_images(*sides)
+    result = pair_images(*sides, skip_unpaired=True)
+    assert numbers(result, bands) == [every[n] for n in (0, 2, 3, 5)]
+    assert result.left == (0, 1, 2, 4)
+
+
+@pytest.mark.parametrize(
+    ("left", "right"),
+    [("abcdef", "ghijkl"), ("0a 0b 1a 1b 2a 2b", "0c 0d 1c 1d 2c 2d"), ("0 1 2 3 4 5", "5 6 7 8 9 10")],
+)
+def test_names_without_equal_numbers_are_refused(bands: Path, left: str, right: str) -> None:
+    names = [words.split() if " " in words else [*words] for words in (left, right)]
+    renamed(bands, lambda side, frame: f"image_{side}/{names[side][frame]}.png")
+    with pytest.raises(DataError, match=r"image_1: fewer than two .*: expected equal names, equal numbers"):
+        pair_images(bands / "image_0", bands / "image_1", skip_unpaired=True)
+
+
 @pytest.mark.parametrize("digits", [0, 6])
 def test_names_that_are_times_are_paired_by_time(bands: Path, digits: int) -> None:
     start = 1403636579763555584
@@ -91,6 +128,8 @@ def test_names_that_are_times_are_paired_by_time(bands: Path, digits: int) -> No
     assert result.times is not None
     np.testing.assert_allclose(result.times - 1e-9 * start, [0.0, 0.1, 0.2, 0.3], atol=1e-5)
     assert len(pair_images(*sides, max_delay=0.03).paths) == 6
+    with pytest.raises(DataError, match=r"at most --max-delay 0.001 s apart; .* are 0.002 s apart"):
+        pair_images(*sides, max_delay=0.001)
 
 
 def test_truth_and_times_are_written(source: FolderSource, tmp_path: Path) -> None:
