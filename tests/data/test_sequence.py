@@ -112,10 +112,6 @@ FAULTS: dict[str, tuple[Callable[[Path], object], str]] = {
         r"calib\.txt, line 1: P0: principal point 90000,120: .*inside the images of 480×240 px",
     ),
     "pair missing": (remove_pairs(2), r"000002\.png: .*missing between 000001\.png and 000003\.png"),
-    "too small": (
-        cut("image_0/000000.png", 20),
-        r"image_0/000000\.png: .* 480×20 px, expected 32 px or more",
-    ),
     "size": (cut("image_1/000002.png", 230), r"image_1/000002\.png: .* 480×230, expected 480×240"),
     "one frame": (remove_pairs(1, 2, 3, 4, 5), "two or more stereo pairs"),
     "times short": (edit("times.txt", lambda t: "\n".join(t.split("\n")[:3])), r"times\.txt: 3 rows for 6"),

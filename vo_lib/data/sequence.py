@@ -20,8 +20,6 @@ from .kitti import list_frames, read_calibration, read_image, read_times
 from .labels import read_labels
 from .poses import read_kitti_poses
 
-MIN_IMAGE_SIDE_PX = 32  # OpenCV's windows need this much
-
 
 @dataclass(frozen=True)
 class Sequence:
@@ -122,13 +120,7 @@ def open_folder(folder: Path, name: str, labels: str | Path | None = None) -> Se
     frames = list_frames(folder)
     if len(frames) < 2:
         raise DataError(f"expected two or more stereo pairs, found {len(frames)}", folder / "image_0")
-    path = folder / "image_0" / f"{frames[0]}.png"
-    first = read_image(path)
-    if min(first.shape) < MIN_IMAGE_SIDE_PX:
-        raise DataError(
-            f"the image is {first.shape[1]}×{first.shape[0]} px, expected {MIN_IMAGE_SIDE_PX} px or more",
-            path,
-        )
+    first = read_image(folder / "image_0" / f"{frames[0]}.png")
     camera = read_calibration(folder / "calib.txt", first.shape[1], first.shape[0])
     times = folder / "times.txt"
     return Sequence(
