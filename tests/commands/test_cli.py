@@ -114,9 +114,10 @@ def test_missing_boxes_cause_a_warning(
     assert " ".join(done("a").split()).startswith(f"warning: {warning}")
     assert "No vehicle boxes" not in done("b", "--method", "solution_selection")
     words = ["--sequences", str(bands), "--methods", "feature_selection", "--variant", "published"]
-    words += ["--seeds", "1", "--cache", str(bands.parent / "cache")]
+    words += ["--seeds", "1", "--films", "--cache", str(bands.parent / "cache")]
     assert main(["reproduce", *words, "--out", str(bands.parent / "c")]) == 0
     page = (bands.parent / "c" / "report.html").read_text(encoding="utf-8")
+    assert page.count("feature_selection/seed_0/film.mp4") == 1
     for text in (capsys.readouterr().out, page):
         assert " ".join(text.split()).count(warning) == text.count("No vehicle boxes") == 1
     assert page.index(warning) < page.index("<nav") < page.index("Shorter than every sub-sequence")

@@ -22,8 +22,8 @@ def test_demo_ends_with_the_result(
     places = [
         printed.index(words)
         for words in (
-            "the paper as published: sub-sequences",
-            "the paper as published: feature_selection",
+            "variant published: sub-sequences",
+            "variant published: feature_selection",
             "gains nothing.",
             "report.html",
             "What next: ",

@@ -69,7 +69,7 @@ def test_groups_separate_variants_measures_and_data() -> None:
     entries = [entry_of(name, n, [1.0]) for name, n in frames.items()]
     groups = group_entries([*entries, entry_of("kitti/00", 300, [1.0], variant="published")])
     assert [group.sequences for group in groups] == [["kitti/00"], ["kitti/07"], ["other"], ["kitti/00"]]
-    assert ["as published" in layout(group)[0].title for group in groups] == [False, False, False, True]
+    assert ["variant published" in layout(group)[0].title for group in groups] == [False, False, False, True]
 
 
 def test_table1_compares_with_the_paper() -> None:

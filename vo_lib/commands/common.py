@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from itertools import islice
 from pathlib import Path
 from statistics import fmean
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,6 +26,9 @@ from ..evaluation.ate_rpe import Delta
 from ..paper.settings import MethodConfig
 from ..runs.folder import read_config, settings_in
 from .console import reporting, tell
+
+if TYPE_CHECKING:
+    from ..report.film import Film, FilmFrame
 
 BOTH = "both"
 DEFAULT_METHOD, DEFAULT_VARIANT = "feature_selection", "published"
@@ -102,6 +105,14 @@ def open_with_bar(name: str, cache: Path | None, part: argparse.Namespace | None
         inverted = "; features on pixels that are not 0 are dropped, so the mask may be inverted"
         tell(f"--masks: {100 * share:.0f} % of the image is masked{inverted * (share > 0.5)}")
     return sequence
+
+
+def draw_with_bar(film: Film, frames: Iterable[FilmFrame]) -> None:
+    """Write a film, with a progress bar."""
+    with reporting(f"drawing {film.path.name}") as report, film:
+        for frame in frames:
+            film.add(frame)
+            report(frame.index + 1, len(film.run.sequence))
 
 
 def read_settings(options: argparse.Namespace) -> MethodConfig:

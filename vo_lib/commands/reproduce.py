@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from pathlib import Path
 
 from ..data.catalogue import parse_sequences
 from ..detection.models import find_model
@@ -12,11 +13,13 @@ from ..evaluation.kitti import Measure
 from ..files import only_process
 from ..loops.settings import LoopConfig
 from ..report.entries import group_entries
-from ..report.printed import read_paper_table
+from ..report.film import FILM_ENDING, Film, film_frames
+from ..report.printed import PROPOSAL, read_paper_table
 from ..report.reproduce import collect, default_sequences, plan_jobs, split_missing, write_table_files
 from ..report.table1 import layout_tables, results
-from ..runs.folder import run_folder
-from ..runs.jobs import run_jobs
+from ..runs.folder import read_run, run_folder
+from ..runs.jobs import Job, run_jobs
+from ..runs.matches import CachedMatches
 from . import closing, common
 from .console import reporting, say, show_report_table, tell
 
@@ -38,6 +41,8 @@ def add(parser: argparse.ArgumentParser) -> None:
     option("--out", default="runs/table1", metavar="DIR", help="folder; default %(default)s")
     common.add_detector(parser, " in sequences without labels")
     common.add_many(parser, parser)
+    text = "film of feature_selection on each sequence, first seed, shown in the report"
+    option("--films", action="store_true", help=text)
     closing.add_loops(parser)
     parser.set_defaults(command=reproduce, others="thresholds come from the file of --config")
 
@@ -68,6 +73,8 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
         result = collect(outcomes, missing, measure)
         if not result.paths:  # an earlier table is kept
             raise DataError(" ".join(result.problems))
+        if options.films:
+            _draw_films([outcome.job for outcome in outcomes if outcome.error is None], options.cache)
         closed = closing.close_outcomes(outcomes, LoopConfig()) if options.loops else []
         groups = group_entries(result.entries)
         tables = [*(table for group in groups for table in layout_tables(group, paper)), *closed]
@@ -79,3 +86,13 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
     tell("", *result.problems, *conclusions)
     say(f"Report with figures: {folder / 'report.html'}")
     return 1 if result.failed else 0
+
+
+def _draw_films(jobs: list[Job], cache: Path | None) -> None:
+    """Draw a film of each run of the proposal with the first seed, in the folder of the run."""
+    for job in jobs:
+        if job.method == PROPOSAL and job.config.seed == 0:
+            result, label = read_run(job.folder, job.sequence), f"{job.sequence.name}, {job.method}"
+            film = Film(job.folder / f"film{FILM_ENDING}", result, f"{label}, {job.config.variant}")
+            matches = CachedMatches(job.sequence, job.config, cache)
+            common.draw_with_bar(film, film_frames(result, matches))

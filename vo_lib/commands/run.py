@@ -104,10 +104,7 @@ def _run(options: argparse.Namespace) -> int:
     say(f"written to {folder}")
     if options.video is not None:
         film = Film(options.video, result, label, pairs, options.method)
-        with reporting("drawing the film") as report, film:
-            for frame in film_frames(result, matches, calibration):
-                film.add(frame)
-                report(frame.index + 1, len(sequence))
+        common.draw_with_bar(film, film_frames(result, matches, calibration))
         say(f"film: {options.video}")
     if read_back:
         say("The folder contains this run already; --fresh repeats the run.")

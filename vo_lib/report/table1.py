@@ -23,7 +23,7 @@ from .page import (
 )
 from .printed import AVERAGE, CLAIMS, LEFT_OUT, PROPOSAL, PaperTable, gain
 
-VARIANT_WORDS = {"published": "the paper as published", "kit": "variant kit"}
+VARIANT_WORDS = {"published": "variant published", "kit": "variant kit"}
 # Names of TE and RE in records and in tables, and the number of decimals in the paper.
 ERROR_KINDS = {"te_percent": ("TE %", 2), "re_deg_per_100m": ("RE deg/100 m", 3)}
 
