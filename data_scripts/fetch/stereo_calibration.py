@@ -57,13 +57,11 @@ class Rig:
         """The rectified images, (H, W) uint8 each; `DataError` for a size not in the calibration."""
         if self.maps is None:
             return left, right
+        actual, expected = (f"{each.shape[1]}×{each.shape[0]}" for each in (left, self.maps[0][0]))
+        if actual != expected:
+            raise DataError(f"the images are {actual}, but the calibration is for {expected}")
         rectified = []
         for image, maps in zip((left, right), self.maps, strict=True):
-            if image.shape != maps[0].shape[:2]:
-                actual, expected = (f"{shape[1]}×{shape[0]}" for shape in (image.shape, maps[0].shape))
-                raise DataError(
-                    f"an image is {actual}, but the first image is {expected}: all images need the same size"
-                )
             result = cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
             rectified.append(np.asarray(result, np.uint8))
         return rectified[0], rectified[1]

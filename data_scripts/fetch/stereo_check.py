@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from vo_lib.errors import DataError
 from vo_lib.geometry.motion import DEVIATION_OVER_MEDIAN
 from vo_lib.geometry.types import Array, Image
 from vo_lib.kit.settings import KitMatchingConfig
@@ -63,9 +62,6 @@ def measure_pairs(pairs: Iterable[tuple[Image, Image]]) -> PairStatistics:
 
 def _shifts(left: Image, right: Image) -> Array:
     """Position in the right image minus position in the left image, (N, 2), of matched features, pixels."""
-    if left.shape != right.shape:
-        sizes = " and ".join(f"{image.shape[1]}×{image.shape[0]}" for image in (left, right))
-        raise DataError(f"the left and the right image have different sizes: {sizes}")
     sift = cv2.SIFT.create(SIFT_FEATURES)
     scale = min(1.0, MAX_SIFT_SIDE_PX / max(left.shape))
     (points_l, descriptors_l), (points_r, descriptors_r) = (

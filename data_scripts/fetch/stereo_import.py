@@ -7,7 +7,7 @@ import os
 import shutil
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import cv2
@@ -72,18 +72,15 @@ def write_sequence(
     """Write a sequence in KITTI's layout, and return its number of pairs; the folder appears when complete.
 
     PNG images that are already rectified are linked, or copied (with `copy`, or without links in the file
-    system). Other images are rectified and written as grey PNG.
+    system). Other images are rectified and written as grey PNG. Raises `DataError` for a damaged image, or an
+    image of another size than the first left image.
 
     Parameters
     ----------
     times : (N,) seconds, or the frame rate, Hz. poses : (N, 4, 4) true poses T_w_c, or None.
     """
-    files = source.paths if isinstance(source, FolderSource) and rig.maps is None else []
     with _new_folder(out) as folder:
-        if files and all(path.suffix.lower() == ".png" for pair in files for path in pair):
-            count = _take_files(files, folder, copy, progress)
-        else:
-            count = _write_images(source, rig, folder, progress)
+        count = _write_pairs(source, rig, folder, copy, progress)
         if count < 2:
             raise DataError(f"expected two or more stereo pairs, found {count}")
         rows = np.arange(count) / times if isinstance(times, float) else times
@@ -133,31 +130,20 @@ def _new_folder(out: Path) -> Iterator[Path]:
         shutil.rmtree(working, ignore_errors=True)
 
 
-def _take_files(files: list[tuple[Path, Path]], folder: Path, copy: bool, progress: Progress | None) -> int:
-    for number, pair in enumerate(files):
-        for side, path in zip(("image_0", "image_1"), pair, strict=True):
-            target = folder / side / f"{number:06d}.png"
-            if not copy:
-                try:
-                    target.symlink_to(path.resolve())
-                    continue
-                except OSError:
-                    copy = True  # the system has no links
-            shutil.copyfile(path, target)
-        if progress is not None:
-            progress(number + 1, len(files))
-    return len(files)
-
-
-def _write_images(source: Source, rig: Rig, folder: Path, progress: Progress | None) -> int:
-    """Rectify and write all pairs, a few of them in parallel."""
+def _write_pairs(source: Source, rig: Rig, folder: Path, copy: bool, progress: Progress | None) -> int:
+    """Read all pairs, a few of them in parallel, and link, copy or write them."""
     total = source.size_hint()
+    files = source.paths if isinstance(source, FolderSource) and rig.maps is None else []
+    unchanged = bool(files) and all(path.suffix.lower() == ".png" for pair in files for path in pair)
 
     def write(number: int, read: Callable[[], Pair]) -> None:
         pair = rig.rectify(*read())
-        for side, image in zip(("image_0", "image_1"), pair, strict=True):
-            data = cv2.imencode(".png", image)[1]
-            (folder / side / f"{number:06d}.png").write_bytes(data.tobytes())
+        for side, image in enumerate(pair):
+            target = folder / f"image_{side}" / f"{number:06d}.png"
+            if unchanged:
+                _link(files[number][side], target, copy)
+            else:
+                target.write_bytes(cv2.imencode(".png", image)[1].tobytes())
 
     count, pairs = 0, enumerate(source.pairs())
     with ThreadPoolExecutor(max_workers=min(os.cpu_count() or 1, 8)) as pool:
@@ -166,3 +152,12 @@ def _write_images(source: Source, rig: Rig, folder: Path, progress: Progress | N
             if progress is not None:
                 progress(count, max(total, count))
     return count
+
+
+def _link(path: Path, target: Path, copy: bool) -> None:
+    """Link an image; with `copy`, or without links in the file system, copy the image."""
+    if not copy:
+        with suppress(OSError):
+            target.symlink_to(path.resolve())
+            return
+    shutil.copyfile(path, target)

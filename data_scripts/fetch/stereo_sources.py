@@ -54,12 +54,13 @@ class FolderSource:
 
     def sample(self) -> list[Pair]:
         """Pairs spread over the whole sequence."""
-        chosen = np.unique(np.linspace(0, len(self.paths) - 1, SAMPLE_PAIRS).round())
-        return [_read_pair(self.paths[int(i)]) for i in chosen]
+        chosen, pairs = np.linspace(0, len(self.paths) - 1, SAMPLE_PAIRS).round(), [*self.pairs()]
+        return [pairs[int(i)]() for i in np.unique(chosen)]
 
     def pairs(self) -> Iterator[Callable[[], Pair]]:
-        """All pairs."""
-        return (partial(_read_pair, paths) for paths in self.paths)
+        """All pairs; reading raises `DataError` for an image of another size than the first left image."""
+        shape = read_image(self.paths[0][0]).shape
+        return (partial(_read_pair, paths, shape) for paths in self.paths)
 
     def size_hint(self) -> int:
         """The number of pairs."""
@@ -223,5 +224,10 @@ def _by_number(images: dict[str, Path]) -> dict[str, Path]:
     return {str(number): path for number, path in sorted(zip(differing[0], images.values(), strict=True))}
 
 
-def _read_pair(paths: tuple[Path, Path]) -> Pair:
-    return read_image(paths[0]), read_image(paths[1])
+def _read_pair(paths: tuple[Path, Path], shape: tuple[int, ...]) -> Pair:
+    pair = read_image(paths[0]), read_image(paths[1])
+    for path, image in zip(paths, pair, strict=True):
+        if image.shape != shape:
+            actual, expected = f"{image.shape[1]}×{image.shape[0]}", f"{shape[1]}×{shape[0]}"
+            raise DataError(f"the image is {actual}, expected {expected} as in the first left image", path)
+    return pair

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -182,12 +183,20 @@ def test_other_files_are_not_videos(bands: Path, name: str) -> None:
         VideoSource(bands / name).sample()
 
 
-def test_failed_import_leaves_no_files(source: FolderSource, bands: Path, tmp_path: Path) -> None:
-    source.paths[4][1].write_bytes(b"")
+@pytest.mark.parametrize("rectified", [False, True])
+def test_failed_import_leaves_no_files(
+    source: FolderSource, bands: Path, tmp_path: Path, rectified: bool
+) -> None:
+    path = source.paths[4][1]
     same: Any = cv2.initUndistortRectifyMap(K, np.zeros(5), np.eye(3), K, (480, 240), cv2.CV_16SC2)
-    rig = Rig(RIG.f, RIG.cx, RIG.cy, RIG.baseline, (same, same))
-    with pytest.raises(DataError, match=r"img_11\.png"):
-        write_sequence(source, rig, tmp_path / "mine", times=10.0)
+    rig = RIG if rectified else replace(RIG, maps=(same, same))
+    for data, words in (
+        (path.read_bytes()[:-100], "the image is truncated or damaged"),
+        (cv2.imencode(".png", np.zeros((200, 480), np.uint8))[1].tobytes(), "480×200, expected 480×240"),
+    ):
+        path.write_bytes(data)
+        with pytest.raises(DataError, match=rf"img_11\.png: .*{words}"):
+            write_sequence(source, rig, tmp_path / "mine", times=10.0)
     assert [p.name for p in tmp_path.iterdir()] == ["bands"]
     with pytest.raises(DataError, match="not empty"):
         write_sequence(source, RIG, bands, times=10.0)
