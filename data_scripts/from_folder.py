@@ -8,7 +8,8 @@ or by time if the names are times (nanoseconds, or seconds with decimals). The
 calibration is given by --focal, --centre and --baseline for rectified images,
 or by OpenCV YAML files: with K1 D1 K2 D2 R T, the script rectifies the images;
 with P1 P2 alone, the images must already be rectified. A sample of pairs is
-checked for exchanged images, unequal rows and a wrong baseline.
+checked for exchanged images, unequal rows, a baseline with the wrong sign, and
+a median depth that is not plausible outdoors (5 m to 100 m).
 
 examples:
   vo data from_folder --left L --right R --out data/mine \\
@@ -41,7 +42,6 @@ from vo_lib.data.kitti import read_times
 from vo_lib.data.poses import read_kitti_poses
 from vo_lib.errors import DataError
 
-MIN_MEDIAN_DEPTH_M = 5.0  # a smaller median depth indicates a wrong unit of the baseline
 MIN_FPS, MAX_FPS, DEFAULT_FPS = 0.001, 10_000.0, 10.0
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
@@ -101,12 +101,12 @@ def run(options: argparse.Namespace) -> int:
     rate = options.fps or (source.fps() if isinstance(source, VideoSource) else 0.0)
     times, note = (None, "") if isinstance(source, VideoSource) else (source.times, source.note)
     if isinstance(source, Drive):
-        rig, poses, min_depth = source.rig, source.poses, 0.0
+        rig, poses = source.rig, source.poses
     else:
-        rig, poses, min_depth = rig_of(source, options), None, MIN_MEDIAN_DEPTH_M
+        rig, poses = rig_of(source, options), None
     if note:
         say(f"note: {note}")
-    say(*look(source, rig, options.anyway, min_depth))
+    say(*look(source, rig, options.anyway, outdoors=not isinstance(source, Drive)))
     if options.times is not None:
         times = read_times(options.times)
     elif options.fps is not None:

@@ -25,14 +25,15 @@ from vo_lib.geometry.types import Array, Progress
 from vo_street.folder import calibration_text
 
 BATCH_PAIRS = 16  # pairs in memory
+MEDIAN_DEPTHS_M = 5.0, 100.0  # plausible outdoors; KITTI and the drawn streets have 16 m to 46 m
 MIN_FOCAL_OVER_WIDTH = 0.1  # a smaller focal length gives an angle of view of more than 157 degrees
 
 
-def look(source: Source, rig: Rig, anyway: bool, nearest: float = 0.0) -> list[str]:
+def look(source: Source, rig: Rig, anyway: bool, outdoors: bool = False) -> list[str]:
     """Check a sample of pairs; return a line for each result. Raises `DataError` for failed checks.
 
-    `anyway` : report problems as warnings, except a wrong sign of the baseline. `nearest` : smallest
-    plausible median depth, metres.
+    `anyway` : report problems as warnings, except a wrong sign of the baseline. `outdoors` : require a median
+    depth in `MEDIAN_DEPTHS_M`.
     """
     sample = source.sample()
     statistics = measure_pairs(rig.rectify(*pair) for pair in sample)
@@ -42,21 +43,20 @@ def look(source: Source, rig: Rig, anyway: bool, nearest: float = 0.0) -> list[s
             f"the focal length is {rig.f:g} px for images of {width} px: is the unit millimetres? The value "
             "in pixels is the value in mm, divided by the width of the sensor in mm, times the image width"
         )
-    if not wrong and (metres := rig.f * rig.baseline / max(statistics.disparity, 1e-9)) < nearest:
+    disparity, (nearest, farthest) = statistics.disparity, MEDIAN_DEPTHS_M
+    depth = rig.f * rig.baseline / disparity if disparity > 0 else np.inf
+    if not wrong and outdoors and not nearest <= depth <= farthest:
         wrong.append(
-            f"the median depth would be {metres:.2f} m with a baseline of {rig.baseline:g} m: is the "
-            f"baseline in another unit (--unit)? Outdoors, the depth is {nearest:g} m or more"
+            f"the median depth is {depth:.3g} m with a baseline of {rig.baseline:g} m, expected "
+            f"{nearest:g} to {farthest:g} m outdoors: check --baseline (or T of the file) and --unit"
         )
     if wrong and (not anyway or rig.baseline <= 0):
         hint = "" if rig.baseline <= 0 else " (--anyway writes the sequence nevertheless)"
         raise DataError("; ".join(wrong) + hint)
-    depth = (
-        "far away" if statistics.disparity <= 0 else f"{rig.f * rig.baseline / statistics.disparity:.1f} m"
-    )
     return [
         *(f"warning: {sentence}" for sentence in wrong),
         f"{statistics.matches} matches in {statistics.pairs} pairs: rows differ by {statistics.row:+.2f} ± "
-        f"{statistics.row_spread:.2f} px, median disparity {statistics.disparity:.1f} px, a depth of {depth}",
+        f"{statistics.row_spread:.2f} px, median disparity {disparity:.1f} px, a depth of {depth:.1f} m",
     ]
 
 

@@ -85,10 +85,12 @@ def test_from_folder_checks_pairs_and_writes_a_sequence(
     assert main(["--left", right, "--right", left, *camera, "0.5", "--out", str(out)]) == 2
     assert "left and right are swapped" in capsys.readouterr().err
     assert not out.exists()
-    near = ["--left", left, "--right", right, *camera, "0.005", "--out", str(tmp_path / "near")]
-    assert main(near) == 2
-    assert "the median depth would be 0.13 m with a baseline of 0.005 m" in capsys.readouterr().err
-    assert main([*near, "--anyway"]) == 0
+    wrong = ["--left", left, "--right", right, "--out", str(tmp_path / "wrong"), *camera]
+    for baseline, depth in (("0.005", 0.125), ("6", 150)):
+        assert main([*wrong, baseline]) == 2
+        line = f"the median depth is {depth} m with a baseline of {baseline} m, expected 5 to 100 m outdoors"
+        assert f"{line}: check --baseline" in capsys.readouterr().err
+    assert main([*wrong, "6", "--anyway"]) == 0
     assert "warning: the median depth" in capsys.readouterr().out
     swapped = ["--left", right, "--right", left, "--swap"]
     poses = ["--unit", "mm", "--poses", str(bands / "poses.txt")]
