@@ -6,7 +6,7 @@ calibration, times and truth. Left and right images are paired by the number
 in their names (leading zeros and other text do not matter), or by equal names,
 or by time if the names are times (nanoseconds, or seconds with decimals). The
 calibration is given by --focal, --centre and --baseline for rectified images,
-or by OpenCV YAML files: with K1 D1 K2 D2 R T, the script rectifies the images;
+or by OpenCV's files: with K1 D1 K2 D2 R T, the script rectifies the images;
 with P1 P2 alone, the images must already be rectified. A sample of pairs is
 checked for exchanged images, unequal rows, a baseline with the wrong sign, and
 a median depth that is not plausible outdoors (5 m to 100 m).
@@ -66,7 +66,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     camera.add_argument("--focal", type=float, metavar="F", help="focal length, pixels")
     camera.add_argument("--centre", metavar="CX,CY", help="principal point, pixels")
     camera.add_argument("--baseline", type=float, metavar="B", help="distance between the cameras")
-    camera.add_argument("--calibration", type=Path, nargs="+", metavar="FILE", help="OpenCV YAML files")
+    camera.add_argument(
+        "--calibration", type=Path, nargs="+", metavar="FILE", help="OpenCV files: YAML, XML, JSON"
+    )
     camera.add_argument("--unit", choices=UNITS, default="m", help="unit of the baseline and of T; default m")
     camera.add_argument(
         "--rectified", action="store_true", help="the images are rectified; use P1, P2 of the files"

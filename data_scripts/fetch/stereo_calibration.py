@@ -1,4 +1,4 @@
-"""Calibration of a user's stereo camera, from numbers or OpenCV YAML files, and rectification."""
+"""Calibration of a user's stereo camera, from numbers or OpenCV files, and rectification."""
 
 from __future__ import annotations
 
@@ -97,13 +97,16 @@ def _matrices(path: Path) -> dict[str, Array]:
             if node.isMap() and "data" in node.keys()  # noqa: SIM118  (a FileNode is no dict)
         }
     except (cv2.error, SystemError):
-        raise DataError("is not a file of OpenCV's FileStorage (YAML with !!opencv-matrix)", path) from None
+        raise DataError("is not a file of OpenCV's FileStorage (YAML, XML or JSON)", path) from None
 
 
 def _read_matrix(name: str, node: cv2.FileNode, path: Path) -> Array:
     """Matrix of a node after a check of the size: more than rows × cols numbers overflow OpenCV's buffer."""
-    sizes = node.getNode("sizes")  # instead of rows and cols for a vector
-    sides = [sizes.at(i) for i in range(sizes.size())] or [node.getNode("rows"), node.getNode("cols")]
+    sizes = node.getNode("sizes")  # instead of rows and cols for a vector; in XML, a single size is a number
+    if sizes.empty():
+        sides = [node.getNode("rows"), node.getNode("cols")]
+    else:
+        sides = [sizes.at(i) for i in range(sizes.size())] if sizes.isSeq() else [sizes]
     shape = [int(side.real()) if side.isInt() else 0 for side in sides]
     kind = re.fullmatch(r"(\d?)[a-z]", node.getNode("dt").string())  # "2f": two numbers each
     count = node.getNode("data").size()

@@ -93,7 +93,10 @@ def complaints(stats: PairStatistics, baseline: float) -> list[str]:
             "the same scene at the same time?"
         ]
     if stats.disparity == stats.row_spread == 0.0:
-        return ["left and right images are identical, so there is no depth"]
+        return [
+            "left and right images are identical, so there is no depth; for both cameras in one folder, give "
+            "patterns such as 'DIR/I1_*.png'"
+        ]
     words = []
     observation = f"{100 * stats.negative:.0f} % of {stats.matches} matches have a negative disparity"
     if stats.negative > MANY_NEGATIVE:

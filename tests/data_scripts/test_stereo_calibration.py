@@ -67,7 +67,7 @@ def test_rectified_points_have_equal_rows() -> None:
 
 def test_names_of_other_tools_are_accepted(tmp_path: Path) -> None:
     inner = {"M1": K1, "dist_coeffs_left": D1, "cameraMatrix2": K2, "D2": D2, "image_points": np.eye(4)}
-    outer = {"R": R, "T": 1000 * T.reshape(3, 1)}
+    outer = {"R": R, "T": 1000 * T}
     paths = [write(tmp_path / "intrinsics.yml", inner), write(tmp_path / "extrinsics.xml", outer)]
     result = read_opencv(paths)
     assert set(result) == set(MATRICES)
