@@ -14,7 +14,6 @@ processor time in milliseconds per frame. Other rows of the file are kept.
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 from contextlib import ExitStack
 from pathlib import Path
@@ -29,7 +28,6 @@ from measure.axes import is_raw_drive, te_and_re
 from measure_results import add_inputs, open_all
 from vo_lib.commands.common import parse_whole
 from vo_lib.commands.console import reporting, say
-from vo_lib.commands.scripts import run_script
 from vo_lib.config import change, preset
 from vo_lib.data.catalogue import SYNTHETIC
 from vo_lib.data.sequence import Sequence
@@ -114,7 +112,3 @@ def run(options: argparse.Namespace) -> int:
     say("\n\n".join(map(markdown, tables(rows))))
     say(f"written to {out}")
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(run_script(sys.modules[__name__]))

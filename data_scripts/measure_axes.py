@@ -14,13 +14,11 @@ has no such correction. Both files are in KITTI's format, one row per frame.
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 from measure.axes import MAX_ANGLE_DEG, fit_axes
 from vo_lib.commands.common import parse_lengths, parse_whole
 from vo_lib.commands.console import say, show_table
-from vo_lib.commands.scripts import run_script
 from vo_lib.data.poses import read_kitti_poses
 from vo_lib.errors import DataError
 from vo_lib.evaluation.kitti import KITTI_LENGTHS, KITTI_STEP, kitti_errors
@@ -61,7 +59,3 @@ def run(options: argparse.Namespace) -> int:
     say(f"{len(measured)} sub-sequences; angles up to {MAX_ANGLE_DEG:g} deg")
     show_table(["", "pitch deg", "yaw deg", "TE %", "RE deg/100 m"], rows)
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(run_script(sys.modules[__name__]))

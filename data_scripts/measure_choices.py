@@ -13,7 +13,6 @@ measure_axes`. Rows about thresholds and boxes have errors over 50 m.
 from __future__ import annotations
 
 import argparse
-import sys
 from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any
@@ -26,7 +25,6 @@ from measure.axes import te_and_re
 from measure_results import add_inputs, open_all
 from vo_lib.commands.common import parse_whole
 from vo_lib.commands.console import reporting, say
-from vo_lib.commands.scripts import run_script
 from vo_lib.config import change, preset
 from vo_lib.data.catalogue import SYNTHETIC
 from vo_lib.data.sequence import Sequence
@@ -186,7 +184,3 @@ def run(options: argparse.Namespace) -> int:
     write_atomic(options.out, csv_text(rows))
     say(f"written to {options.out}")
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(run_script(sys.modules[__name__]))

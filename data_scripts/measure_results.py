@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import platform
 import shlex
-import sys
 from datetime import date
 from pathlib import Path
 
@@ -22,7 +21,6 @@ from measure.axes import MAX_ANGLE_DEG
 from measure.result_tables import Key, cells_of_systems, claim_table, jobs_of, result_tables
 from vo_lib.commands.common import add_cache, open_with_bar, parse_whole
 from vo_lib.commands.console import reporting, say, show_report_table
-from vo_lib.commands.scripts import run_script
 from vo_lib.data.catalogue import SYNTHETIC, parse_sequences
 from vo_lib.data.scenes import TABLE_SCENES
 from vo_lib.data.sequence import Sequence
@@ -118,7 +116,3 @@ def _page(tables: list[ReportTable], options: argparse.Namespace) -> str:
         f"{date.today().isoformat()}. " + "; ".join(origin) + ".",
     ]
     return "\n\n".join([*head, *(markdown(table) for table in tables)])
-
-
-if __name__ == "__main__":
-    sys.exit(run_script(sys.modules[__name__]))

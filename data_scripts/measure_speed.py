@@ -12,14 +12,12 @@ from __future__ import annotations
 import argparse
 import os
 import platform
-import sys
 import time
 from pathlib import Path
 from typing import Any
 
 from vo_lib.commands.common import add_cache, add_variant, open_with_bar, parse_whole
 from vo_lib.commands.console import reporting, say, show_table
-from vo_lib.commands.scripts import run_script
 from vo_lib.config import preset
 from vo_lib.data.catalogue import SYNTHETIC
 from vo_lib.data.sequence import Sequence
@@ -92,7 +90,3 @@ def describe_machine() -> dict[str, Any]:
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     processor = names[0] if names else platform.processor() or platform.machine()
     return {"processor": processor, "cores": os.cpu_count(), **surroundings(), **versions()}
-
-
-if __name__ == "__main__":
-    sys.exit(run_script(sys.modules[__name__]))
