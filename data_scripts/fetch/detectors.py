@@ -58,7 +58,10 @@ def fetch_detector(detector: Detector, folder: Path, progress: Progress | None =
 
 
 def register_detector(name: str, source: Path, folder: Path) -> Path:
-    """Copy an ONNX file from disk under a new name; the names of downloadable detectors are reserved."""
+    """Copy an ONNX file from disk under a new name; the names of downloadable detectors are reserved.
+
+    Raises `DataError` for an invalid name, an unusable model, or a name that another registered model has.
+    """
     if not NAME.fullmatch(name):
         raise DataError(f"{name!r} is not a valid name: expected letters, digits, - and _")
     data = read_bytes(source)
@@ -66,5 +69,7 @@ def register_detector(name: str, source: Path, folder: Path) -> Path:
     if name in FETCHABLE and file_sha256(source) != FETCHABLE[name].sha256:
         raise DataError(f"is not the official {name}; register the file under another name", source)
     path = folder / f"{name}.onnx"
+    if path.is_file() and read_bytes(path) != data:
+        raise DataError("is another detector: choose another name, or delete this file first", path)
     write_file(path, data)
     return path

@@ -49,6 +49,10 @@ def test_own_model_is_registered(onnx: Path, tmp_path: Path) -> None:
     assert register_detector("mine", path, tmp_path / "new") == path
     assert list_detectors(tmp_path / "new") == {"mine": path}
     assert find_model("mine", tmp_path / "new") == path
+    other = write_answering(tmp_path / "other.onnx", np.zeros((1, 5, 84), np.float32), names="['truck']")
+    with pytest.raises(DataError, match=r"mine\.onnx: is another detector: choose another name"):
+        register_detector("mine", other, tmp_path / "new")
+    assert path.read_bytes() == onnx.read_bytes()
 
 
 def test_bad_names_and_files_of_models_are_refused(onnx: Path, tmp_path: Path) -> None:
