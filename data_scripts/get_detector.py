@@ -51,7 +51,8 @@ def run(options: argparse.Namespace) -> int:
         say(f"detectors in {folder}")
         show_table(["name", "size", "about", "state"], rows, numbers=False)
     elif options.source is not None:
-        say(f"registered as {register_detector(options.name, options.source, folder)}")
+        path = register_detector(options.name, options.source, folder)
+        say(f"registered as {path}; `vo run` says if the detector finds no vehicle")
     elif options.name in FETCHABLE:
         return fetch(FETCHABLE[options.name], folder, options.yes)
     elif (path := Path(options.name)).is_file():

@@ -11,9 +11,10 @@ in the folder contains the model's SHA-256.
 from __future__ import annotations
 
 import argparse
+import dataclasses
 from pathlib import Path
 
-from vo_lib.commands.common import add_cache, open_with_bar
+from vo_lib.commands.common import add_cache, open_with_bar, warn_without_vehicles
 from vo_lib.commands.console import reporting, say
 from vo_lib.commands.setting_options import add_settings, from_options
 from vo_lib.detection.labels import RECORD, write_label_folder
@@ -48,5 +49,6 @@ def run(options: argparse.Namespace) -> int:
             replace=options.replace,
             progress=report,
         )
+    warn_without_vehicles(dataclasses.replace(sequence, labels=folder))
     say(f"{folder}: {len(sequence)} frames, {count} of them new; {RECORD} describes the model")
     return 0

@@ -16,11 +16,13 @@ import cv2
 import numpy as np
 import pytest
 from conftest import HEIGHT, WIDTH, write_bands
+from tiny_onnx import write_answering
 
 from vo_lib import settings
 from vo_lib.commands.cli import main
 from vo_lib.config import CONFIG_CLASSES
 from vo_lib.data.poses import read_kitti_poses, read_tum
+from vo_lib.detection.layout import yolox_cells
 from vo_lib.files import read_csv
 from vo_lib.kit.calibration import read_learnt_calibration
 
@@ -88,7 +90,8 @@ def test_run_on_frames_with_a_label_folder(bands: Path, done: Callable[..., str]
     labels = bands.parent / "boxes"
     labels.mkdir()
     (labels / "000002.txt").write_text("2 0.5 0.5 0.4 0.4 0.9\n", encoding="utf-8")
-    done("out", "--frames", "1:4", "--labels", str(labels))
+    printed = done("out", "--frames", "1:4", "--labels", str(labels))
+    assert "note: 2 of 3 images have no label file" in " ".join(printed.split())
     rows = read_log(bands.parent / "out")
     assert [row["frame"] for row in rows] == ["000002", "000003"]
     assert int(rows[0]["removed_by_boxes"]) > 0
@@ -123,6 +126,18 @@ def test_missing_boxes_cause_a_warning(
     assert page.index(warning) < page.index("<nav") < page.index("Shorter than every sub-sequence")
     (bands / "labels").mkdir()
     assert "No vehicle boxes" not in done("d")
+
+
+def test_detectors_without_effect_cause_a_line(bands: Path, done: Callable[..., str]) -> None:
+    answer = np.zeros((1, 5, yolox_cells(64, 64)), np.float32)
+    model = write_answering(bands / "blind.onnx", answer, names="['car']")
+    words = ["--detector", str(model), "--cache", str(bands.parent / "cache")]
+    nothing = "warning: the detector found no vehicle in the 6 images of bands: no features are removed"
+    unused = "note: solution_selection does not use the boxes of --detector"
+    for out, method in (("a", "feature_selection"), ("b", "solution_selection")):
+        printed = " ".join(done(out, "--method", method, *words).split())
+        assert nothing in printed
+        assert (unused in printed) == (method == "solution_selection")
 
 
 @pytest.mark.parametrize(

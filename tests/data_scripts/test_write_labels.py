@@ -52,6 +52,17 @@ def test_labels_are_written_with_the_hash_of_the_model(bands: Path, model: Path,
     assert boxes.xyxy == pytest.approx(np.array([[164.5, 82.0, 314.5, 157.0]]), abs=0.6)
 
 
+def test_labels_without_boxes_cause_a_warning(write: Write, capsys: pytest.CaptureFixture[str]) -> None:
+    for score, count in (("0.95", 1), ("0.5", 0)):
+        assert write("--score", score, "--replace") == 0
+        assert (
+            " ".join(capsys.readouterr().out.split()).count(
+                "the detector found no vehicle in the 6 images of"
+            )
+            == count
+        )
+
+
 def test_only_missing_or_outdated_labels_are_detected(bands: Path, model: Path) -> None:
     sequence, labels, reports = open_sequence(bands), bands / "labels", list[tuple[int, int]]()
     assert write_label_folder(sequence, model, DetectorConfig(), labels) == 6

@@ -205,6 +205,15 @@ def labelled(
     if options.detector == "street" and not sequence.name.startswith(SYNTHETIC):
         tell(f"warning: `street` was trained on drawn streets; its boxes on {sequence.name} may be wrong")
     with reporting(f"detecting vehicles in {sequence.name}") as report:
-        return labelled_sequence(
+        sequence = labelled_sequence(
             sequence, options.detector, config, provider=options.provider, cache=cache, progress=report
         )
+    warn_without_vehicles(sequence)
+    return sequence
+
+
+def warn_without_vehicles(sequence: Sequence) -> None:
+    """Print a warning if a detector's labels of the sequence have no box at all."""
+    if not any(len(sequence.boxes(index)) for index in range(len(sequence))):
+        images = f"the {len(sequence)} images of {sequence.name}"
+        tell(f"warning: the detector found no vehicle in {images}: no features are removed")

@@ -76,8 +76,13 @@ def _run(options: argparse.Namespace) -> int:
     sequence = common.open_with_bar(options.sequence, cache, options)
     label = f"{sequence.name}, {options.method}, {config.variant}"
     with run_folder(options.out) as folder:
+        if options.detector is not None and config.filter.rule == "none":
+            tell(f"note: {options.method} does not use the boxes of --detector; only a film shows the boxes")
         sequence = common.labelled(sequence, options, cache, detection)
         common.warn_without_boxes([(sequence, config)])
+        labels = sequence.labels
+        if labels and (count := sum(not (labels / f"{frame}.txt").exists() for frame in sequence.frames)):
+            tell(f"note: {count} of {len(sequence)} images have no label file, which means no vehicle")
         matches = None if options.cache is None else CachedMatches(sequence, config, cache)
         with reporting(label) as report:
             result, read_back = run_once(
