@@ -92,6 +92,36 @@ def test_changed_files_are_kept(tmp_path: Path, source: Path, capsys: pytest.Cap
         assert mine.read_text(encoding="utf-8") == "first"
 
 
+@pytest.mark.parametrize("digests", [None, "[", '{"01.ipynb": ["a"]}'])
+def test_damaged_course_is_repaired(
+    tmp_path: Path,
+    source: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    digests: str | None,
+) -> None:
+    monkeypatch.setattr(lab, "NOTEBOOKS", source)
+    (source / lab.FIRST_NOTEBOOK).write_text(notebook("start"), encoding="utf-8")
+    mine = tmp_path / "mine"
+
+    def start() -> str:
+        with pytest.raises(SystemExit):
+            main(["lab", "--copy", str(mine), "--", "--version"])
+        return capsys.readouterr().out
+
+    start()
+    shutil.rmtree(mine / "course")
+    (mine / lab.FIRST_NOTEBOOK).unlink()
+    (mine / lab.DIGESTS_FILE).unlink()
+    (mine / "01.ipynb").write_text(notebook("changed"), encoding="utf-8")
+    if digests is not None:
+        (mine / lab.DIGESTS_FILE).write_text(digests, encoding="utf-8")
+    assert "Your change of 01.ipynb is kept; the new version is 01.new.ipynb\n" in start()
+    assert files(mine) == {"01.ipynb", "01.new.ipynb", "00_start_here.ipynb", "course/a.py"}
+    assert (mine / "01.ipynb").read_text(encoding="utf-8") == notebook("changed")
+    assert "Your change" not in start()
+
+
 def test_executed_notebooks_are_updated(
     tmp_path: Path, source: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -48,7 +48,8 @@ def _lab(options: argparse.Namespace) -> int:
         raise DataError(f"no {FIRST_NOTEBOOK}: install the kit from its folder, {install()}", NOTEBOOKS)
     folder = Path(os.path.abspath(options.copy or Path.home() / COURSE))
     if folder != NOTEBOOKS:
-        if folder.exists() and not (folder / DIGESTS_FILE).exists() and any(folder.iterdir()):
+        of_course = {DIGESTS_FILE, *(path.name for path in NOTEBOOKS.glob("*.ipynb"))}
+        if folder.exists() and (present := {*os.listdir(folder)}) and not present & of_course:
             raise DataError("contains other files and no course: choose a new or an empty folder", folder)
         copy_course(NOTEBOOKS, folder, options.teacher)
     from jupyterlab.labapp import LabApp  # type: ignore[import-untyped]
@@ -71,10 +72,11 @@ def copy_course(source: Path, target: Path, teacher: bool) -> None:
     A file counts as changed if its digest differs from the digest in DIGESTS_FILE and from the digest of the
     source. The new version of a changed file is written once, under another name, with a message. In a
     student's copy, the address in a link to a file for teachers is replaced by the command that copies the
-    file. Raises `DataError` if DIGESTS_FILE is damaged or a file cannot be read or written.
+    file. Raises `DataError` if a file cannot be read or written.
     """
-    digests_file = target / DIGESTS_FILE
-    copied = read_mapping(digests_file, "digests of copied files by name") if digests_file.exists() else {}
+    digests_file, copied = target / DIGESTS_FILE, dict[str, Any]()
+    with suppress(DataError):  # without digests, every file that differs from the source counts as changed
+        copied = read_mapping(digests_file, "digests of copied files by name")
     left_out = NOT_COPIED if teacher else NOT_COPIED | FOR_TEACHERS
     for path in sorted(source.rglob("*")):
         name = place = path.relative_to(source).as_posix()
@@ -82,9 +84,10 @@ def copy_course(source: Path, target: Path, teacher: bool) -> None:
             continue
         original = path.read_bytes()
         content = original if teacher else TEACHERS_LINK.sub(rb"\1 (`vo lab --teacher`)", original)
-        versions = {new := _digest(content), _digest(original)}
+        new = _digest(content)
+        versions = new, _digest(original)
         while (file := target / place).exists():
-            if (present := _digest(read_bytes(file))) in {copied.get(place), *versions}:
+            if (present := _digest(read_bytes(file))) in (copied.get(place), *versions):
                 break
             place = f"{place.removesuffix(path.suffix)}.new{path.suffix}"
         if place != name:
