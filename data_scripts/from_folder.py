@@ -63,7 +63,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     text = f"largest time difference between left and right image, seconds; default {MAX_DELAY_S}"
     images.add_argument("--max-delay", type=float, default=MAX_DELAY_S, metavar="S", help=text)
     camera = parser.add_argument_group("calibration")
-    camera.add_argument("--focal", type=float, metavar="F", help="focal length, pixels")
+    text = "focal length, pixels; from mm: times the image width, divided by the sensor width in mm"
+    camera.add_argument("--focal", type=float, metavar="F", help=text)
     camera.add_argument("--centre", metavar="CX,CY", help="principal point, pixels")
     camera.add_argument("--baseline", type=float, metavar="B", help="distance between the cameras")
     camera.add_argument(

@@ -26,7 +26,6 @@ from vo_street.folder import calibration_text
 
 BATCH_PAIRS = 16  # pairs in memory
 MEDIAN_DEPTHS_M = 5.0, 100.0  # plausible outdoors; KITTI and the drawn streets have 16 m to 46 m
-MIN_FOCAL_OVER_WIDTH = 0.1  # a smaller focal length gives an angle of view of more than 157 degrees
 
 
 def look(source: Source, rig: Rig, anyway: bool, outdoors: bool = False) -> list[str]:
@@ -35,20 +34,15 @@ def look(source: Source, rig: Rig, anyway: bool, outdoors: bool = False) -> list
     `anyway` : report problems as warnings, except a wrong sign of the baseline. `outdoors` : require a median
     depth in `MEDIAN_DEPTHS_M`.
     """
-    sample = source.sample()
-    statistics = measure_pairs(rig.rectify(*pair) for pair in sample)
+    statistics = measure_pairs(rig.rectify(*pair) for pair in source.sample())
     wrong = complaints(statistics, rig.baseline)
-    if rig.f < MIN_FOCAL_OVER_WIDTH * (width := sample[0][0].shape[1]):
-        wrong.append(
-            f"the focal length is {rig.f:g} px for images of {width} px: is the unit millimetres? The value "
-            "in pixels is the value in mm, divided by the width of the sensor in mm, times the image width"
-        )
     disparity, (nearest, farthest) = statistics.disparity, MEDIAN_DEPTHS_M
     depth = rig.f * rig.baseline / disparity if disparity > 0 else np.inf
     if not wrong and outdoors and not nearest <= depth <= farthest:
         wrong.append(
-            f"the median depth is {depth:.3g} m with a baseline of {rig.baseline:g} m, expected "
-            f"{nearest:g} to {farthest:g} m outdoors: check --baseline (or T of the file) and --unit"
+            f"the median depth is {depth:.3g} m with a baseline of {rig.baseline:g} m and a focal length of "
+            f"{rig.f:g} px, expected {nearest:g} to {farthest:g} m outdoors: check --baseline, --unit and "
+            "--focal, or the calibration file"
         )
     if wrong and (not anyway or rig.baseline <= 0):
         hint = "" if rig.baseline <= 0 else " (--anyway writes the sequence nevertheless)"

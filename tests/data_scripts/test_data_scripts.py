@@ -88,8 +88,8 @@ def test_from_folder_checks_pairs_and_writes_a_sequence(
     wrong = ["--left", left, "--right", right, "--out", str(tmp_path / "wrong"), *camera]
     for baseline, depth in (("0.005", 0.125), ("6", 150)):
         assert main([*wrong, baseline]) == 2
-        line = f"the median depth is {depth} m with a baseline of {baseline} m, expected 5 to 100 m outdoors"
-        assert f"{line}: check --baseline" in capsys.readouterr().err
+        line = f"the median depth is {depth} m with a baseline of {baseline} m and a focal length of 300 px"
+        assert f"{line}, expected 5 to 100 m outdoors" in capsys.readouterr().err
     assert main([*wrong, "6", "--anyway"]) == 0
     assert "warning: the median depth" in capsys.readouterr().out
     swapped = ["--left", right, "--right", left, "--swap"]
