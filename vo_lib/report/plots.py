@@ -233,11 +233,6 @@ def _draw_box(picture: Image, corners: list[int], state: int, thick: bool) -> No
             cv2.line(picture, (x, y), (x, min(y + dash, y1)), BOX, 1)
 
 
-def jpeg(picture: Image, quality: int = 85) -> bytes:
-    """A BGR picture (H, W, 3) as JPEG bytes."""
-    return bytes(cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])[1])
-
-
 def png(figure: Figure) -> bytes:
     """A figure as PNG bytes; equal figures give equal bytes."""
     from matplotlib.text import Text
