@@ -44,6 +44,8 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def _lab(options: argparse.Namespace) -> int:
+    if options.jupyter and not options.jupyter[0].startswith("-"):
+        raise DataError(f"unexpected {options.jupyter[0]!r}: --copy DIR chooses the folder of the course")
     if not (NOTEBOOKS / FIRST_NOTEBOOK).is_file():
         raise DataError(f"no {FIRST_NOTEBOOK}: install the kit from its folder, {install()}", NOTEBOOKS)
     folder = Path(os.path.abspath(options.copy or Path.home() / COURSE))
