@@ -30,7 +30,7 @@ from training.evaluated import refuse_evaluated
 from vo_lib.commands.common import parse_whole
 from vo_lib.commands.console import say
 from vo_lib.commands.script import install
-from vo_lib.detection.models import detector_folder
+from vo_lib.detection.models import detector_folder, list_detectors
 from vo_lib.errors import DataError
 from vo_lib.files import write_atomic
 
@@ -66,6 +66,8 @@ def run(options: argparse.Namespace) -> int:
         refuse_evaluated(path for part in data.images.values() for path in part)
     if options.weights is not None and not options.weights.is_file():
         raise DataError("the file is missing", options.weights)
+    if options.register in list_detectors():
+        raise DataError(f"--register {options.register}: a detector has this name; choose another name")
     model, described = options.out / MODEL, options.out / "data.yaml"
     YOLO = _ultralytics()
     options.out.mkdir(parents=True, exist_ok=True)

@@ -85,6 +85,9 @@ def test_train_detector_refuses_evaluated_images(
     monkeypatch.setitem(sys.modules, "onnx", None)
     assert train_detector([*words, "--allow-evaluated"]) == 2
     assert 'onnx is missing: pip install -e ".[train]"' in capsys.readouterr().err
+    monkeypatch.setattr("train_detector.list_detectors", lambda: {"mine": tmp_path})
+    assert train_detector([*words, "--allow-evaluated", "--register", "mine"]) == 2
+    assert "--register mine: a detector has this name" in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
 
 
