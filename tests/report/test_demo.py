@@ -36,5 +36,5 @@ def test_demo_ends_with_the_result(
     page = (out / "report.html").read_text(encoding="utf-8")
     assert page.count("<img") == page.count("data:image/") > 0
     runs = [path.parent for path in sorted(out.rglob("poses.txt"))]
-    assert len(runs) == 2 * len(PUBLISHED)
+    assert len(runs) == 3 * len(PUBLISHED)
     assert all(len((folder / "poses.txt").read_bytes().splitlines()) >= 10 for folder in runs)

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 BOTH = "both"
 DEFAULT_METHOD, DEFAULT_VARIANT = "feature_selection", "published"
+DETECT = "For boxes, add `--detector MODEL`, an ONNX file or a model of `vo data get_detector`."
 MASKS_MEASURED = 20  # a mask takes 2.5 ms; a KITTI sequence may have thousands of masks
 
 
@@ -183,14 +184,14 @@ def parse_delta(text: str) -> Delta:
     return delta
 
 
-def warn_without_boxes(runs: Iterable[tuple[Sequence, MethodConfig]]) -> list[str]:
+def warn_without_boxes(runs: Iterable[tuple[Sequence, MethodConfig]], remedy: str = DETECT) -> list[str]:
     """If a method removes features in boxes, print and return a warning about sequences without boxes."""
     without = (s.name for s, config in runs if s.labels is None and config.filter.rule in ("all", "moving"))
     if not (names := ", ".join(dict.fromkeys(without))):
         return []
     warning = (
         f"No vehicle boxes for {names}: no features are removed, so feature_selection is equal to "
-        "solution_selection. `--detector MODEL` detects them (an ONNX file, or see `vo data get_detector`)."
+        f"solution_selection. {remedy}"
     )
     tell(f"warning: {warning}")
     return [warning]

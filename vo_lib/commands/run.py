@@ -134,8 +134,9 @@ def _show(result: Run, method: str, estimates: dict[str, Array]) -> None:
     rows.append(["matches used per frame (after buckets), median", used])
     for flag in sorted({flag for motion in motions for flag in motion.flags}):
         rows.append([f"frames flagged {flag}", str(sum(flag in motion.flags for motion in motions))])
-    if isinstance(result.config, KitConfig) and result.calibration is not None:
-        errors = result.calibration.in_words(result.config.calibration)
+    calibration = result.calibration
+    if isinstance(result.config, KitConfig) and calibration is not None and calibration.estimate.any():
+        errors = calibration.in_words(result.config.calibration)
         rows.append(["corrected calibration errors (± σ)", errors.replace("; ", "\n")])
     rows.append(["time per frame", f"{result.ms_per_frame:.1f} ms"])
     show_table(["quantity", "value"], rows)

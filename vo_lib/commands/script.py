@@ -23,6 +23,9 @@ class OneLineParser(argparse.ArgumentParser):
 
     _words: Sequence[str] = ()
 
+    def __init__(self, **parameters: Any):
+        super().__init__(allow_abbrev=False, **parameters)  # an abbreviation may be a misspelt option
+
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse the arguments as the base class does; an unknown argument is an error."""
         self._words = sys.argv[1:] if args is None else list(args)
@@ -36,7 +39,7 @@ class OneLineParser(argparse.ArgumentParser):
         options, page, hint = self._option_string_actions, "--help", ""
         for word in itertools.takewhile("--".__ne__, self._words):
             name = word.partition("=")[0]
-            if name.startswith("--") and not any(option.startswith(name) for option in options):
+            if name.startswith("--") and name not in options:
                 hint = f"; {did_you_mean(name, options) or self.get_default('others') or ''}".rstrip("; ")
                 page = SETTINGS_PAGE if "." in name and SETTINGS_PAGE in options else page
                 break

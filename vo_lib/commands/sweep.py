@@ -43,7 +43,8 @@ def _sweep(options: argparse.Namespace) -> int:
     if len(axes) < len(options.axes):
         raise DataError("--set: a setting is repeated")
     sequence = common.open_with_bar(options.sequence, options.cache, options)
-    common.warn_without_boxes([(sequence, base)])
+    remedy = "For boxes, call `vo data write_labels`, then add `--labels DIR`."
+    common.warn_without_boxes([(sequence, base)], remedy)
     with run_folder(options.out) as folder, only_process(folder):
         with reporting(f"{sequence.name}, {options.method}") as report:
 

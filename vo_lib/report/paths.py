@@ -117,7 +117,8 @@ def _names(source: Path, config: dict[str, Any] | None) -> list[str]:
     if config is None:
         return [*[source.stem][source.stem in COMMON_STEMS :], *source.parent.parts[:0:-1], str(source)]
     method, variant, seed = str(config.get("method")), config.get("variant"), config["settings"].get("seed")
-    return [method, f"{method}, {variant}, seed {seed}", str(source)]
+    label = method if variant == "published" else f"{method}, {variant}"
+    return [label, f"{method}, {variant}, seed {seed}", str(source)]
 
 
 def _compared(

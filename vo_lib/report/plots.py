@@ -36,7 +36,7 @@ CYCLE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E
 STYLED = PROPOSAL, "solution_selection", "viso2", "mesvo_f", "moving_selection"
 METHOD_COLOURS = dict(zip(STYLED, CYCLE, strict=False))
 METHOD_MARKERS = dict(zip(STYLED, "D^sov", strict=True))
-TRUTH_COLOUR, LOOP_COLOUR = "#222222", "#CC79A7"
+TRUTH_COLOUR, LOOP_COLOUR = "#222222", CYCLE[5]
 LINE_WIDTHS = {PROPOSAL: 4.0, TRUTH: 0.9}  # points; other lines have widths between these
 
 

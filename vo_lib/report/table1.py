@@ -154,5 +154,6 @@ def _comparison(group: Group, other: str) -> list[str]:
     rows, changes = group.averaged, " and ".join(parts) or "changes neither TE nor RE"
     where = rows[0] if len(rows) == 1 else f"Mean of {len(rows)} sequences"
     result = f"{PROPOSAL}, which removes the features in vehicle boxes, {changes}"
-    seeds = "; with one seed, a change may be due to chance" * (by_seed[1].shape[1] == 1)
+    few = {1: "one seed", 2: "two seeds"}.get(by_seed[1].shape[1])
+    seeds = f"; with {few}, a change may be due to chance" if few else ""
     return [f"{where}, {VARIANT_WORDS[group.variant]}: {result} compared with {other}{seeds}."]
