@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from course.ch05.claim import CHOICES, by_threshold, threshold_figure
+from course.ch05.claim import CHOICES, by_threshold, threshold_figure, whole_drive
 from course.ch07.figures import choice_ratios
 
 DRIVES = "kitti/drive_0013", "synthetic/jam"
@@ -44,3 +45,14 @@ def test_errors_over_the_threshold_are_drawn_with_boxes_and_without(table: Path)
 def test_rows_that_are_no_differences_are_no_choices(table: Path) -> None:
     assert choice_ratios(table) == choice_ratios()
     assert "threshold and boxes" not in choice_ratios(table)
+
+
+def test_a_row_of_the_results_is_read_with_the_names_of_its_columns() -> None:
+    for section, row in (
+        ("Variant published", "synthetic/parked"),
+        ("Variant published", "kitti/00, 100 m"),
+        ("Variant kit", "kitti/drive_0013, 50 m, axes removed"),
+    ):
+        cells = whole_drive(section, row)
+        for method in ("solution_selection", "feature_selection"):
+            assert re.fullmatch(r"[\d.]+ ± [\d.]+ / [\d.]+ ± [\d.]+", cells[method]), (row, method)

@@ -18,6 +18,7 @@ from vo_lib.commands.cli import main
 from vo_lib.data.kitti import EXPECTED_FRAMES
 from vo_lib.errors import DataError
 from vo_lib.evaluation.kitti import KITTI_LENGTHS, KITTI_MEASURE, SHORT_MEASURE, Measure
+from vo_lib.files import only_process
 from vo_lib.report.entries import Entry, Group, group_entries
 from vo_lib.report.page import ReportTable, markdown, mean_and_spread, plus_minus, records_csv
 from vo_lib.report.printed import AVERAGE, PAPER_METHODS, PAPER_ROWS
@@ -262,3 +263,30 @@ def test_failed_run_is_reported_with_its_cause(tree: Path, capsys: pytest.Captur
         assert "Failed: kitti/07" in " ".join(message.split())
         assert "and 3 more" in message
         assert "000003.png" in message
+
+
+def test_finished_runs_are_not_repeated(tree: Path) -> None:
+    def times(*words: str) -> dict[str, int]:
+        assert reproduce(tree, "--sequences", "02", "--variant", "kit", *words) == 0
+        return {str(path): path.stat().st_mtime_ns for path in (tree / "out" / "runs").rglob("poses.txt")}
+
+    first = times("--jobs", "2")
+    table = (tree / "out" / "table1.md").read_bytes()
+    assert len(first) == 4
+    assert times() == first
+    assert (tree / "out" / "table1.md").read_bytes() == table
+    assert all(time > first[path] for path, time in times("--fresh").items())
+
+
+@pytest.mark.parametrize("command", ["reproduce", "sweep"])
+def test_folder_in_use_is_refused(
+    bands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str
+) -> None:
+    words = {
+        "reproduce": ["--sequences", str(bands), "--methods", "viso2"],
+        "sweep": ["--sequence", str(bands), "--set", "selection.sets=10"],
+    }[command]
+    with only_process(tmp_path):
+        assert main([command, *words, "--seeds", "1", "--out", str(tmp_path)]) == 2
+    assert "another process is working in this folder" in capsys.readouterr().err
+    assert not [path for path in tmp_path.rglob("poses.txt") if bands not in path.parents]
