@@ -13,7 +13,7 @@ from ..errors import DataError
 from ..evaluation.kitti import trajectory_distances
 from ..report.page import NO_NUMBER
 from ..runs.matches import folder_size
-from .console import say, show_table
+from .console import say, show_table, tell
 
 COLUMNS = ["name", "frames", "length m", "truth", "boxes", "image px", "MB"]
 
@@ -35,7 +35,7 @@ def _list(options: argparse.Namespace) -> int:
     say("A scene without a size in MB is drawn on first use.", f"drawn scenes: {cache_folder()}")
     say(*(f"KITTI: {root / 'sequences'}" for root in kitti_roots()), *problems)
     if not any(name.startswith(KITTI) for name, *_ in rows):
-        say(f"no KITTI sequences in {kitti_places()}; `vo check` lists the commands that download them")
+        tell(f"no KITTI sequences in {kitti_places()}; `vo check` lists the commands that download them")
     return 0
 
 
