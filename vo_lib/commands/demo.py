@@ -12,6 +12,7 @@ from .script import steps
 
 # Moving vehicles fill the images of this street, so the removal has a clear effect.
 OPTIONS = ["--sequences", "synthetic/jam", "--variant", "published", "--lengths", "50", "--seeds", "3"]
+FOLDER = "runs/demo"
 NEXT_STEPS = {
     "vo lab": "the course: notebooks that build the method step by step",
     "vo reproduce --sequences synthetic/parked --variant published --seeds 1 --out runs/parked": (
@@ -29,16 +30,20 @@ CLOSING_REMARKS = (
 
 def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo demo`."""
-    parser.epilog = f"equivalent to: vo reproduce {shlex.join(OPTIONS)} --out runs/demo --fresh"
-    parser.add_argument("--out", default="runs/demo", metavar="DIR", help="folder; default %(default)s")
+    parser.epilog = f"equivalent to: vo reproduce {shlex.join(_words(FOLDER))}"
+    parser.add_argument("--out", default=FOLDER, metavar="DIR", help="folder; default %(default)s")
     common.add_cache(parser)
     parser.set_defaults(command=_demo)
+
+
+def _words(folder: str) -> list[str]:
+    return [*OPTIONS, "--jobs", str(DRAWING_PROCESSES), "--out", folder, "--fresh"]
 
 
 def _demo(options: argparse.Namespace) -> int:
     parser = argparse.ArgumentParser()
     reproduce.add(parser)
-    words = [*OPTIONS, "--jobs", str(DRAWING_PROCESSES), "--out", options.out, "--fresh"]
+    words = _words(options.out)
     line = f"vo reproduce {shlex.join(words)}"
     arguments = parser.parse_args(words, argparse.Namespace(line=line, cache=options.cache))
     code = reproduce.reproduce(arguments, *CLOSING_REMARKS)
