@@ -62,9 +62,15 @@ def read_mapping(path: str | Path, expected: str) -> dict[str, Any]:
 
 
 def read_csv(path: str | Path) -> list[tuple[int, list[str]]]:
-    """Rows of a CSV file, each with the number of its last line; empty rows and comments (#) are skipped."""
+    """Rows of a CSV file, each with the number of its last line; empty rows and comments (#) are skipped.
+
+    Raises `DataError` with file and line if the file is not CSV.
+    """
     reader = csv.reader(io.StringIO(read_text(path)))
-    return [(reader.line_num, cells) for cells in reader if cells and not cells[0].startswith("#")]
+    try:
+        return [(reader.line_num, cells) for cells in reader if cells and not cells[0].startswith("#")]
+    except csv.Error as error:
+        raise DataError(f"is not CSV: {error}", path, reader.line_num) from None
 
 
 @contextmanager

@@ -79,6 +79,8 @@ def noisy(image: Image) -> NDArray[Any]:
 
 
 DRIVES: dict[str, Fault] = {
+    "both cameras frozen for one frame": taken_from(frozen(1)),
+    "both cameras frozen for good": taken_from(frozen(FRAMES)),
     "right camera frozen for five frames": taken_from(same, frozen(5)),
     "left camera frozen for one frame": taken_from(frozen(1), same),
     "right camera a frame late at once": taken_from(same, lambda i: i - (i >= AT)),
@@ -87,6 +89,7 @@ DRIVES: dict[str, Fault] = {
     "roll of 3° in one frame": both(rolled, number=1),
     "60 rows down in one frame": both(lambda image: np.roll(image, 60, axis=0), number=1),
     "three times as bright in one frame": both(lambda image: 3.0 * image, number=1),
+    "one black frame": both(lambda image: 0 * image, number=1),
     "left half covered": both(lambda image: image * (np.arange(image.shape[1]) >= image.shape[1] // 2)),
     "noise of 60 grey levels in five frames": both(noisy, number=5),
     "left and right swapped for good": Fault(lambda drive, i: drive[i][::-1] if i >= AT else drive[i]),

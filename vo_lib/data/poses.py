@@ -25,7 +25,8 @@ _EMPTY, _EUROC = re.compile(r"\s*$|#"), re.compile(r"\s*\d+\s*,\s*[^\s,]+\s*,") 
 # Large enough for files with three digits, small enough to detect rows in another format.
 ROTATION_TOLERANCE = 1e-2
 TIME_TOLERANCE_S = 0.01  # largest time difference between corresponding poses
-MAX_COORDINATE_M = 1e9  # a larger coordinate is not a position on Earth
+MAX_COORDINATE_M = 1e9  # a larger coordinate is not a position on Earth and overflows in later computations
+TOO_FAR = f"a position beyond {MAX_COORDINATE_M:g} m"
 
 
 def from_first(T: Array) -> Array:
@@ -50,6 +51,7 @@ def read_kitti_poses(path: str | Path) -> Array:
     T = np.tile(np.eye(4), (len(rows), 1, 1))
     T[:, :3] = rows.reshape(-1, 3, 4)
     _refuse(~is_rotation(T[:, :3, :3]), f"the 3×3 part is not a rotation; expected {KITTI_ROW}", path, lines)
+    _refuse(np.abs(T[:, :3, 3]).max(axis=1) > MAX_COORDINATE_M, TOO_FAR, path, lines)
     return T
 
 
@@ -92,6 +94,7 @@ def _timed_poses(rows: Array, lines: list[int], path: str | Path, expected: str)
     T = np.tile(np.eye(4), (len(rows), 1, 1))
     T[:, :3, :3] = [rotation_from_quaternion(q) for q in rows[:, 4:]]
     T[:, :3, 3] = rows[:, 1:4]
+    _refuse(np.abs(T[:, :3, 3]).max(axis=1) > MAX_COORDINATE_M, TOO_FAR, path, lines)
     return times, T
 
 
