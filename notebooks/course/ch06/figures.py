@@ -21,11 +21,12 @@ def paths_chart(
     axis: Axes, truth: Array, estimate: Array | None, title: str, part: tuple[int, int] | None = None
 ) -> None:
     """Truth and estimate from above; `part` (first and last frame) is marked on the truth."""
-    lines = [("truth", truth, DARK, 1.0, 1.0)]
+    lines: list[tuple[str, Array, str, float, float]] = []
     if part is not None:
         lines.append(("sub-sequence", truth[part[0] : part[1] + 1], FIFTH, 5.0, 0.7))
     if estimate is not None:
         lines.append(("estimate", estimate, GOOD, 2.5, 0.8))
+    lines.append(("truth", truth, DARK, 1.0, 1.0))  # thin, on the others
     for name, poses, colour, width, alpha in lines:
         axis.plot(*poses[:, [0, 2], 3].T, color=colour, linewidth=width, alpha=alpha, label=name)
     axis.plot(*truth[0, [0, 2], 3], "o", color=DARK, markersize=5)
