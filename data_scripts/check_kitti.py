@@ -15,8 +15,7 @@ import argparse
 from pathlib import Path
 
 from fetch.kitti_check import SequenceReport, check_tree, parse_numbers
-from vo_lib.commands.console import reporting, say
-from vo_lib.commands.script import typed
+from vo_lib.commands.console import print_lines, reporting, typed
 from vo_lib.data.catalogue import kitti_root
 from vo_lib.errors import DataError
 
@@ -48,17 +47,19 @@ def run(options: argparse.Namespace) -> int:
     if names_of_whole := [report.name for report in incomplete if not report.part]:
         choices.append(f"--sequences {','.join(names_of_whole)}")
     for choice in choices:
-        say(f"Fetch the missing files with: {get} {choice}")
+        print_lines(f"Fetch the missing files with: {get} {choice}")
     return 1 if any(report.problems for report in reports) else 0
 
 
 def show_sequences(root: Path, reports: list[SequenceReport]) -> None:
     """Print the sequences with their complete files and their first problems."""
-    say(str(root))
+    print_lines(str(root))
     for report in reports:
         total = "" if report.expected is None else f" of {report.expected}"
         state = "incomplete" if report.problems else "complete"
         lines = [*report.complete, *report.problems[:MAX_PROBLEMS_SHOWN]]
         if (more := len(report.problems) - MAX_PROBLEMS_SHOWN) > 0:
             lines.append(f"and {more} more")
-        say(f"  {report.name}: {report.pairs}{total} pairs, {state}", *(f"    {line}" for line in lines))
+        print_lines(
+            f"  {report.name}: {report.pairs}{total} pairs, {state}", *(f"    {line}" for line in lines)
+        )

@@ -14,11 +14,11 @@ import argparse
 import shutil
 from pathlib import Path
 
-from fetch.download import in_words
+from fetch.download import format_bytes
 from vo_lib.commands.common import add_cache
-from vo_lib.commands.console import say
+from vo_lib.commands.console import print_lines
 from vo_lib.runs.identity import FRONT_END_CODE
-from vo_lib.runs.matches import code_folder, folder_size, match_folder
+from vo_lib.runs.match_cache import code_folder, folder_size, match_folder
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -39,5 +39,5 @@ def clean_matches(cache: Path | None = None) -> int:
 def run(options: argparse.Namespace) -> int:
     """Delete the old matches and print the number of bytes deleted."""
     removed, folder = clean_matches(options.cache), match_folder(options.cache)
-    say(f"{folder}: {in_words(removed)} deleted, {in_words(folder_size(folder))} remain")
+    print_lines(f"{folder}: {format_bytes(removed)} deleted, {format_bytes(folder_size(folder))} remain")
     return 0

@@ -33,10 +33,9 @@ from pathlib import Path
 from fetch.euroc import read_euroc_drive
 from fetch.kitti_raw import read_raw_drive
 from fetch.stereo_calibration import Rig, read_opencv, rig_from_matrices, rig_from_numbers
-from fetch.stereo_import import look, require_new, write_sequence
+from fetch.stereo_import import check_source, require_new, write_sequence
 from fetch.stereo_sources import MAX_DELAY_S, Drive, FolderSource, Source, VideoSource, pair_images
-from vo_lib.commands.console import reporting, say
-from vo_lib.commands.script import typed
+from vo_lib.commands.console import print_lines, reporting, typed
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.kitti import read_times
 from vo_lib.data.poses import read_kitti_poses
@@ -108,15 +107,15 @@ def run(options: argparse.Namespace) -> int:
     else:
         rig, poses = rig_of(source, options), None
     if note:
-        say(f"note: {note}")
-    say(*look(source, rig, options.anyway, outdoors=not isinstance(source, Drive)))
+        print_lines(f"note: {note}")
+    print_lines(*check_source(source, rig, options.anyway, outdoors=not isinstance(source, Drive)))
     if options.times is not None:
         times = read_times(options.times)
     elif options.fps is not None:
         times = None
     elif times is None and not rate:
         rate = DEFAULT_FPS
-        say(f"note: {rate:g} pairs per second are assumed; give the times by --fps or --times")
+        print_lines(f"note: {rate:g} pairs per second are assumed; give the times by --fps or --times")
     if options.poses is not None:
         poses = read_kitti_poses(options.poses)
     if isinstance(source, FolderSource):
@@ -126,7 +125,7 @@ def run(options: argparse.Namespace) -> int:
         moments = rate if times is None else times
         count = write_sequence(source, rig, options.out, moments, poses, options.copy, report)
     camera = open_sequence(options.out).camera
-    say(
+    print_lines(
         f"{count} pairs of {camera.width}×{camera.height}, f {camera.f:.1f} px, centre {camera.cx:.1f},"
         f"{camera.cy:.1f}, baseline {camera.baseline:.3f} m, {'no' if poses is None else 'with'} truth",
         "next: " + typed(f"vo run {options.out} --out runs/{options.out.name}"),

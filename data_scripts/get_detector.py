@@ -15,9 +15,8 @@ import shlex
 from pathlib import Path
 
 from fetch.detectors import FETCHABLE, LICENCE, NAME, YOLOV8, Detector, fetch_detector, register_detector
-from fetch.download import confirm, in_words
-from vo_lib.commands.console import reporting, say, show_table
-from vo_lib.commands.script import typed
+from fetch.download import confirm, format_bytes
+from vo_lib.commands.console import print_lines, reporting, show_table, typed
 from vo_lib.detection.models import detector_folder, list_detectors
 from vo_lib.errors import DataError, did_you_mean
 
@@ -40,19 +39,19 @@ def run(options: argparse.Namespace) -> int:
             raise DataError("the name is missing: get_detector NAME --from FILE")
         local = list_detectors(folder)
         rows = [
-            [d.name, in_words(d.size), d.about, "available" if d.name in local else "not downloaded"]
+            [d.name, format_bytes(d.size), d.about, "available" if d.name in local else "not downloaded"]
             for d in FETCHABLE.values()
         ]
         rows += [
-            [name, in_words(path.stat().st_size), "registered", "available"]
+            [name, format_bytes(path.stat().st_size), "registered", "available"]
             for name, path in local.items()
             if name not in FETCHABLE
         ]
-        say(f"detectors in {folder}")
+        print_lines(f"detectors in {folder}")
         show_table(["name", "size", "about", "state"], rows, numbers=False)
     elif options.source is not None:
         path = register_detector(options.name, options.source, folder)
-        say(f"registered as {path}; `vo run` says if the detector finds no vehicle")
+        print_lines(f"registered as {path}; `vo run` says if the detector finds no vehicle")
     elif options.name in FETCHABLE:
         return fetch(FETCHABLE[options.name], folder, options.yes)
     elif (path := Path(options.name)).is_file():
@@ -60,7 +59,7 @@ def run(options: argparse.Namespace) -> int:
         command = typed(shlex.join(["vo", "data", "get_detector", name, "--from", str(path)]))
         raise DataError(f"is a file, expected a name; to register the file: {command}", path)
     elif options.name.startswith("yolov8"):
-        say(*YOLOV8)
+        print_lines(*YOLOV8)
     else:
         near = did_you_mean(options.name, [*FETCHABLE, "yolov8n"])
         raise DataError(f"unknown detector {options.name!r}; {near}expected one of {', '.join(FETCHABLE)}")
@@ -69,15 +68,15 @@ def run(options: argparse.Namespace) -> int:
 
 def fetch(detector: Detector, folder: Path, yes: bool) -> int:
     """Describe the detector, ask for confirmation, then download and verify the file."""
-    say(
-        f"{detector.name}: {in_words(detector.size)}, licence {LICENCE}, {detector.about}",
+    print_lines(
+        f"{detector.name}: {format_bytes(detector.size)}, licence {LICENCE}, {detector.about}",
         f"from {detector.url}",
         f"SHA-256 {detector.sha256}",
     )
     if detector.name not in list_detectors(folder) and not confirm(f"Download to {folder}?", yes):
-        say("nothing was downloaded")
+        print_lines("nothing was downloaded")
         return 1
     with reporting(detector.name, in_bytes=True) as report:
         path = fetch_detector(detector, folder, report)
-    say(f"verified: {path}")
+    print_lines(f"verified: {path}")
     return 0

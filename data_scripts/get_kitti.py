@@ -22,14 +22,13 @@ import argparse
 from functools import partial
 from pathlib import Path
 
-from fetch.download import MAX_CONNECTIONS, confirm, in_words, require_space, write_file
+from fetch.download import MAX_CONNECTIONS, confirm, format_bytes, require_space, write_file
 from fetch.kitti_archive import CALIB, HOST, LICENCE, POSES, absent, fetch, link_tree, plan, sequence_archives
 from fetch.kitti_check import parse_numbers
 from fetch.kitti_part import drive_archives, parse_drive, select_frames, write_drive_tables
 from fetch.zip_archives import Archives
 from vo_lib.commands.common import parse_frames, parse_whole
-from vo_lib.commands.console import reporting, say
-from vo_lib.commands.script import typed
+from vo_lib.commands.console import print_lines, reporting, typed
 from vo_lib.data.catalogue import kitti_root
 from vo_lib.data.kitti import EXPECTED_FRAMES, PART
 from vo_lib.errors import DataError
@@ -71,7 +70,7 @@ def run(options: argparse.Namespace) -> int:
     if options.link is not None:
         if options.frames != ALL:
             raise DataError("--frames with --link: only whole sequences can be linked")
-        say(f"linked into {root}: {', '.join(link_tree(options.link, root, names))}")
+        print_lines(f"linked into {root}: {', '.join(link_tree(options.link, root, names))}")
         return 0
     if linked and (options.sequences or options.raw) is not None:
         raise DataError("is a link to another folder; nothing is written", root / "sequences" / linked[0])
@@ -96,14 +95,14 @@ def fetch_missing(root: Path, sequences: set[str], options: argparse.Namespace) 
         with reporting("checking the files present") as report:
             todo = absent(members, root, report)
         packed, size = sum(m.info.compress_size for m in todo), sum(m.info.file_size for m in todo)
-        say(f"{len(members) - len(todo)} of {len(members)} files are already complete in {root}")
+        print_lines(f"{len(members) - len(todo)} of {len(members)} files are already complete in {root}")
         if todo:
             require_space(root, size)
-            say(*LICENCE)
+            print_lines(*LICENCE)
             verb = "to unpack" if options.from_zip else "to download"
-            say(f"{verb}: {len(todo)} files, {in_words(packed)}, {in_words(size)} on disk")
+            print_lines(f"{verb}: {len(todo)} files, {format_bytes(packed)}, {format_bytes(size)} on disk")
             if not confirm("Continue?", options.yes):
-                say("nothing was written")
+                print_lines("nothing was written")
                 return 1
         for folder, mark in marks.items():
             if mark:
@@ -115,6 +114,6 @@ def fetch_missing(root: Path, sequences: set[str], options: argparse.Namespace) 
                 fetch(archives, todo, root, options.jobs, report)
         for folder in marks if options.raw is not None else ():
             if note := write_drive_tables(folder):
-                say(f"note: {note}")
-        say("done; to check the files: " + typed(f"vo data check_kitti --root {root}"))
+                print_lines(f"note: {note}")
+        print_lines("done; to check the files: " + typed(f"vo data check_kitti --root {root}"))
         return 0

@@ -15,8 +15,7 @@ from pathlib import Path
 
 from training.street_set import DetectionSetConfig, write_street_set
 from vo_lib.commands.common import parse_whole
-from vo_lib.commands.console import reporting, say
-from vo_lib.commands.setting_options import add_settings, from_options
+from vo_lib.commands.console import add_settings, from_options, print_lines, reporting
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -31,5 +30,5 @@ def run(options: argparse.Namespace) -> int:
     config = from_options(options, DetectionSetConfig)
     with reporting("drawing streets") as report:
         write_street_set(options.folder, config, parse_whole("--jobs", options.jobs), report)
-    say(f"written to {options.folder}")
+    print_lines(f"written to {options.folder}")
     return 0

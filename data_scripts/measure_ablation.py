@@ -27,17 +27,17 @@ from measure.ablation import COLUMNS, IDEAS, KEY, WHOLE, Idea, tables
 from measure.axes import is_raw_drive, te_and_re
 from measure_results import add_inputs, open_all
 from vo_lib.commands.common import parse_whole
-from vo_lib.commands.console import reporting, say
+from vo_lib.commands.console import print_lines, reporting
 from vo_lib.config import change, preset
 from vo_lib.data.catalogue import SYNTHETIC
 from vo_lib.data.sequence import Sequence
-from vo_lib.evaluation.kitti import SHORT_MEASURE, trajectory_distances
+from vo_lib.evaluation.kitti_errors import SHORT_PROTOCOL, trajectory_distances
 from vo_lib.files import csv_text, read_csv, write_atomic
 from vo_lib.geometry.types import Array
 from vo_lib.report.page import markdown
 from vo_lib.runs.drive import Run, run_methods, single_threaded
 from vo_lib.runs.front_end import find_matches
-from vo_lib.runs.matches import CachedMatches
+from vo_lib.runs.match_cache import CachedMatches
 
 SEEDS = range(5)
 DRAWN_FRAMES = 100  # the first frames of a drawn scene; all frames would take a night
@@ -75,7 +75,7 @@ def measured(sequence: Sequence, idea: Idea, cache: Any) -> Array:
 def figures(run: Run) -> tuple[float, float, float]:
     """TE (%), RE (deg/100 m) and the excess length of the path (%)."""
     assert run.sequence.truth is not None
-    te, re = te_and_re(run.sequence, run.poses, SHORT_MEASURE, is_raw_drive(run.sequence))
+    te, re = te_and_re(run.sequence, run.poses, SHORT_PROTOCOL, is_raw_drive(run.sequence))
     true, length = (trajectory_distances(T)[-1] for T in (run.sequence.truth, run.poses))
     return te, re, 100.0 * (length / true - 1.0)
 
@@ -109,6 +109,6 @@ def run(options: argparse.Namespace) -> int:
     old = [cells for _, cells in read_csv(out)[1:]] if out.exists() else []
     rows += [cells for cells in old if tuple(cells[: len(KEY)]) not in new]
     write_atomic(out, csv_text([COLUMNS, *rows]))
-    say("\n\n".join(map(markdown, tables(rows))))
-    say(f"written to {out}")
+    print_lines("\n\n".join(map(markdown, tables(rows))))
+    print_lines(f"written to {out}")
     return 0

@@ -18,11 +18,11 @@ from pathlib import Path
 
 from measure.axes import MAX_ANGLE_DEG, fit_axes
 from vo_lib.commands.common import parse_lengths, parse_whole
-from vo_lib.commands.console import say, show_table
+from vo_lib.commands.console import print_lines, show_table
 from vo_lib.data.poses import read_kitti_poses
 from vo_lib.errors import DataError
-from vo_lib.evaluation.kitti import KITTI_LENGTHS, KITTI_STEP, kitti_errors
-from vo_lib.report.page import number
+from vo_lib.evaluation.kitti_errors import KITTI_LENGTHS, KITTI_STEP, kitti_errors
+from vo_lib.report.page import format_number
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -47,15 +47,15 @@ def run(options: argparse.Namespace) -> int:
     if not len(measured):
         raise DataError(f"is shorter than {min(lengths):g} m: choose smaller --lengths", options.truth)
     rows = [
-        ["as measured", "0", "0", number(measured.te), number(measured.re)],
+        ["as measured", "0", "0", format_number(measured.te), format_number(measured.re)],
         [
             "axes turned",
             f"{turned.pitch:+.3f}",
             f"{turned.yaw:+.3f}",
-            number(turned.kitti.te),
-            number(turned.kitti.re),
+            format_number(turned.kitti.te),
+            format_number(turned.kitti.re),
         ],
     ]
-    say(f"{len(measured)} sub-sequences; angles up to {MAX_ANGLE_DEG:g} deg")
+    print_lines(f"{len(measured)} sub-sequences; angles up to {MAX_ANGLE_DEG:g} deg")
     show_table(["", "pitch deg", "yaw deg", "TE %", "RE deg/100 m"], rows)
     return 0

@@ -24,17 +24,17 @@ import numpy as np
 from measure.axes import te_and_re
 from measure_results import add_inputs, open_all
 from vo_lib.commands.common import parse_whole
-from vo_lib.commands.console import reporting, say
+from vo_lib.commands.console import print_lines, reporting
 from vo_lib.config import change, preset
 from vo_lib.data.catalogue import SYNTHETIC
 from vo_lib.data.sequence import Sequence
-from vo_lib.evaluation.kitti import Measure, suitable_measure, trajectory_distances
+from vo_lib.evaluation.kitti_errors import SubsequenceProtocol, suitable_protocol, trajectory_distances
 from vo_lib.files import csv_text, write_atomic
 from vo_lib.geometry.motion import essential_vector
 from vo_lib.geometry.types import Array
-from vo_lib.paper.boxes import in_boxes
+from vo_lib.paper.box_removal import in_boxes
 from vo_lib.paper.matching import subpixel_matches
-from vo_lib.paper.selection import competing, truncated_errors
+from vo_lib.paper.selection import candidates_near_prior, truncated_errors
 from vo_lib.paper.translation import (
     SOLVING_ROUNDS,
     PairBefore,
@@ -43,7 +43,7 @@ from vo_lib.paper.translation import (
     feature_rows,
 )
 from vo_lib.runs.drive import run_methods
-from vo_lib.runs.matches import CachedMatches
+from vo_lib.runs.match_cache import CachedMatches
 
 BOXES = "vo_lib.paper.odometry.on_vehicles"
 EARLIER = "vo_lib.paper.translation.earlier_rows"
@@ -88,7 +88,7 @@ def with_shifted_places(camera: Any, matches: Any, before: Any) -> Any:
 def mean_of_best_tenth(odometry: Any, E: Array, set_index: Any, x_p: Array, x_c: Array) -> int:
     """Replacement for `Odometry.select`: the principal vector of the best tenth of the candidates wins."""
     errors = truncated_errors(E, x_p, x_c, odometry.threshold)
-    compete = competing(E, set_index, odometry.e_prev, odometry.config.selection)
+    compete = candidates_near_prior(E, set_index, odometry.e_prev, odometry.config.selection)
     errors = np.where(compete, errors, np.inf)
     order = np.argsort(errors, kind="stable")
     _, first = np.unique(set_index[order], return_index=True)
@@ -112,7 +112,7 @@ OPEN: list[tuple[str, str, dict[str, Any]]] = [
     ("integer position", "vo_lib.paper.matching.subpixel_matches", {"current left": from_current}),
     ("features a bucket", "buckets.features", {"2": 2, "6": 6}),
     ("sets n", "selection.sets", {"50": 50, "800": 800}),
-    ("solutions kept k", "selection.keep", {"1": 1, "all": 10}),
+    ("solutions kept k", "selection.top_k", {"1": 1, "all": 10}),
     ("inlier threshold", "selection.threshold", {"0.25 px": 0.25, "1 px": 1.0, "2 px": 2.0}),
     ("measure of a candidate", "selection.winner", {"number of inliers": "inliers"}),
     ("basis vector", "vo_lib.paper.odometry.Odometry.select", {"mean of the best tenth": mean_of_best_tenth}),
@@ -142,7 +142,9 @@ def measured(sequence: Sequence, name: str, value: Any, cache: Any) -> Array:
         runs = [*run_methods(sequence, seeds, None, kept).values()]
     errors = np.full((5, 2), np.nan)
     if sequence.truth is not None:
-        measure = Measure((LENGTH_M,), 1) if name == ABSOLUTE else suitable_measure(sequence.truth)
+        measure = (
+            SubsequenceProtocol((LENGTH_M,), 1) if name == ABSOLUTE else suitable_protocol(sequence.truth)
+        )
         turned = not sequence.name.startswith(SYNTHETIC)
         errors = np.array([te_and_re(sequence, run.poses, measure, turned) for run in runs])
     return np.column_stack([errors, [trajectory_distances(run.poses)[-1] for run in runs]])
@@ -182,5 +184,5 @@ def run(options: argparse.Namespace) -> int:
             plain = results if name == "seed" else plain
             report(len(rows) - 1, len(tasks))
     write_atomic(options.out, csv_text(rows))
-    say(f"written to {options.out}")
+    print_lines(f"written to {options.out}")
     return 0

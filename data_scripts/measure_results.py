@@ -20,11 +20,11 @@ from measure import ablation
 from measure.axes import MAX_ANGLE_DEG
 from measure.result_tables import Key, cells_of_systems, claim_table, jobs_of, result_tables
 from vo_lib.commands.common import add_cache, open_with_bar, parse_whole
-from vo_lib.commands.console import reporting, say, show_report_table
+from vo_lib.commands.console import print_lines, reporting, show_report_table
 from vo_lib.data.catalogue import SYNTHETIC, parse_sequences
 from vo_lib.data.scenes import TABLE_SCENES
 from vo_lib.data.sequence import Sequence
-from vo_lib.detection.labels import labelled_sequence
+from vo_lib.detection.label_folders import labelled_sequence
 from vo_lib.detection.settings import DetectorConfig
 from vo_lib.errors import DataError
 from vo_lib.files import read_csv, write_atomic
@@ -80,7 +80,7 @@ def run(options: argparse.Namespace) -> int:
         tables += ablation.tables(rows)
     write_atomic(out, _page(tables, options))
     show_report_table(claim_table(systems["published"]))
-    say(f"written to {out}")
+    print_lines(f"written to {out}")
     return 0
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from vo_lib.commands.common import add_cache, add_variant, open_with_bar, parse_whole
-from vo_lib.commands.console import reporting, say, show_table
+from vo_lib.commands.console import print_lines, reporting, show_table
 from vo_lib.config import preset
 from vo_lib.data.catalogue import SYNTHETIC
 from vo_lib.data.sequence import Sequence
@@ -25,7 +25,7 @@ from vo_lib.geometry.types import Progress
 from vo_lib.paper.settings import MethodConfig
 from vo_lib.runs.drive import run as run_sequence
 from vo_lib.runs.folder import timing
-from vo_lib.runs.identity import surroundings, versions
+from vo_lib.runs.identity import library_versions, machine_info
 
 SCENE = f"{SYNTHETIC}traffic"
 METHOD = "feature_selection"
@@ -48,14 +48,14 @@ def run(options: argparse.Namespace) -> int:
     with reporting(f"measuring {sequence.name}") as report:
         figures = measure(sequence, config, report)
     machine, camera = describe_machine(), sequence.camera
-    say(", ".join(f"{name} {value}" for name, value in machine.items()))
+    print_lines(", ".join(f"{name} {value}" for name, value in machine.items()))
     wall, processor, decoding = (figures[f"{name}_ms_a_frame"] for name in ("wall", "processor", "decoding"))
     rows = [[name, f"{ms:.2f} ms"] for name, ms in figures["stages_ms_a_frame"].items()]
     rows.append(["decoding the images in one thread", f"{decoding:.2f} ms"])
     for name, ms in (("wall", wall), ("processor", processor)):
         rows.append([f"whole run, {name} time", f"{ms:.2f} ms, {ms / decoding:.1f} times the decoding"])
     size = f"{camera.width}×{camera.height} px"
-    say(f"{sequence.name}, {len(sequence)} frames, {size}, {METHOD}, {config.variant}")
+    print_lines(f"{sequence.name}, {len(sequence)} frames, {size}, {METHOD}, {config.variant}")
     show_table(["stage", "time per frame"], rows)
     return 0
 
@@ -89,4 +89,4 @@ def describe_machine() -> dict[str, Any]:
     lines = cpuinfo.read_text(encoding="utf-8").splitlines() if cpuinfo.is_file() else []
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     processor = names[0] if names else platform.processor() or platform.machine()
-    return {"processor": processor, "cores": os.cpu_count(), **surroundings(), **versions()}
+    return {"processor": processor, "cores": os.cpu_count(), **machine_info(), **library_versions()}

@@ -10,8 +10,7 @@ from __future__ import annotations
 import argparse
 
 from vo_lib.commands.common import add_cache, parse_frames, parse_whole
-from vo_lib.commands.console import reporting
-from vo_lib.commands.setting_options import add_settings, option_values
+from vo_lib.commands.console import add_settings, option_values, reporting
 from vo_lib.data.drawn import ensure_scene
 from vo_lib.data.scenes import SCENES, SceneConfig, scene_config
 from vo_lib.settings import declared

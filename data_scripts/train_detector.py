@@ -28,8 +28,7 @@ from fetch.detectors import register_detector
 from training.dataset import SPLITS, DetectionSet, open_set
 from training.evaluated import refuse_evaluated
 from vo_lib.commands.common import parse_whole
-from vo_lib.commands.console import say
-from vo_lib.commands.script import install
+from vo_lib.commands.console import install, print_lines
 from vo_lib.detection.models import detector_folder, list_detectors
 from vo_lib.errors import DataError
 from vo_lib.files import write_atomic
@@ -73,7 +72,7 @@ def run(options: argparse.Namespace) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     write_atomic(described, _description(data, options.one_class))
     last = options.out / "train" / "weights" / "last.pt"
-    say(f"Ultralytics and the trained models are under {LICENCE}.")
+    print_lines(f"Ultralytics and the trained models are under {LICENCE}.")
     try:
         if last.is_file() and not (last.parent / "finished").is_file():
             network = YOLO(str(last))
@@ -95,7 +94,7 @@ def run(options: argparse.Namespace) -> int:
         raise DataError(f"Ultralytics: {words[:160]}") from None
     write_atomic(model, exported.read_bytes())
     (last.parent / "finished").touch()
-    say(f"{model}: mAP50 {result.box.map50:.3f}, mAP50-95 {result.box.map:.3f} on {split}")
+    print_lines(f"{model}: mAP50 {result.box.map50:.3f}, mAP50-95 {result.box.map:.3f} on {split}")
     if options.register is not None:
         register(options.register, model, result.box.map50)
     return 0
@@ -107,7 +106,7 @@ def register(name: str, model: Path, map50: float) -> None:
         command = f"vo data get_detector {name} --from {model}"
         raise DataError(f"not registered: detects nothing on the test images; add it with: {command}", model)
     register_detector(name, model, detector_folder())
-    say(f"registered: vo run … --detector {name}")
+    print_lines(f"registered: vo run … --detector {name}")
 
 
 def _ultralytics() -> Any:

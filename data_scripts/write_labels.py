@@ -15,9 +15,8 @@ import dataclasses
 from pathlib import Path
 
 from vo_lib.commands.common import add_cache, open_with_bar, warn_without_vehicles
-from vo_lib.commands.console import reporting, say
-from vo_lib.commands.setting_options import add_settings, from_options
-from vo_lib.detection.labels import RECORD, write_label_folder
+from vo_lib.commands.console import add_settings, from_options, print_lines, reporting
+from vo_lib.detection.label_folders import RECORD, write_label_folder
 from vo_lib.detection.settings import DetectorConfig
 from vo_lib.detection.yolo import PROVIDERS
 
@@ -50,5 +49,5 @@ def run(options: argparse.Namespace) -> int:
             progress=report,
         )
     warn_without_vehicles(dataclasses.replace(sequence, labels=folder))
-    say(f"{folder}: {len(sequence)} frames, {count} of them new; {RECORD} describes the model")
+    print_lines(f"{folder}: {len(sequence)} frames, {count} of them new; {RECORD} describes the model")
     return 0

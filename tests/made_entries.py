@@ -8,12 +8,11 @@ import numpy as np
 
 from vo_lib.config import preset
 from vo_lib.data.sequence import Sequence
-from vo_lib.evaluation.kitti import Measure
+from vo_lib.evaluation.kitti_errors import SubsequenceProtocol
 from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.result import FrameResult
 from vo_lib.geometry.types import Array
-from vo_lib.report.entries import Entry, measure_runs
-from vo_lib.report.printed import PAPER_METHODS, PAPER_ROWS, PaperTable
+from vo_lib.report.table1 import PAPER_METHODS, PAPER_ROWS, Entry, PaperTable, measure_runs
 from vo_lib.runs.drive import Run
 
 
@@ -37,7 +36,7 @@ def entry_of(
     percent: list[float],
     method: str = "viso2",
     variant: str = "kit",
-    measure: Measure | None = None,
+    measure: SubsequenceProtocol | None = None,
 ) -> Entry:
     """Runs whose steps are too long by `percent`, one run per seed."""
     ms = {"matching": 30.0, "wait_images": 9.0, "cached_matches": 2.0, "rotation": 4.0, "filter": 1.0}

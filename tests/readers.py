@@ -23,7 +23,7 @@ from training.dataset import open_set
 from training.kitti_set import read_object_set
 from vo_lib import open_sequence, preset, run
 from vo_lib.data.kitti import read_calibration, read_image, read_part, read_times
-from vo_lib.data.labels import read_labels
+from vo_lib.data.label_files import read_labels
 from vo_lib.data.poses import read_euroc, read_kitti_poses, read_tum
 from vo_lib.data.scenes import scene_config
 from vo_lib.data.truth import open_truth

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from vo_lib.report.printed import AVERAGE, read_paper_table
+from vo_lib.report.table1 import AVERAGE, read_paper_table
 
 ROOT = Path(__file__).resolve().parents[1]
 NUMBER = r"\d+(?:\.\d+)?"

@@ -18,7 +18,7 @@ PAGE = (NOTEBOOKS / "paper_and_code.md").read_text(encoding="utf-8")
 WORDS = ("as said", "changed", "left open")
 DOTTED = re.compile(r"`((?:vo_lib|course|fetch|training)(?:\.\w+){2,}|train_detector\.\w+)`")
 HELPERS = {"__init__", "settings", "real_roots", "sampson"}  # modules without a stage of the method
-GIVEN = {"buckets.size", "selection.keep"}  # settings with values in the paper
+GIVEN = {"buckets.size", "selection.top_k"}  # settings with values in the paper
 
 
 def table_rows(text: str) -> list[list[str]]:

@@ -116,35 +116,6 @@ def test_renderer_imports_little_of_the_library() -> None:
         assert imported_packages(path) <= BASE | {"data"}, path
 
 
-def test_paper_package_is_short() -> None:
-    files = (ROOT / "vo_lib" / "paper").glob("*.py")
-    assert sum(len(path.read_text(encoding="utf-8").splitlines()) for path in files) <= 1700
-
-
-def test_public_names_are_unique() -> None:
-    folders = {path.name for path in (ROOT / "vo_lib").iterdir() if (path / "__init__.py").exists()}
-    homes: dict[str, set[str]] = {}
-    for path in (ROOT / "vo_lib").rglob("*.py"):
-        assert path.stem not in folders, path
-        for name in public_names(path) - {"add"}:  # each command declares its options by `add`
-            homes.setdefault(name, set()).add(package_of(path))
-    del homes["main"]  # once in the program, once in the `vo` command
-    assert {name: result for name, result in homes.items() if len(result) > 1} == {}
-
-
-def public_names(path: Path) -> set[str]:
-    """Names of the classes, functions and constants at the top level of a file."""
-    names: set[str] = set()
-    for node in ast.parse(path.read_text(encoding="utf-8")).body:
-        if isinstance(node, ast.FunctionDef | ast.ClassDef):
-            names.add(node.name)
-        elif isinstance(node, ast.Assign):
-            names |= {target.id for target in node.targets if isinstance(target, ast.Name)}
-        elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
-            names.add(node.target.id)
-    return {name for name in names if not name.startswith("_")}
-
-
 def test_library_does_not_import_course_scripts_or_pyplot() -> None:
     above = {path.stem for folder in ("data_scripts", "notebooks") for path in (ROOT / folder).iterdir()}
     above.remove("vo_street")  # imported inside a function, when a scene must be drawn

@@ -9,7 +9,7 @@ import pytest
 
 from vo_lib.commands.cli import COMMANDS, main
 from vo_lib.config import METHODS
-from vo_lib.report.printed import PRINTED_NAMES
+from vo_lib.report.table1 import PRINTED_NAMES
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCUMENTS = [*ROOT.glob("*.md"), *ROOT.glob("data_scripts/*.md"), *ROOT.glob("vo_lib/**/*.md")]

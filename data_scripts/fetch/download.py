@@ -37,7 +37,7 @@ def open_session() -> requests.Session:
     return session
 
 
-def repeated(ask: Callable[[], Answer], place: str, fault: str = "is damaged") -> Answer:
+def with_retries(ask: Callable[[], Answer], place: str, fault: str = "is damaged") -> Answer:
     """The result of `ask`, which is called again after a lost connection, a server's error or damaged data.
 
     place : URL or path that `ask` reads; a path is read once. fault : fault of damaged data, for the message.
@@ -56,7 +56,7 @@ def repeated(ask: Callable[[], Answer], place: str, fault: str = "is damaged") -
             if status < 500 or not is_url(place):
                 break
     if isinstance(failure, LOST):
-        raise DataError(what_failed(failure, place)) from None
+        raise DataError(request_error_text(failure, place)) from None
     raise DataError(f"{fault} ({failure})", place) from None
 
 
@@ -65,7 +65,7 @@ def is_url(place: str) -> bool:
     return place.startswith(("http://", "https://"))
 
 
-def what_failed(error: Exception, url: str) -> str:
+def request_error_text(error: Exception, url: str) -> str:
     """The cause of a failed request and the remedy, as text."""
     host = urlsplit(url).hostname
     if (response := getattr(error, "response", None)) is not None:
@@ -77,7 +77,7 @@ def what_failed(error: Exception, url: str) -> str:
     return f"{url}: the connection was lost; repeat the command"
 
 
-def in_words(size: int) -> str:
+def format_bytes(size: int) -> str:
     """A number of bytes as text, such as "23.4 MB"."""
     value = float(size)
     for unit in ("bytes", "kB", "MB"):
@@ -92,8 +92,8 @@ def require_space(folder: Path, size: int) -> None:
     existing = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
     free = shutil.disk_usage(existing).free
     if free < size + SPARE_BYTES:
-        needed = f"{in_words(size)} and {in_words(SPARE_BYTES)} to spare"
-        raise DataError(f"needs {needed}, but only {in_words(free)} are free", folder)
+        needed = f"{format_bytes(size)} and {format_bytes(SPARE_BYTES)} to spare"
+        raise DataError(f"needs {needed}, but only {format_bytes(free)} are free", folder)
 
 
 def confirm(question: str, yes: bool) -> bool:
@@ -134,7 +134,7 @@ def download(url: str, path: Path, size: int, sha256: str, progress: Progress | 
                     break
         return data
 
-    data = repeated(ask, url)
+    data = with_retries(ask, url)
     if len(data) != size or hashlib.sha256(data).hexdigest() != sha256:
         raise DataError(f"{url}: unexpected file: expected {size} bytes with SHA-256 {sha256[:12]}…")
     write_file(path, bytes(data))

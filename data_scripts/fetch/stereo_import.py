@@ -22,13 +22,13 @@ from vo_lib.errors import DataError
 from vo_lib.files import write_atomic
 from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.types import Array, Progress
-from vo_street.folder import calibration_text
+from vo_street.scene_folder import calibration_text
 
 BATCH_PAIRS = 16  # pairs in memory
 MEDIAN_DEPTHS_M = 5.0, 100.0  # plausible outdoors; KITTI and the drawn streets have 16 m to 46 m
 
 
-def look(source: Source, rig: Rig, anyway: bool, outdoors: bool = False) -> list[str]:
+def check_source(source: Source, rig: Rig, anyway: bool, outdoors: bool = False) -> list[str]:
     """Check a sample of pairs; return a line for each result. Raises `DataError` for failed checks.
 
     `anyway` : report problems as warnings, except a wrong sign of the baseline. `outdoors` : require a median

@@ -11,7 +11,7 @@ from pathlib import PurePosixPath
 from remotezip import RangeNotSupported, RemoteIOError, RemoteZip
 
 from fetch import download
-from fetch.download import is_url, open_session, repeated
+from fetch.download import is_url, open_session, with_retries
 from vo_lib.errors import DataError
 
 NO_PARTS = "the server does not send parts of files: download the whole archive and add --from-zip FILE"
@@ -59,7 +59,7 @@ class Archives:
             except RemoteIOError as error:
                 raise error.__context__ or error from None
 
-        members, end = repeated(ask, place, "is not a complete zip file")
+        members, end = with_retries(ask, place, "is not a complete zip file")
         members = sorted(members, key=lambda info: info.header_offset)
         ends = [*(info.header_offset for info in members[1:]), end]
         return list(zip(members, ends, strict=False))  # without members, there is one end too many
@@ -78,7 +78,7 @@ class Archives:
             return content
 
         fault = f"the member {member.info.filename} is damaged or unreadable"
-        return repeated(ask, member.archive, fault)
+        return with_retries(ask, member.archive, fault)
 
     def _bytes(self, place: str, start: int, end: int) -> bytes:
         if not is_url(place):

@@ -20,7 +20,7 @@ from vo_lib.paper.translation import solve_translation
 from vo_lib.report.page import ReportTable
 
 PROPOSAL, MOVING = "feature_selection", "moving_selection"
-KLT, ALIGN, ODO, RIG = (f"vo_lib.kit.{name}" for name in ("klt", "alignment", "odometry", "rig"))
+KLT, ALIGN, ODO, RIG = (f"vo_lib.kit.{name}" for name in ("klt", "alignment", "kit_odometry", "rig"))
 FRONT_END = ("matching.", "vo_lib.runs.front_end", KLT, ALIGN)
 KEY = ("idea", "method", "sequence")
 # Titles of the tables, and their quantities.
@@ -182,7 +182,7 @@ IDEAS = (
     Idea(
         "robust start of the translation",
         26,
-        {"vo_lib.kit.translation.robust_start": least_squares},
+        {"vo_lib.kit.weighted_translation.robust_start": least_squares},
         stays="without it, steps of 01 are 12 % too short with coarse matches",
     ),
     Idea("robust steps after the first step", 8, {"translation.iterations": 1}),

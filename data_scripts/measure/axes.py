@@ -9,7 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vo_lib.data.sequence import Sequence
-from vo_lib.evaluation.kitti import KITTI_LENGTHS, KITTI_STEP, KittiErrors, Measure, kitti_errors
+from vo_lib.evaluation.kitti_errors import (
+    KITTI_LENGTHS,
+    KITTI_STEP,
+    KittiErrors,
+    SubsequenceProtocol,
+    kitti_errors,
+)
 from vo_lib.geometry.motion import rigid, rotation_from_vector
 from vo_lib.geometry.types import Array
 
@@ -72,7 +78,9 @@ def is_raw_drive(sequence: Sequence) -> bool:
     return sequence.name.rpartition("/")[2].startswith("drive_")
 
 
-def te_and_re(sequence: Sequence, poses: Array, measure: Measure, turned: bool) -> tuple[float, float]:
+def te_and_re(
+    sequence: Sequence, poses: Array, measure: SubsequenceProtocol, turned: bool
+) -> tuple[float, float]:
     """TE (%) and RE (deg/100 m), NaN for a short path; if `turned`, TE is computed after `fit_axes`."""
     assert sequence.truth is not None
     errors = kitti_errors(sequence.truth, poses, measure.lengths, measure.step)

@@ -9,21 +9,21 @@ from pathlib import Path
 import numpy as np
 
 from measure.axes import fit_axes, is_raw_drive, te_and_re
-from measure.layout import Cell, Cells, compared, plain, tables, with_numbers
+from measure.error_tables import Cell, Cells, compared, plain, tables, with_numbers
 from vo_lib.config import VARIANTS, change, preset
 from vo_lib.data.catalogue import SYNTHETIC
 from vo_lib.data.sequence import Sequence
-from vo_lib.evaluation.kitti import (
-    KITTI_MEASURE,
+from vo_lib.evaluation.kitti_errors import (
+    KITTI_PROTOCOL,
     SHORT_LENGTHS,
-    Measure,
+    SubsequenceProtocol,
     kitti_errors,
-    suitable_measure,
+    suitable_protocol,
     trajectory_distances,
 )
 from vo_lib.report.page import ReportTable
-from vo_lib.report.reproduce import slug
-from vo_lib.report.table1 import VARIANT_WORDS
+from vo_lib.report.table1 import slug
+from vo_lib.report.table1_page import VARIANT_WORDS
 from vo_lib.runs.drive import Run
 from vo_lib.runs.jobs import Job
 
@@ -69,18 +69,18 @@ def jobs_of(sequence: Sequence, folder: Path) -> Iterable[tuple[tuple[Key, int],
             )
 
 
-def _measures(sequence: Sequence) -> list[tuple[str, Measure]]:
+def _measures(sequence: Sequence) -> list[tuple[str, SubsequenceProtocol]]:
     """Label and measure of each table row of a sequence: KITTI's measure, or one measure per short length."""
     assert sequence.truth is not None
-    whole = sequence.name.startswith(SYNTHETIC) and suitable_measure(sequence.truth) == KITTI_MEASURE
+    whole = sequence.name.startswith(SYNTHETIC) and suitable_protocol(sequence.truth) == KITTI_PROTOCOL
     if whole:
-        return [(sequence.name, KITTI_MEASURE)]
+        return [(sequence.name, KITTI_PROTOCOL)]
     lengths = [L for L in SHORT_LENGTHS if len(kitti_errors(sequence.truth, sequence.truth, [L], 1))]
     axes = ", axes removed" if is_raw_drive(sequence) else ""
-    return [(f"{sequence.name}, {length:g} m{axes}", Measure((length,), 1)) for length in lengths]
+    return [(f"{sequence.name}, {length:g} m{axes}", SubsequenceProtocol((length,), 1)) for length in lengths]
 
 
-def _cell(runs: list[Run] | None, measure: Measure) -> Cell:
+def _cell(runs: list[Run] | None, measure: SubsequenceProtocol) -> Cell:
     """Mean and standard deviation (columns) of TE and RE (rows) over the seeds, (2, 2), or None."""
     if runs is None:
         return None

@@ -17,7 +17,7 @@ import numpy as np
 from training.evaluated import DRIVE, WHY, evaluated_sequence
 from training.street_set import data_yaml
 from vo_lib.data.kitti import read_image
-from vo_lib.data.labels import write_labels
+from vo_lib.data.label_files import write_labels
 from vo_lib.errors import DataError
 from vo_lib.files import read_text, write_atomic
 from vo_lib.geometry.boxes import Boxes

@@ -10,7 +10,7 @@ from vo_lib.data.scenes import SceneConfig
 from vo_lib.errors import DataError
 from vo_lib.geometry.types import Progress
 
-from .folder import write_scene
+from .scene_folder import write_scene
 
 
 def draw_scene(

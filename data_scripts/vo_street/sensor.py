@@ -12,8 +12,8 @@ from vo_lib.data.scenes import SceneConfig
 from vo_lib.geometry.motion import rotation_angle
 from vo_lib.geometry.types import Array
 
-from .drive import smooth_wave
 from .render import Float32, Renderer, View
+from .route import smooth_wave
 from .world import World
 
 MAX_BLUR_PX = 24.0  # longer lines of motion blur are cut

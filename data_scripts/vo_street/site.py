@@ -13,8 +13,8 @@ from vo_lib.data.scenes import SceneConfig
 from vo_lib.geometry.motion import transform
 from vo_lib.geometry.types import Array
 
-from .drive import BEHIND, LANE_WIDTH, Route
 from .mesh import MeshBuilder
+from .route import BEHIND, LANE_WIDTH, Route
 
 PARKING = 2.2  # width of the row of parked cars, metres
 KERB = 0.12  # height of the pavement, metres

@@ -9,7 +9,7 @@ import numpy as np
 from vo_lib.data.scenes import SceneConfig
 from vo_lib.geometry.types import Array
 
-from .drive import LANE_WIDTH, Drive, Route, lane_offset
+from .route import LANE_WIDTH, Drive, Route, lane_offset
 from .shapes import CAR, TRUCK
 from .site import PARKING, Profile
 from .vehicles import Model

@@ -13,8 +13,8 @@ from vo_lib.geometry.rows import joined
 from vo_lib.geometry.types import Array
 
 from .atlas import Atlas, TextureSet
-from .drive import Drive, Route, make_drive, make_route
 from .mesh import Faces, MeshBuilder
+from .route import Drive, Route, make_drive, make_route
 from .shapes import SHAPES
 from .site import Site
 from .street import build_street, paint_street

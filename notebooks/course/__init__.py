@@ -11,7 +11,7 @@ from .drawing import show as show
 from .drawing import show_source as show_source
 from .frames import frame_matches as frame_matches
 from .frames import frame_points as frame_points
-from .frames import has_truth as has_truth
+from .frames import has_data as has_data
 from .frames import load as load
 from .frames import real_pair as real_pair
 from .frames import stereo as stereo

@@ -14,7 +14,6 @@ import numpy as np
 
 from vo_lib.geometry.types import Array
 
-from .keep import handed_back, is_stub, keep
 from .results import (
     SHORT,
     Unusable,
@@ -29,6 +28,7 @@ from .results import (
     shown,
     unusable,
 )
+from .stored_answers import handed_back, is_stub, store_answer
 
 Case = tuple[Any, ...]  # the inputs of a call
 LONGEST = 80  # maximal length of an input in a message, characters
@@ -38,7 +38,7 @@ NO_ANSWER = Verdict(False, "there is no answer: replace the dots.", tried=False)
 
 
 @dataclass(frozen=True)
-class When:
+class Condition:
     """A mistake that is recognised by a test: a function of the first wrong result and of its inputs."""
 
     test: Callable[..., Any]
@@ -129,8 +129,8 @@ class Exercise:
         self.tests: dict[str, Callable[..., Any]] = {}
         for says, examples in self.mistakes.items():
             for each in examples if isinstance(examples, tuple) else (examples,):
-                if isinstance(each, When) or isinstance(self.right, Mapping):
-                    self.tests[says] = each.test if isinstance(each, When) else each
+                if isinstance(each, Condition) or isinstance(self.right, Mapping):
+                    self.tests[says] = each.test if isinstance(each, Condition) else each
                 else:
                     self.answers.setdefault(says, []).append(each)
 
@@ -138,16 +138,18 @@ class Exercise:
         if any(each is None or each is ... for each in (answer, *data)) or is_stub(answer):
             return NO_ANSWER
         self._given = ""
-        verdict = self.judge(answer, *data)
+        verdict = self.grade(answer, *data)
         if verdict.passed:
             self.failures.clear()
-            return Verdict(True, verdict.message + keep(answer, self.judge)) if self.cases else verdict
+            return (
+                Verdict(True, verdict.message + store_answer(answer, self.grade)) if self.cases else verdict
+            )
         # All answers that cannot be compared count as one.
         self.failures.add("" if isinstance(verdict, Unusable) else self._given)
         told_again = len(self.failures) >= TRIES and self.more != verdict.hint
         return replace(verdict, hint=f"{verdict.hint} {self.more}".strip()) if told_again else verdict
 
-    def judge(self, answer: Any, *data: Any) -> Verdict:
+    def grade(self, answer: Any, *data: Any) -> Verdict:
         """The verdict on an answer, without counting failures or saving functions."""
         if self.cases and not callable(answer):
             return Verdict(False, f"expected a function, got {type(answer).__name__}.")

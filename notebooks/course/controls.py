@@ -20,7 +20,7 @@ class Control:
 
     Attributes
     ----------
-    name : dotted name of a setting: "selection.keep" for the method, or "view.noise" for the panel.
+    name : dotted name of a setting: "selection.top_k" for the method, or "view.noise" for the panel.
     label : words beside the control; by default the last part of the name.
     low, high : ends of the slider, if narrower than the declared range.
     step : step of the slider.

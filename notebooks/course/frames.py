@@ -73,7 +73,7 @@ def is_open(name: str) -> bool:
     return name in _sequences
 
 
-def keep(sequence: Sequence) -> str:
+def remember_sequence(sequence: Sequence) -> str:
     """Remember a sequence that was opened elsewhere; return its name."""
     return _sequences.get(sequence.name, lambda: sequence).name
 
@@ -103,7 +103,7 @@ def load_part(name: str, first: int, last: int) -> Sequence:
 
 
 @dataclass(frozen=True)
-class Boxed(Sequence):
+class WithBoxes(Sequence):
     """A sequence with given boxes for each frame, in place of its labels."""
 
     given: list[Boxes] = field(kw_only=True)
@@ -204,7 +204,7 @@ def truth(sequence: Sequence) -> Truth | None:
 
 
 # Each kind of data that a sequence may lack: the data, and the words where they are missing.
-LACKING: dict[str, tuple[Callable[[Sequence], object | None], str]] = {
+MISSING_DATA: dict[str, tuple[Callable[[Sequence], object | None], str]] = {
     "poses": (attrgetter("truth"), "has no ground truth: no error can be stated"),
     "depth": (truth, "has no true depth of its pixels, unlike a drawn scene"),
     "labels": (attrgetter("labels"), "has no labelled boxes"),
@@ -212,19 +212,19 @@ LACKING: dict[str, tuple[Callable[[Sequence], object | None], str]] = {
 }
 
 
-def lacks(sequence: Sequence, what: str = "poses") -> str:
-    """A sentence if a sequence lacks the data `what`, a key of `LACKING`; else ""."""
-    data, words = LACKING[what]
+def why_missing(sequence: Sequence, what: str = "poses") -> str:
+    """A sentence if a sequence lacks the data `what`, a key of `MISSING_DATA`; else ""."""
+    data, words = MISSING_DATA[what]
     return f"{sequence.name} {words}." if data(sequence) is None else ""
 
 
-def has_truth(sequence: Sequence, what: str = "poses") -> bool:
+def has_data(sequence: Sequence, what: str = "poses") -> bool:
     """Whether a sequence has the data that a cell needs; if not, a sentence is printed.
 
-    if has_truth(sequence, "depth"):
+    if has_data(sequence, "depth"):
         show(draw.depth_figure(...))
     """
-    missing = lacks(sequence, what)
+    missing = why_missing(sequence, what)
     if missing:
         print(f"{missing} The corresponding part of this cell is skipped.")
     return not missing

@@ -15,11 +15,11 @@ from vo_lib.errors import DataError
 from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.motion import essential_vector, rigid, rotation_angle, rotation_from_vector
 from vo_lib.geometry.types import Array, BoolArray, Progress
-from vo_lib.kit.selection import guarded, motion_of_winner, sample_sets
+from vo_lib.kit.refined_selection import choose_unless_prior_bad, motion_of_winner, sample_sets
 from vo_lib.kit.settings import KitSelectionConfig
 from vo_lib.paper.five_point import Candidates, five_point
 from vo_lib.paper.selection import (
-    competing,
+    candidates_near_prior,
     draw_sets,
     outlier_shares,
     resolve_by_depth,
@@ -57,8 +57,8 @@ class Scene:
 # Compared selections of a winner: among all candidates, or among the k nearest of each set.
 SELECTIONS = {
     "consensus": SelectionConfig(prior=False),
-    "k = 1": SelectionConfig(keep=1),
-    "k = 2": SelectionConfig(keep=2),
+    "k = 1": SelectionConfig(top_k=1),
+    "k = 2": SelectionConfig(top_k=2),
 }
 
 
@@ -76,7 +76,7 @@ def winner_of(
 ) -> tuple[int, bool]:
     """Index of the winner among candidates with errors (M,), and whether variant `kit` dropped the prior."""
     ratio = config.prior_rejection_ratio if isinstance(config, KitSelectionConfig) else np.inf
-    return guarded(errors, competing(*candidates, e_prev, config), ratio)
+    return choose_unless_prior_bad(errors, candidates_near_prior(*candidates, e_prev, config), ratio)
 
 
 def motion_of(
@@ -120,7 +120,7 @@ def frames_of(scene: Scene, frames: int, seed: int) -> Iterator[Pair]:
     yield from map(pair_of, simulate_tracks(drive(frames), CAMERA, scene.tracks, seed))
 
 
-def turned(R: Array, R_other: Array | None) -> float:
+def angle_between(R: Array, R_other: Array | None) -> float:
     """Angle between two rotations (3, 3), degrees; NaN if the second rotation is None."""
     return np.nan if R_other is None else float(np.degrees(rotation_angle(R.T @ R_other)))
 
@@ -148,7 +148,7 @@ def selection_errors(
         for name, way in ways.items():
             winner, _ = winner_of(candidates, truncated[way.threshold], e_prev[name], way)
             R, e_prev[name], _ = motion_of(candidates.E[winner], pair, way, CAMERA.f)
-            errors[name].append(turned(R, pair.R_cp))
+            errors[name].append(angle_between(R, pair.R_cp))
     return {name: np.array(values) for name, values in errors.items()}
 
 

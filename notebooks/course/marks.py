@@ -20,8 +20,8 @@ from typing import Any
 from vo_lib.errors import DataError
 
 from .checker import Exercise
-from .keep import load
 from .results import Verdict
+from .stored_answers import load
 
 NOTEBOOKS = Path(__file__).resolve().parents[1]
 HEADING = re.compile(r"^### Exercise (\d+\.\d+)", re.MULTILINE)
@@ -55,7 +55,7 @@ def marks(path: Path) -> dict[str, Any]:
     for name, (number, exercise) in tasks().items():
         verdict = Verdict(False, "not there")
         if callable(definitions.get(name)):
-            verdict = exercise.judge(definitions[name])
+            verdict = exercise.grade(definitions[name])
         says = "" if verdict.passed else verdict.message
         functions[name] = {"exercise": number, "passed": verdict.passed, "says": says}
     passed = sum(each["passed"] for each in functions.values())

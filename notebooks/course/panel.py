@@ -44,7 +44,7 @@ from .colours import BAD, DARK
 from .controls import COLUMN, Knob, labelled
 from .controls import Control as Control
 from .drawing import WIDTH, photo, stack
-from .frames import DEFAULT, is_open, keep, lacks, opened, stereo
+from .frames import DEFAULT, is_open, opened, remember_sequence, stereo, why_missing
 from .progress import Job, Stopped
 from .results import marked
 
@@ -174,7 +174,7 @@ class Panel:
         self.folder.observe(self._typed, "value")
         self.frame.observe(self.redraw, "value")
         self.box = self._layout()
-        name = sequence if isinstance(sequence, str) else keep(sequence)
+        name = sequence if isinstance(sequence, str) else remember_sequence(sequence)
         self._offer(name)
         self._quiet = False
         self._open(name)
@@ -198,7 +198,7 @@ class Panel:
     def set(self, **values: Any) -> None:
         """Set controls from code, including `frame` and `variant`, and draw once.
 
-        A dot in the name of a setting is written as two underscores: panel.set(selection__keep=3, frame=20).
+        A dot in the name of a setting is written as two underscores: panel.set(selection__top_k=3, frame=20).
         """
         if self._sequence is None:
             self.job.wait()
@@ -227,7 +227,7 @@ class Panel:
                 idle = self.idle(state)
                 for name, knob in self.knobs.items():
                     knob.shown.disabled = name in idle or self._lacks(state.config, name)
-                if self.needs_truth and (lacking := lacks(state.sequence)):
+                if self.needs_truth and (lacking := why_missing(state.sequence)):
                     image = photo(stereo(state.sequence, state.frame)[0], height=self.height)
                     self._show(Drawing([image], lacking))
                 else:

@@ -20,9 +20,9 @@ from jinja2 import Environment, FileSystemLoader
 from vo_lib.data.poses import from_first
 from vo_lib.geometry.motion import transform
 from vo_lib.geometry.types import Array
-from vo_lib.paper.boxes import in_boxes
+from vo_lib.paper.box_removal import in_boxes
 from vo_lib.runs.drive import Run
-from vo_lib.runs.matches import CachedMatches
+from vo_lib.runs.match_cache import CachedMatches
 
 from .colours import DARK, GOOD
 from .drawing import FONT_SIZE, WIDTH, figure, show

@@ -82,7 +82,7 @@ def test_a_run_writes_its_files(bands: Path, done: Callable[..., str], variant: 
     assert "ATE m" in printed  # the path is too short for TE
     assert str(out) in printed
     if variant == "kit":
-        learnt = read_learnt_calibration(out / "calibration.json").in_words(config.calibration)
+        learnt = read_learnt_calibration(out / "calibration.json").describe(config.calibration)
         assert f"corrected calibration errors (± σ) {learnt}" in re.sub(r"[│\s]+", " ", printed)
 
 
@@ -100,7 +100,7 @@ def test_run_on_frames_with_a_label_folder(bands: Path, done: Callable[..., str]
 def test_cache_option_reuses_matches(
     bands: Path, done: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("vo_lib.runs.matches.cache_folder", lambda: bands.parent / "user" / "synthetic")
+    monkeypatch.setattr("vo_lib.runs.match_cache.cache_folder", lambda: bands.parent / "user" / "synthetic")
     for name, cache in (("filled", []), ("used", []), ("elsewhere", [str(bands.parent / "mine")])):
         done(name, "--cache", *cache)
     kept = {path.relative_to(bands.parent).parts[:2] for path in bands.parent.rglob("*.npz")}
@@ -268,7 +268,7 @@ def test_library_warnings_are_printed_after_success(
             raise error
         return {}
 
-    monkeypatch.setattr("vo_lib.commands.sequences.available", available)
+    monkeypatch.setattr("vo_lib.commands.list_sequences.available", available)
     assert main(["list"]) == code
     text = capsys.readouterr().err
     assert text == line if error is not None else text.startswith(line)

@@ -8,7 +8,7 @@ import pytest
 from data_command import load
 
 from vo_lib.commands.cli import main
-from vo_lib.commands.scripts import scripts
+from vo_lib.commands.data_scripts import scripts
 
 FOLDER = Path(__file__).resolve().parents[2] / "data_scripts"
 NAMES = sorted(path.stem for path in FOLDER.glob("[!_]*.py"))

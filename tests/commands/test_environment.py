@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from vo_lib.commands.cli import main
-from vo_lib.commands.scripts import scripts
+from vo_lib.commands.data_scripts import scripts
 from vo_lib.data.kitti import EXPECTED_FRAMES, PART
 from vo_lib.data.scenes import SCENES
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from course.appendix.panel import KITTI_01, learn, rig
-from course.made_up import block_tour
+from course.perturbed_path import block_tour
 from course.simulation.tracks import SimulatedFrame, TrackConfig, simulate_tracks
 from vo_lib.geometry.camera import StereoCamera
 from vo_lib.kit.rig import DISPARITY_TERMS, ERROR_NAMES

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from course.ch02 import exercises as ch02
-from course.checker import SLIPS, Exercise, When, in_order
-from course.keep import HEAD, handed_back, keep, load
+from course.checker import SLIPS, Condition, Exercise, in_order
 from course.results import NOT_YET, NOT_YET_CLASS
+from course.stored_answers import HEAD, handed_back, load, store_answer
 from vo_lib.paper.five_point import null_space as other_name
 
 
@@ -90,7 +90,7 @@ VERDICTS: list[tuple[Exercise, tuple[Any, ...], str]] = [
     ),
     (STOPS, (lambda x: {0.0: 1.0}.get(x) or [].pop(),), "odd."),
     (STOPS, (lambda x: 1.0,), "expected None for x = 2"),
-    (table(square, numbers, odd=When(lambda *case: 1 / 0)), (lambda x: 7.0,), "ZeroDivisionError"),
+    (table(square, numbers, odd=Condition(lambda *case: 1 / 0)), (lambda x: 7.0,), "ZeroDivisionError"),
     (SPOILT, (lambda kept, spoiled: 1,), "right: "),
     (SPOILT, (lambda kept, spoiled: spoiled[0].fill(1) or 1,), "changes its input `spoiled`"),
 ]
@@ -107,7 +107,7 @@ def test_the_third_different_failure_in_a_row_is_told_the_line() -> None:
     SQUARE.failures.clear()
     for answer in (lambda x: x + 2.0, lambda x: x + 2.0, lambda x: x + 3.0):
         assert SQUARE(...).hint == ""  # a missing answer is not a failure
-        assert SQUARE.judge(lambda x: x + 9.0).hint == "try."  # `judge` counts no failures
+        assert SQUARE.grade(lambda x: x + 9.0).hint == "try."  # `grade` counts no failures
         assert SQUARE(answer).hint == "try."  # the same answer twice counts once
     assert SQUARE(lambda x: x + 4.0).hint == line
     assert SQUARE(square).passed
@@ -198,7 +198,7 @@ def test_only_what_passed_is_kept_and_only_beside_the_notebooks(folder: Path) ->
     spoken: dict[str, Any] = {}
     exec("def null_basis(A): ...", spoken)
     for function in (spoken["null_basis"], np.sum, lambda A: A, partial(null_basis), int):
-        assert keep(function) == ""  # it has no source
+        assert store_answer(function) == ""  # it has no source
     assert not (folder / "my_vo.py").exists()
     assert "saved in `my_vo.py`" in ch02.null_basis(null_basis).message
     assert (folder / "my_vo.py").read_text(encoding="utf-8") == f"{HEAD}\n\n\n{OWN}\n"
@@ -216,11 +216,11 @@ def test_a_kept_function_replaces_its_old_self_and_nothing_else_and_no_broken_fi
     path = folder / "my_vo.py"
     path.write_bytes(f"{before}{old}{after}".encode())
     for _ in range(2):
-        assert keep(null_basis) == " It is saved in `my_vo.py`."
+        assert store_answer(null_basis) == " It is saved in `my_vo.py`."
         assert path.read_bytes().decode() == f"{before}{OWN}{after}"
     assert load(path)["null_basis"](np.eye(9)).shape == (4, 9)
     path.write_bytes(b"def half(:\n")
-    assert "was not saved" in keep(null_basis)
+    assert "was not saved" in store_answer(null_basis)
     assert path.read_bytes() == b"def half(:\n"
 
 
@@ -230,7 +230,7 @@ def test_each_kept_function_has_its_own_helpers(folder: Path) -> None:
         notebook.write_text(
             f"def helper(x): return {factor} * x\n\n\ndef times_{factor}(x):\n    return helper(x)\n"
         )
-        keep(load(notebook)[f"times_{factor}"])
+        store_answer(load(notebook)[f"times_{factor}"])
     saved = load(folder / "my_vo.py")
     assert (saved["times_2"](1), saved["times_3"](1)) == (2, 3)
     with pytest.raises(TypeError) as error:

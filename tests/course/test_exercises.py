@@ -21,15 +21,15 @@ from course.ch07 import exercises as ch07
 from course.ch08 import exercises as ch08
 from course.ch09 import exercises as ch09
 from course.checker import SLIPS, Exercise
-from course.made_up import block_tour, made_up
+from course.perturbed_path import block_tour, perturbed_path
 from course.results import NOT_YET_CLASS, Verdict
 from vo_lib.data.poses import from_first
 from vo_lib.data.sequence import Sequence
-from vo_lib.evaluation.kitti import kitti_errors
+from vo_lib.evaluation.kitti_errors import kitti_errors
 from vo_lib.geometry.boxes import Boxes
 from vo_lib.geometry.matches import StereoMatches
 from vo_lib.kit.settings import KitTranslationConfig
-from vo_lib.paper.boxes import on_vehicles
+from vo_lib.paper.box_removal import on_vehicles
 from vo_lib.paper.settings import FilterConfig
 from vo_lib.paper.translation import feature_rows
 
@@ -55,8 +55,8 @@ BEND = block_tour(1)[150:300:2]
 # Further inputs of a check, beside the answer.
 GIVEN: dict[str, tuple[Any, ...]] = {
     "ch00.disparity_at_20_m": (ch00.CAMERA,),
-    "ch08.drift": (from_first(made_up(BEND, 2.0, 3.0, 20.0)), tour(BEND)),
-    "ch08.te_and_re": (from_first(made_up(BEND, 2.0, 3.0, 20.0)), tour(BEND)),
+    "ch08.drift": (from_first(perturbed_path(BEND, 2.0, 3.0, 20.0)), tour(BEND)),
+    "ch08.te_and_re": (from_first(perturbed_path(BEND, 2.0, 3.0, 20.0)), tour(BEND)),
 }
 
 
@@ -149,7 +149,7 @@ def test_every_check_stands_answers_that_are_none(name: str) -> None:
 def test_numbers_of_chapters_2_and_6_are_those_of_the_kit() -> None:
     assert [count for count in range(11) if ch02.most_frequent_count(count).passed] in ([2], [4], [6])
     assert 3.0 < ch02.noise_factor.right() < 5.0
-    te = kitti_errors(block_tour(), made_up(block_tour(), scale=1.0), lengths=(800,)).te
+    te = kitti_errors(block_tour(), perturbed_path(block_tour(), scale=1.0), lengths=(800,)).te
     assert ch06.once_round(te).passed
     errors = ch07.errors_of_sets()[0]
     assert errors[0] > errors[1] > errors[2]

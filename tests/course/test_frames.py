@@ -14,15 +14,15 @@ from vo_lib.data.sequence import Sequence
 
 def test_what_a_sequence_lacks_is_printed(bands: Path, capsys: pytest.CaptureFixture[str]) -> None:
     sequence = replace(open_sequence(bands), truth=None, labels=None)
-    assert not any(frames.has_truth(sequence, what) for what in frames.LACKING)
+    assert not any(frames.has_data(sequence, what) for what in frames.MISSING_DATA)
     lines = capsys.readouterr().out.splitlines()
     sentence = "bands has no ground truth: no error can be stated."
     assert lines[0] == f"{sentence} The corresponding part of this cell is skipped."
-    assert len(lines) == len(frames.LACKING)
+    assert len(lines) == len(frames.MISSING_DATA)
 
 
 def test_a_drawn_scene_lacks_nothing(street: Sequence, capsys: pytest.CaptureFixture[str]) -> None:
-    assert all(frames.has_truth(street, what) for what in frames.LACKING)
+    assert all(frames.has_data(street, what) for what in frames.MISSING_DATA)
     assert capsys.readouterr().out == ""
 
 

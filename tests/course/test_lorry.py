@@ -12,7 +12,7 @@ from course.simulation.lorry import STEP, LorryConfig, drive_past_lorry, with_lo
 from course.simulation.tracks import simulate_tracks
 from vo_lib import open_sequence, preset
 from vo_lib.data.sequence import Sequence
-from vo_lib.evaluation.kitti import kitti_errors
+from vo_lib.evaluation.kitti_errors import kitti_errors
 from vo_lib.geometry.matches import StereoMatches, empty_matches
 from vo_lib.geometry.types import Array
 from vo_lib.runs.front_end import find_matches

@@ -27,7 +27,7 @@ from vo_lib.data.sequence import Sequence
 from vo_lib.errors import DataError
 from vo_lib.geometry.motion import inverse
 from vo_lib.runs.drive import run_methods
-from vo_lib.runs.matches import CachedMatches
+from vo_lib.runs.match_cache import CachedMatches
 
 
 def test_a_stage_is_yours_where_it_passes_and_the_librarys_elsewhere(

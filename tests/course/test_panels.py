@@ -110,18 +110,18 @@ class Example(Panel):
     title = "an example"
     height = 40
     kit = preset("solution_selection", variant="kit")
-    controls = (Control("filter.classes"), Control("selection.keep"), Control("selection.mode"))
+    controls = (Control("filter.classes"), Control("selection.top_k"), Control("selection.mode"))
     long_job = "count"
     started = threading.Event()
 
     def draw(self, state: State) -> Drawing:
         if state.frame == 2:
             raise ValueError("no second frame")
-        shade = np.full((40, WIDTH, 3), 10 * state.config.selection.keep, np.uint8)
-        return Drawing([shade], "a shade", (Fact("keep", state.config.selection.keep),))
+        shade = np.full((40, WIDTH, 3), 10 * state.config.selection.top_k, np.uint8)
+        return Drawing([shade], "a shade", (Fact("keep", state.config.selection.top_k),))
 
     def idle(self, state: State) -> set[str]:
-        return {"selection.keep"} if state.frame == 4 else set()
+        return {"selection.top_k"} if state.frame == 4 else set()
 
     def work(self, state: State, progress: Progress) -> None:
         self.started.set()
@@ -152,7 +152,7 @@ def test_what_is_wrong_is_shown_and_the_panel_goes_on(example: Example) -> None:
     example.frame.value = 3
     assert example.error == ""
     assert example.picture.value == good
-    example.set(selection__keep=5)
+    example.set(selection__top_k=5)
     assert "(+3)" in example._text.value
 
 
@@ -177,7 +177,7 @@ def test_the_switch_changes_the_method_and_greys_what_the_other_one_lacks(exampl
     assert example.state().config == PublishedConfig(filter=FilterConfig(rule="none"))
     example.set(variant="kit", selection__mode="literal", frame=4)
     assert not mode.disabled
-    assert example.knobs["selection.keep"].widget.disabled
+    assert example.knobs["selection.top_k"].widget.disabled
     config = example.state().config
     assert isinstance(config, KitConfig)
     assert config.selection.mode == "literal"

@@ -12,8 +12,8 @@ from course.ch07 import ReproducePanel
 from course.ch07.figures import results_table, tables_of, verdicts
 from course.ch07.runs import FIRST, Plan, clip, part_of, run_plan
 from vo_lib import open_sequence
-from vo_lib.evaluation.kitti import KITTI_MEASURE
-from vo_lib.report.printed import read_paper_table
+from vo_lib.evaluation.kitti_errors import KITTI_PROTOCOL
+from vo_lib.report.table1 import read_paper_table
 
 LONG = 300.0  # seconds that a job may take; a safeguard
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "data"
@@ -74,7 +74,9 @@ def test_the_clip_of_the_row_has_the_boxes_of_a_detector(
     monkeypatch.setenv("KITTI_ROOT", str(CLIPS))
     whole = clip(150)
     assert (whole.name, len(whole), whole.labels) == ("kitti/00", 150, None)
-    monkeypatch.setattr("course.ch07.runs.suitable_measure", lambda truth: KITTI_MEASURE)  # too short for it
+    monkeypatch.setattr(
+        "course.ch07.runs.suitable_protocol", lambda truth: KITTI_PROTOCOL
+    )  # too short for it
     part = clip(12, str(SHARED / "models" / "yolov8n_int8.onnx"))
     assert (part.name, part.frames[0]) == ("kitti/00", "000016")
     assert sum(len(part.boxes(frame)) for frame in range(12)) > 12

@@ -120,11 +120,11 @@ def test_moving_matches_win_the_vote_and_wrong_ones_do_not(look: Look) -> None:
 def test_the_vote_takes_one_solution_of_a_plane_and_the_prior_stays_with_the_other(look: Look) -> None:
     text = r"set `k` to (\d)\. .* after the first and the seventh press, .* more than ([.\d]+)° wrong"
     for draw in (1, 7):
-        plane = {"view__plane": True, "selection__keep": 1, "view__draw": draw}
+        plane = {"view__plane": True, "selection__top_k": 1, "view__draw": draw}
         now, _, (keep, wrong) = look("03", text, **plane)
         assert keep == 1
         assert now["error by consensus"] > wrong > 3 * now["error by selection"]
-        now, _, _ = look("03", "With `k` = 2 the prior follows the vote", **plane | {"selection__keep": 2})
+        now, _, _ = look("03", "With `k` = 2 the prior follows the vote", **plane | {"selection__top_k": 2})
         assert now["error by selection"] > 0.7 * now["error by consensus"]
 
 

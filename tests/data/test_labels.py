@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vo_lib.data.labels import read_labels, write_labels
+from vo_lib.data.label_files import read_labels, write_labels
 from vo_lib.geometry.boxes import Boxes, no_boxes
 
 

@@ -10,7 +10,7 @@ import pytest
 from data_command import load
 
 from training.kitti_set import check_origin, read_object_set, split
-from vo_lib.data.labels import read_labels
+from vo_lib.data.label_files import read_labels
 from vo_lib.errors import DataError
 
 kitti_to_yolo = load("kitti_to_yolo")

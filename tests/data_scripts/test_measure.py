@@ -14,13 +14,13 @@ import measure_ablation
 import measure_choices
 from measure.ablation import IDEAS, Idea
 from measure.axes import axes_rotation, fit_axes, turn_axes
-from measure.layout import compared, tables
+from measure.error_tables import compared, tables
 from measure.result_tables import claim_table
 from vo_lib.config import change, preset
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.poses import write_kitti_poses
 from vo_lib.files import read_csv
-from vo_lib.runs.matches import CachedMatches, folder_size
+from vo_lib.runs.match_cache import CachedMatches, folder_size
 
 LENGTHS = (20.0, 50.0)
 TRUTH = winding_road(150, 0.04, 1.07)

@@ -15,7 +15,7 @@ from train_detector import register
 from training.dataset import open_set
 from training.evaluated import ODOMETRY_DRIVES, evaluated_sequence
 from training.street_set import DetectionSetConfig, streets
-from vo_lib.data.labels import write_labels
+from vo_lib.data.label_files import write_labels
 from vo_lib.detection.yolo import YoloDetector
 from vo_lib.errors import DataError
 from vo_lib.geometry.boxes import Boxes

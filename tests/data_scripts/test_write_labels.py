@@ -14,7 +14,7 @@ from data_command import load
 from tiny_onnx import write_answering
 
 from vo_lib.data.catalogue import open_sequence
-from vo_lib.detection.labels import RECORD, labelled_sequence, write_label_folder
+from vo_lib.detection.label_folders import RECORD, labelled_sequence, write_label_folder
 from vo_lib.detection.layout import yolox_cells
 from vo_lib.detection.settings import DetectorConfig
 from vo_lib.files import only_process

@@ -14,14 +14,14 @@ from made_entries import straight
 from vo_lib.data.poses import read_kitti_poses
 from vo_lib.errors import DataError
 from vo_lib.evaluation.ate_rpe import Alignment, absolute_error, align, relative_error
-from vo_lib.evaluation.evaluate import evaluate
-from vo_lib.evaluation.kitti import (
+from vo_lib.evaluation.kitti_errors import (
     KITTI_BIN_MINIMUM,
     KITTI_LENGTHS,
     KittiErrors,
     kitti_errors,
     trajectory_distances,
 )
+from vo_lib.evaluation.path_errors import evaluate
 from vo_lib.geometry.motion import nearest_rotation, rigid, rotation_from_vector
 from vo_lib.geometry.types import Array
 

@@ -113,4 +113,4 @@ def test_small_errors_are_not_described() -> None:
 def test_uncertain_errors_are_neither_described_nor_used(learnt: Calibration) -> None:
     vague = dataclasses.replace(learnt, estimate=errors(d_1=0.5, k1=5.0), covariance=prior_covariance())
     assert not vague.in_use(CalibrationConfig()).any()
-    assert vague.in_words(CalibrationConfig()) == "none beyond two standard deviations"
+    assert vague.describe(CalibrationConfig()) == "none beyond two standard deviations"

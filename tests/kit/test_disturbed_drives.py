@@ -18,7 +18,7 @@ from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.motion import inverse
 from vo_lib.geometry.result import Flag
 from vo_lib.geometry.types import Image
-from vo_lib.kit.odometry import SelfCalibratingOdometry
+from vo_lib.kit.kit_odometry import SelfCalibratingOdometry
 from vo_lib.runs.drive import MethodRun, Run, run_methods
 from vo_lib.runs.front_end import find_matches
 

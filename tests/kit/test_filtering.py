@@ -12,9 +12,9 @@ from vo_lib.data.truth import matches_on_moving
 from vo_lib.geometry.boxes import MOVING, Boxes, no_boxes
 from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.result import Flag
-from vo_lib.kit.boxes import BoxFilter, Filtered
+from vo_lib.kit.box_rules import BoxFilter, Filtered
 from vo_lib.kit.settings import KitFilterConfig, MovingConfig
-from vo_lib.paper.boxes import inside
+from vo_lib.paper.box_removal import inside
 from vo_lib.runs.front_end import find_matches
 
 

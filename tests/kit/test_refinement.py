@@ -7,8 +7,8 @@ import pytest
 
 from vo_lib.geometry.motion import essential_from_motion, rotation_angle, rotation_from_vector
 from vo_lib.geometry.types import Array
+from vo_lib.kit.refined_selection import motion_of_winner
 from vo_lib.kit.refinement import distances_and_derivatives, refine
-from vo_lib.kit.selection import motion_of_winner
 from vo_lib.kit.settings import KitSelectionConfig
 from vo_lib.paper.sampson import match_terms, sampson_distance
 

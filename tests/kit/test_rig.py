@@ -11,11 +11,11 @@ from faulty_camera import CAMERA, KITTI, Faults, drive
 
 from measure.axes import fit_axes
 from vo_lib import open_sequence, preset, run, settings
-from vo_lib.evaluation.kitti import kitti_errors
+from vo_lib.evaluation.kitti_errors import kitti_errors
 from vo_lib.geometry.boxes import Boxes
 from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.types import Array
-from vo_lib.kit.odometry import make_kit_odometry
+from vo_lib.kit.kit_odometry import make_kit_odometry
 from vo_lib.kit.parallax import parallax_information
 from vo_lib.kit.rig import (
     BY_PARALLAX,

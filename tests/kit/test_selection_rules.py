@@ -13,7 +13,7 @@ from vo_lib import settings
 from vo_lib.config import preset
 from vo_lib.geometry.boxes import no_boxes
 from vo_lib.geometry.motion import essential_vector, rotation_angle
-from vo_lib.kit.selection import choose_candidate, sample_sets
+from vo_lib.kit.refined_selection import choose_candidate, sample_sets
 from vo_lib.kit.settings import KitSelectionConfig
 from vo_lib.paper.five_point import five_point
 from vo_lib.paper.selection import truncated_errors
@@ -44,7 +44,7 @@ def test_prior_with_only_a_bad_candidate_is_dropped(ratio: float, dropped: bool)
     (pair,) = frames_of(Scene(TRACKS), 1, 4)
     sets = sample_sets(np.random.default_rng(0), len(pair.x_p), 1)
     E, set_index = five_point(pair.x_p[sets], pair.x_c[sets])
-    config = KitSelectionConfig(keep=1, prior_rejection_ratio=ratio, threshold=1.0)
+    config = KitSelectionConfig(top_k=1, prior_rejection_ratio=ratio, threshold=1.0)
     scores = truncated_errors(E, pair.x_p, pair.x_c, config.threshold / CAMERA.f)
     best, worst = int(np.argmin(scores)), int(np.argmax(scores))
     winner = choose_candidate(E, set_index, pair.x_p, pair.x_c, essential_vector(E[worst]), config, CAMERA.f)

@@ -11,7 +11,7 @@ from vo_lib.geometry.motion import rotation_from_vector
 from vo_lib.geometry.symmetric import FULL
 from vo_lib.geometry.types import Array
 from vo_lib.kit.settings import KitTranslationConfig
-from vo_lib.kit.translation import EliminatedPoints, robust_start, robust_translation, stereo_points
+from vo_lib.kit.weighted_translation import EliminatedPoints, robust_start, robust_translation, stereo_points
 from vo_lib.paper.translation import feature_rows
 
 R_CP = rotation_from_vector(np.array([0.002, 0.01, -0.001]))

@@ -24,8 +24,8 @@ def motion(ahead: float = 1.0, turn: Array | tuple[float, ...] = (0.0, 0.0, 0.0)
 def flags(*motions: FrameResult, seconds: float = FRAME_S, check: bool = True) -> list[tuple[Flag, ...]]:
     """Flags of the last motions of a drive that begins at 10 m/s."""
     vehicle = Vehicle(VehicleConfig(check=check))
-    vehicle.judge(motion(10.0 * seconds), seconds)
-    return [vehicle.judge(m, seconds).flags for m in motions]
+    vehicle.check_vehicle(motion(10.0 * seconds), seconds)
+    return [vehicle.check_vehicle(m, seconds).flags for m in motions]
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -48,17 +48,17 @@ def test_limits_are_per_second() -> None:
 
 
 def test_first_motion_limit_is_63_metres_per_second() -> None:
-    first = [Vehicle(VehicleConfig()).judge(motion(ahead), FRAME_S).flags for ahead in (6.2, 6.4)]
+    first = [Vehicle(VehicleConfig()).check_vehicle(motion(ahead), FRAME_S).flags for ahead in (6.2, 6.4)]
     assert first == [(), SPEED]
 
 
 def test_flagged_motion_is_kept_but_not_a_reference() -> None:
     vehicle, jump = Vehicle(VehicleConfig()), motion(6.0)
-    vehicle.judge(motion(), FRAME_S)
-    judged = vehicle.judge(jump, FRAME_S)
+    vehicle.check_vehicle(motion(), FRAME_S)
+    judged = vehicle.check_vehicle(jump, FRAME_S)
     assert judged.flags == SPEED
     np.testing.assert_array_equal(judged.T_cp, jump.T_cp)
-    assert vehicle.judge(motion(), FRAME_S).flags == ()
+    assert vehicle.check_vehicle(motion(), FRAME_S).flags == ()
 
 
 def test_new_speed_becomes_plausible_with_time() -> None:
@@ -68,8 +68,8 @@ def test_new_speed_becomes_plausible_with_time() -> None:
 def test_last_plausible_motion_replaces_missing_ones() -> None:
     vehicle = Vehicle(VehicleConfig())
     for m in (motion(1.1), motion(9.0)):
-        vehicle.judge(m, FRAME_S)
-    judged = [vehicle.judge(MISSING, FRAME_S) for _ in range(12)]
+        vehicle.check_vehicle(m, FRAME_S)
+    judged = [vehicle.check_vehicle(MISSING, FRAME_S) for _ in range(12)]
     assert {m.flags for m in judged} == {MISSING.flags}
     steps = [float(np.linalg.norm(m.T_cp[:3, 3])) for m in judged]
     np.testing.assert_allclose(steps, [1.1] * 12)
@@ -77,8 +77,8 @@ def test_last_plausible_motion_replaces_missing_ones() -> None:
 
 def test_repeated_pair_causes_no_flag() -> None:
     vehicle = Vehicle(VehicleConfig())
-    vehicle.judge(motion(), FRAME_S)
+    vehicle.check_vehicle(motion(), FRAME_S)
     for _ in range(3):
-        assert vehicle.judge(FrameResult(np.eye(4)), FRAME_S, still=True).flags == ()
-    assert vehicle.judge(motion(), FRAME_S).flags == ()
-    np.testing.assert_array_equal(vehicle.judge(MISSING, FRAME_S).T_cp, motion().T_cp)
+        assert vehicle.check_vehicle(FrameResult(np.eye(4)), FRAME_S, still=True).flags == ()
+    assert vehicle.check_vehicle(motion(), FRAME_S).flags == ()
+    np.testing.assert_array_equal(vehicle.check_vehicle(MISSING, FRAME_S).T_cp, motion().T_cp)

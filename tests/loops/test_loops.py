@@ -21,7 +21,7 @@ from vo_lib.geometry.motion import inverse
 from vo_lib.geometry.twist import motion_from_twist
 from vo_lib.geometry.types import Array
 from vo_lib.loops.find import Loops, find_loops
-from vo_lib.loops.graph import carried_along, close_path
+from vo_lib.loops.graph import close_path, interpolate_corrections
 from vo_lib.loops.places import candidates, place_frames
 from vo_lib.loops.settings import LoopConfig
 from vo_lib.report.film import LOOP_LINE_COLOUR, Film, film_frames
@@ -118,9 +118,9 @@ def test_loops_take_out_the_drift_and_a_false_one_has_no_weight() -> None:
 
 def test_frames_between_places_are_carried_along() -> None:
     poses, frames = circle(23, 0.0), np.arange(0, 23, 5)
-    assert carried_along(poses, frames, poses[frames]) == pytest.approx(poses, abs=1e-12)
+    assert interpolate_corrections(poses, frames, poses[frames]) == pytest.approx(poses, abs=1e-12)
     drifted = circle(23, 0.01)
-    moved = carried_along(drifted, frames, poses[frames])
+    moved = interpolate_corrections(drifted, frames, poses[frames])
     assert moved[frames] == pytest.approx(poses[frames], abs=1e-12)
     assert worst(moved, poses) < 0.1 * worst(drifted, poses)
     assert inverse(moved[21]) @ moved[22] == pytest.approx(inverse(drifted[21]) @ drifted[22], abs=1e-12)

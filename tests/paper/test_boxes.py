@@ -6,7 +6,7 @@ import numpy as np
 
 from vo_lib.geometry.boxes import Boxes, no_boxes, overlap
 from vo_lib.kit.settings import KitFilterConfig
-from vo_lib.paper.boxes import in_boxes
+from vo_lib.paper.box_removal import in_boxes
 
 
 def box(*xyxy: float, class_id: int = 2, score: float = 1.0) -> Boxes:

@@ -13,7 +13,7 @@ from box_scenes import CAMERA, match_points
 from vo_lib.config import PUBLISHED, change, preset
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.sequence import Sequence
-from vo_lib.evaluation.kitti import kitti_errors
+from vo_lib.evaluation.kitti_errors import kitti_errors
 from vo_lib.geometry.boxes import Boxes, no_boxes
 from vo_lib.geometry.matches import StereoMatches, empty_matches
 from vo_lib.geometry.motion import (
@@ -36,7 +36,7 @@ from vo_lib.paper.translation import (
     solve_translation,
 )
 from vo_lib.runs.drive import make_odometry, run, run_methods
-from vo_lib.runs.matches import CachedMatches
+from vo_lib.runs.match_cache import CachedMatches
 
 R_CP = rotation_from_vector(np.array([0.004, 0.03, -0.002]))
 T_CP = rigid(R_CP, np.array([0.05, -0.02, -1.1]))
@@ -107,7 +107,7 @@ def test_prior_selects_before_the_error() -> None:
     E = np.array([turned_by(0.0), before, between])
     chosen = {}
     for method in ("mesvo_f", "solution_selection"):
-        system = make_odometry(CAMERA, change(preset(method, variant="published"), "selection.keep", 1))
+        system = make_odometry(CAMERA, change(preset(method, variant="published"), "selection.top_k", 1))
         system.e_prev = essential_vector(before)
         chosen[method] = system.select(E, np.array([0, 0, 1]), x_p, x_c)
     # Consensus selects the truth. The prior keeps one solution per set, and the better kept solution wins.

@@ -12,7 +12,7 @@ from course.simulation.tracks import SimulatedFrame, TrackConfig, simulate_track
 from measure.axes import fit_axes
 from vo_lib import preset
 from vo_lib.data.sequence import Sequence
-from vo_lib.evaluation.kitti import kitti_errors
+from vo_lib.evaluation.kitti_errors import kitti_errors
 from vo_lib.geometry.boxes import no_boxes
 from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.motion import rigid, rotation_angle, rotation_from_vector
@@ -20,7 +20,7 @@ from vo_lib.geometry.types import Array, BoolArray
 from vo_lib.paper.settings import ReprojectionConfig
 from vo_lib.paper.viso2 import observed, ransac_motion
 from vo_lib.runs.drive import make_odometry, run_methods
-from vo_lib.runs.matches import CachedMatches
+from vo_lib.runs.match_cache import CachedMatches
 
 CONFIG = ReprojectionConfig()
 # Step of the camera pose in the world: 1 m forward per frame and 0.5° of rotation.

@@ -23,7 +23,7 @@ def test_nearest_candidates_of_each_set_stay() -> None:
     E = rng.normal(size=(12, 3, 3))
     set_index = np.repeat([0, 2, 7], [1, 4, 7])
     e_prev = essential_vector(rng.normal(size=(3, 3)))
-    kept = nearest_to_prior(E, set_index, e_prev, keep=2)
+    kept = nearest_to_prior(E, set_index, e_prev, top_k=2)
     angle = essential_angle(essential_vector(E), e_prev)
     for s in (0, 2, 7):
         mine = np.flatnonzero(set_index == s)

@@ -10,15 +10,8 @@ import pytest
 from course.ch07.figures import printed_gains
 from vo_lib.config import METHODS
 from vo_lib.data.poses import read_kitti_poses
-from vo_lib.evaluation.kitti import kitti_errors
-from vo_lib.report.printed import (
-    AVERAGE,
-    CLAIMS,
-    PAPER_METHODS,
-    PAPER_ROWS,
-    SUB_SEQUENCES,
-    read_paper_table,
-)
+from vo_lib.evaluation.kitti_errors import kitti_errors
+from vo_lib.report.table1 import AVERAGE, CLAIMS, PAPER_METHODS, PAPER_ROWS, SUB_SEQUENCES, read_paper_table
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 PRINTED, TRUTH = DATA / "paper_table1.csv", DATA / "kitti_poses"

@@ -17,13 +17,21 @@ from made_entries import entry_of, sequence_of, table_of_twos
 from vo_lib.commands.cli import main
 from vo_lib.data.kitti import EXPECTED_FRAMES
 from vo_lib.errors import DataError
-from vo_lib.evaluation.kitti import KITTI_LENGTHS, KITTI_MEASURE, SHORT_MEASURE, Measure
+from vo_lib.evaluation.kitti_errors import KITTI_LENGTHS, KITTI_PROTOCOL, SHORT_PROTOCOL, SubsequenceProtocol
 from vo_lib.files import only_process
-from vo_lib.report.entries import Entry, Group, group_entries
 from vo_lib.report.page import ReportTable, markdown, mean_and_spread, plus_minus, records_csv
-from vo_lib.report.printed import AVERAGE, PAPER_METHODS, PAPER_ROWS
-from vo_lib.report.reproduce import Reproduction, plan_jobs
-from vo_lib.report.table1 import layout_tables, results, table_records
+from vo_lib.report.table1 import (
+    AVERAGE,
+    PAPER_METHODS,
+    PAPER_ROWS,
+    Entry,
+    Group,
+    Reproduction,
+    group_entries,
+    plan_jobs,
+    table_records,
+)
+from vo_lib.report.table1_page import layout_tables, results
 
 
 def group_of(*entries: Entry) -> Group:
@@ -40,7 +48,7 @@ def test_entries_have_the_errors_of_each_seed() -> None:
     # A sub-sequence ends with the first frame beyond its length, so some are a frame longer.
     np.testing.assert_allclose(entry.errors[0], [1.0, 2.0], rtol=0.011)
     np.testing.assert_allclose(entry.errors[1], 0.0, atol=1e-9)
-    assert (entry.seeds, entry.measure) == ((0, 1), KITTI_MEASURE)
+    assert (entry.seeds, entry.measure) == ((0, 1), KITTI_PROTOCOL)
     # Time per frame without the front end.
     assert (entry.removed_share, entry.back_end_ms) == pytest.approx((0.25, 5.0))
 
@@ -61,7 +69,7 @@ def test_mean_excludes_01_and_pooled_average_does_not() -> None:
     others = group_of(entry_of("x/00", 500, [1.0]), entry_of("x/01", 500, [3.0]))
     assert others.mean("viso2")[0] == pytest.approx(2.0, rel=0.011)
     # A path without a sub-sequence does not count.
-    whole, none = entry_of("a", 300, [1.0]), entry_of("b", 5, [1.0], measure=KITTI_MEASURE)
+    whole, none = entry_of("a", 300, [1.0]), entry_of("b", 5, [1.0], measure=KITTI_PROTOCOL)
     assert group_of(whole, none).mean("viso2")[0] == pytest.approx(whole.errors[0])
 
 
@@ -103,14 +111,16 @@ def test_drawn_scenes_have_no_printed_numbers() -> None:
 @pytest.mark.parametrize(
     ("name", "frames", "measure"),
     [
-        ("kitti/04", 271, SHORT_MEASURE),
-        ("kitti/04", 271, Measure(KITTI_LENGTHS, 1)),
-        ("kitti/04", 270, KITTI_MEASURE),
-        ("kitti/07", 271, KITTI_MEASURE),
-        ("04", 271, KITTI_MEASURE),
+        ("kitti/04", 271, SHORT_PROTOCOL),
+        ("kitti/04", 271, SubsequenceProtocol(KITTI_LENGTHS, 1)),
+        ("kitti/04", 270, KITTI_PROTOCOL),
+        ("kitti/07", 271, KITTI_PROTOCOL),
+        ("04", 271, KITTI_PROTOCOL),
     ],
 )
-def test_only_whole_sequences_have_printed_numbers(name: str, frames: int, measure: Measure) -> None:
+def test_only_whole_sequences_have_printed_numbers(
+    name: str, frames: int, measure: SubsequenceProtocol
+) -> None:
     def printed(entry: Entry) -> float | None:
         (record,) = table_records(group_entries([entry]), table_of_twos())
         assert record["te_percent"] is not None
@@ -167,7 +177,7 @@ def test_result_compares_means_with_and_without_removal() -> None:
 
 
 def test_a_path_without_sub_sequences_has_a_sentence_and_no_row() -> None:
-    short, long = entry_of("a", 5, [1.0], measure=KITTI_MEASURE), entry_of("b", 300, [1.0])
+    short, long = entry_of("a", 5, [1.0], measure=KITTI_PROTOCOL), entry_of("b", 300, [1.0])
     assert layout(group_of(short)) == []
     assert [row[0] for row in layout(group_of(short, long))[0].rows] == [
         "mean of 2 viso2",

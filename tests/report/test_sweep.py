@@ -15,8 +15,8 @@ from conftest import write_bands
 from vo_lib import Sequence, open_sequence, preset, run
 from vo_lib.commands.cli import main
 from vo_lib.config import change
-from vo_lib.evaluation.kitti import SHORT_MEASURE, kitti_errors
-from vo_lib.report.sweep import Sweep, heat_map, parse_axis, run_sweep, sweep_table
+from vo_lib.evaluation.kitti_errors import SHORT_PROTOCOL, kitti_errors
+from vo_lib.report.sweep_table import Sweep, heat_map, parse_axis, run_sweep, sweep_table
 from vo_lib.runs.jobs import run_jobs
 
 
@@ -54,7 +54,7 @@ def test_sweep_records_equal_single_runs(sequence: Sequence, tmp_path: Path) -> 
     te: list[float | None] = []
     for seed in (0, 1):
         poses = run(sequence, replace(config, seed=seed)).poses
-        te.append(kitti_errors(sequence.truth, poses, SHORT_MEASURE.lengths, SHORT_MEASURE.step).te)
+        te.append(kitti_errors(sequence.truth, poses, SHORT_PROTOCOL.lengths, SHORT_PROTOCOL.step).te)
     record, te_of_seeds = sweep.records[2], np.array(te, float)
     assert record["te_percent"] == pytest.approx(te_of_seeds.mean(), abs=1e-6)
     assert record["te_percent_std"] == pytest.approx(te_of_seeds.std(), abs=1e-6)

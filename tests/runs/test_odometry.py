@@ -13,11 +13,11 @@ from conftest import BASELINE, small, texture, with_box, write_bands
 
 from measure.axes import fit_axes
 from vo_lib import Run, Sequence, open_sequence, preset, run
-from vo_lib.evaluation.kitti import kitti_errors
+from vo_lib.evaluation.kitti_errors import kitti_errors
 from vo_lib.runs.drive import run_methods, unmasked
 from vo_lib.runs.folder import warnings_of
 from vo_lib.runs.front_end import find_matches
-from vo_lib.runs.matches import CachedMatches
+from vo_lib.runs.match_cache import CachedMatches
 
 METHODS = ("mesvo_f", "solution_selection", "feature_selection")
 

@@ -19,7 +19,7 @@ from vo_lib.files import only_process, write_atomic
 from vo_lib.kit.settings import KitConfig
 from vo_lib.runs.folder import is_finished, read_run, run_folder, timing
 from vo_lib.runs.jobs import run_once
-from vo_lib.runs.matches import CachedMatches
+from vo_lib.runs.match_cache import CachedMatches
 
 FRAMES = 14
 

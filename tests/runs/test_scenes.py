@@ -10,7 +10,7 @@ import pytest
 
 from course.frames import load_part
 from vo_lib import preset
-from vo_lib.evaluation.kitti import kitti_errors
+from vo_lib.evaluation.kitti_errors import kitti_errors
 from vo_lib.runs.drive import run_methods
 
 

@@ -10,7 +10,7 @@ import pytest
 from vo_lib.data.scenes import SceneConfig, scene_config
 from vo_lib.geometry.motion import inverse
 from vo_lib.geometry.types import Array
-from vo_street.drive import make_drive, make_route
+from vo_street.route import make_drive, make_route
 from vo_street.shapes import SHAPES
 from vo_street.traffic import Traffic, Vehicle
 from vo_street.vehicles import Model

@@ -12,7 +12,7 @@ from vo_lib.data.scenes import SCENES, SceneConfig
 from vo_lib.geometry.motion import inverse, rotation_angle, transform
 from vo_lib.geometry.types import Array
 from vo_street.city import FRONTS, build_city
-from vo_street.drive import Drive, Route, make_drive, make_route
+from vo_street.route import Drive, Route, make_drive, make_route
 from vo_street.shapes import SHAPES
 from vo_street.site import Site
 from vo_street.traffic import Vehicle, make_traffic

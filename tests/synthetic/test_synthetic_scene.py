@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from course.simulation.truth import depth, predict
+from course.simulation.true_matches import depth, predict
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.drawn import ensure_scene
 from vo_lib.data.scenes import scene_config

@@ -11,7 +11,7 @@ from course.simulation.tracks import SimulatedFrame, TrackConfig, simulate_track
 from vo_lib.data.scenes import SCENES
 from vo_lib.geometry.motion import essential_from_motion, inverse, transform
 from vo_lib.paper.sampson import sampson_distance
-from vo_street.drive import make_drive, make_route
+from vo_street.route import make_drive, make_route
 
 CAMERA = SCENES["empty"].camera
 

@@ -13,7 +13,7 @@ from importlib import metadata
 from typing import Any
 
 from ..errors import DataError, did_you_mean
-from .script import ENDINGS, OneLineParser, exit_code
+from .console import ENDINGS, OneLineParser, exit_code
 
 # Module and help line of each command. Only the module of the command in use is imported: all imports
 # together take two seconds.
@@ -23,9 +23,9 @@ COMMANDS = {
     "reproduce": ("reproduce", "Table 1 and Figure 4: methods over sequences and seeds"),
     "sweep": ("sweep", "a grid of settings, computed on cached matches: table, CSV, heat map"),
     "evaluate": ("evaluate", "KITTI errors, ATE and RPE of runs and trajectory files"),
-    "list": ("sequences", "available sequences: frames, length, truth, boxes, size"),
-    "check": ("environment", "state of packages, data and caches, with a remedy for each problem"),
-    "data": ("scripts", "scripts that download, check, draw, import or label data, or train a detector"),
+    "list": ("list_sequences", "available sequences: frames, length, truth, boxes, size"),
+    "check": ("check_installation", "state of packages, data and caches, with a remedy for each problem"),
+    "data": ("data_scripts", "scripts that download, check, draw, import or label data, or train a detector"),
     "lab": ("lab", "open the notebooks in JupyterLab"),
 }
 
@@ -33,8 +33,8 @@ COMMANDS = {
 def main(words: Items[str] | None = None) -> int:
     """Run the command in `words`, by default the program's arguments, and return the exit code.
 
-    Bad input ends with one line and code 2 (`script.exit_code`). Warnings of libraries are printed at the end
-    of a successful command.
+    Bad input ends with one line and code 2 (`console.exit_code`). Warnings of libraries are printed at the
+    end of a successful command.
     """
     words = (sys.argv[1:] if words is None else words) or ["--help"]
     if isinstance(sys.stdout, io.TextIOWrapper):

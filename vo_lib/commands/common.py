@@ -18,14 +18,14 @@ from ..data.catalogue import SYNTHETIC, open_sequence
 from ..data.drawn import cache_folder
 from ..data.poses import MAX_COORDINATE_M
 from ..data.sequence import Sequence
-from ..detection.labels import labelled_sequence
+from ..detection.label_folders import labelled_sequence
 from ..detection.settings import DetectorConfig
 from ..detection.yolo import PROVIDERS
 from ..errors import DataError
 from ..evaluation.ate_rpe import Delta
 from ..paper.settings import MethodConfig
 from ..runs.folder import read_config, settings_in
-from .console import reporting, tell
+from .console import print_wrapped, reporting
 
 if TYPE_CHECKING:
     from ..report.film import Film, FilmFrame
@@ -104,7 +104,7 @@ def open_with_bar(name: str, cache: Path | None, part: argparse.Namespace | None
         if share == 1.0 and all(mask.all() for _, mask in masks):
             raise DataError("the mask covers every image, so there are no features", part.masks)
         inverted = "; features on pixels that are not 0 are dropped, so the mask may be inverted"
-        tell(f"--masks: {100 * share:.0f} % of the image is masked{inverted * (share > 0.5)}")
+        print_wrapped(f"--masks: {100 * share:.0f} % of the image is masked{inverted * (share > 0.5)}")
     return sequence
 
 
@@ -193,7 +193,7 @@ def warn_without_boxes(runs: Iterable[tuple[Sequence, MethodConfig]], remedy: st
         f"No vehicle boxes for {names}: no features are removed, so feature_selection is equal to "
         f"solution_selection. {remedy}"
     )
-    tell(f"warning: {warning}")
+    print_wrapped(f"warning: {warning}")
     return [warning]
 
 
@@ -204,7 +204,9 @@ def labelled(
     if options.detector is None:
         return sequence
     if options.detector == "street" and not sequence.name.startswith(SYNTHETIC):
-        tell(f"warning: `street` was trained on drawn streets; its boxes on {sequence.name} may be wrong")
+        print_wrapped(
+            f"warning: `street` was trained on drawn streets; its boxes on {sequence.name} may be wrong"
+        )
     with reporting(f"detecting vehicles in {sequence.name}") as report:
         sequence = labelled_sequence(
             sequence, options.detector, config, provider=options.provider, cache=cache, progress=report
@@ -217,4 +219,4 @@ def warn_without_vehicles(sequence: Sequence) -> None:
     """Print a warning if a detector's labels of the sequence have no box at all."""
     if not any(len(sequence.boxes(index)) for index in range(len(sequence))):
         images = f"the {len(sequence)} images of {sequence.name}"
-        tell(f"warning: the detector found no vehicle in {images}: no features are removed")
+        print_wrapped(f"warning: the detector found no vehicle in {images}: no features are removed")

@@ -1,29 +1,154 @@
-"""Terminal output of the `vo` command and the data scripts: progress bars, tables, sentences."""
+"""What every command of `vo` and every data script shares: options, exit codes and terminal output.
+
+In three parts: the parser, with its exit codes and the commands that messages name; options made from
+declared settings; progress bars, tables and sentences in the terminal.
+"""
 
 from __future__ import annotations
 
+import argparse
+import itertools
+import os
+import shlex
+import shutil
+import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
-from rich.console import Console, JustifyMethod
-from rich.table import Table
-from rich.text import Text
+from ..errors import DataError, did_you_mean
+from ..settings import Setting, as_typed, declared
 
-from ..report.page import ReportTable
-
+# Rich is imported where something is printed: its import takes 0.1 s, which `vo --help` does not need.
 if TYPE_CHECKING:
-    from ..geometry.types import Progress
+    from rich.console import Console, JustifyMethod
 
+    from ..geometry.types import Progress
+    from ..report.page import ReportTable
+
+SETTINGS_PAGE = "--help-settings"  # the option that lists a command's settings
+ENDINGS = (DataError, OSError, KeyboardInterrupt)  # exceptions that end a command without a traceback
 LOG_PERIOD_S = 60.0  # period of the progress lines without a terminal
 SPEED_PERIOD_S = 180.0  # time over which a progress bar averages the speed
+
+Config = TypeVar("Config")
+OptionGroup = argparse._ActionsContainer  # a parser, or a group of its options
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """A parser that reports a wrong option in one line, with the nearest valid option, and exit code 2."""
+
+    _words: Sequence[str] = ()
+
+    def __init__(self, **parameters: Any):
+        super().__init__(allow_abbrev=False, **parameters)  # an abbreviation may be a misspelt option
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse the arguments as the base class does; an unknown argument is an error."""
+        self._words = sys.argv[1:] if args is None else list(args)
+        options, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            self.error(f"unrecognized arguments: {' '.join(unknown)}")
+        return options, unknown
+
+    def error(self, message: str) -> NoReturn:
+        """Print the message in one line, with the nearest option, and exit."""
+        options, page, hint = self._option_string_actions, "--help", ""
+        for word in itertools.takewhile("--".__ne__, self._words):
+            name = word.partition("=")[0]
+            if name.startswith("--") and name not in options:
+                hint = f"; {did_you_mean(name, options) or self.get_default('others') or ''}".rstrip("; ")
+                page = SETTINGS_PAGE if "." in name and SETTINGS_PAGE in options else page
+                break
+        text = " ".join(message.split())
+        self.exit(2, f"{self.prog}: error: {text}{hint} (see {self.prog} {page})\n")
+
+
+def exit_code(program: str, error: BaseException) -> int:
+    """Print the message of an exception of `ENDINGS` to stderr, and return the exit code.
+
+    Code 2: bad input, or an error of the system; 130: Ctrl-C; 1, without a message: a closed output pipe.
+    """
+    if isinstance(error, BrokenPipeError):
+        # At its end, Python writes the rest of its buffer, here to the null device.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    if isinstance(error, KeyboardInterrupt):
+        print(f"{program}: interrupted", file=sys.stderr)
+        return 130
+    text = str(error)
+    if isinstance(error, OSError):
+        text = ": ".join(str(part) for part in (error.filename, error.strerror or error) if part is not None)
+    print(f"{program}: error: {text}", file=sys.stderr)
+    return 2
+
+
+def typed(command: str) -> str:
+    """A command `vo …` for this shell, with the program's path if `vo` is not on the search path."""
+    program = Path(sys.argv[0])
+    if program.stem != "vo" or shutil.which("vo"):
+        return command
+    return shlex.quote(str(program)) + command.removeprefix("vo")
+
+
+def steps(commands: Mapping[str, str]) -> str:
+    """Commands for this shell, each followed by a line with its purpose."""
+    return "".join(f"\n  {typed(command)}\n      {text}" for command, text in commands.items())
+
+
+def install(extra: str = "") -> str:
+    """The command that installs the kit's requirements, or an extra, from the kit's folder."""
+    return f'pip install -e ".[{extra}]"' if extra else "pip install -r environment.txt"
+
+
+def add_option(
+    group: OptionGroup, item: Setting, name: str, default: bool = True, shown: bool = True
+) -> None:
+    """Add the option `--name` for a setting; its help text, if shown, has meaning, range and default."""
+    text = f"{item.text.removesuffix('.')}; {item.describe()}"
+    if default:
+        text += f"; default {as_typed(item.default)}"
+    text = text.replace("%", "%%") if shown else argparse.SUPPRESS
+    group.add_argument(f"--{name}", metavar="X", dest=item.name, help=text)
+
+
+def option_values(options: argparse.Namespace, items: Iterable[Setting]) -> dict[str, Any]:
+    """Values, by name, of the settings given as options; an invalid value raises `DataError`."""
+    values: dict[str, Any] = {}
+    for item in items:
+        if (text := getattr(options, item.name)) is not None:
+            values[item.name] = item.parse(text)
+            item.check(values[item.name])
+    return values
+
+
+def add_settings(group: OptionGroup, cls: type, defaults: bool = True) -> None:
+    """Add an option for every setting of a class: `--min-height` for min_height."""
+    for item in declared(cls):
+        add_option(group, item, item.name.replace("_", "-"), defaults)
+
+
+def from_options(options: argparse.Namespace, cls: type[Config], prefix: str = "") -> Config:
+    """Settings of a class, with the values given as options; an invalid value raises `DataError`.
+
+    prefix : beginning of the option names, such as "detector.".
+    """
+    values = option_values(options, declared(cls, prefix))
+    return cls(**{name.removeprefix(prefix): value for name, value in values.items()})
+
+
+def _console(stderr: bool = False) -> Console:
+    from rich.console import Console
+
+    return Console(stderr=stderr)
 
 
 @contextmanager
 def reporting(label: str, in_bytes: bool = False) -> Iterator[Progress]:
     """A progress function: in a terminal, a bar that is removed at the end; elsewhere, one line a minute."""
-    console = Console(stderr=True)
+    console = _console(stderr=True)
     if not console.is_interactive:
         printed = time.monotonic()
 
@@ -35,7 +160,7 @@ def reporting(label: str, in_bytes: bool = False) -> Iterator[Progress]:
 
         yield log
         return
-    from rich import progress as rich  # this import takes 0.1 s, which --help does not need
+    from rich import progress as rich
 
     count = (rich.DownloadColumn(), rich.TransferSpeedColumn()) if in_bytes else (rich.MofNCompleteColumn(),)
     label_column = rich.TextColumn("{task.description}", markup=False)
@@ -47,19 +172,22 @@ def reporting(label: str, in_bytes: bool = False) -> Iterator[Progress]:
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
-def say(*lines: str) -> None:
+def print_lines(*lines: str) -> None:
     """Print lines unchanged: without colours and markup, and without breaks inside a path."""
-    Console().print("\n".join(lines), soft_wrap=True, highlight=False, markup=False)
+    _console().print("\n".join(lines), soft_wrap=True, highlight=False, markup=False)
 
 
-def tell(*sentences: str) -> None:
+def print_wrapped(*sentences: str) -> None:
     """Print sentences, each wrapped at the terminal's width."""
     for sentence in sentences:
-        Console().print(sentence, highlight=False, markup=False)
+        _console().print(sentence, highlight=False, markup=False)
 
 
 def show_table(columns: list[str], rows: list[list[str]], numbers: bool = True) -> None:
     """Print a table; the first column has the names of the rows, and numbers are aligned to the right."""
+    from rich.table import Table
+    from rich.text import Text
+
     table = Table()
     for place, name in enumerate(columns):
         justify: JustifyMethod = "right" if numbers and place else "left"
@@ -67,11 +195,11 @@ def show_table(columns: list[str], rows: list[list[str]], numbers: bool = True) 
         table.add_column(Text(words), justify=justify, overflow="fold")
     for row in rows:
         table.add_row(*map(Text, row))  # `Text` has no markup: a name may contain brackets
-    Console().print(table)
+    _console().print(table)
 
 
 def show_report_table(table: ReportTable) -> None:
     """Print a table of a report with its title, introduction and notes, after a blank line."""
-    tell("", table.title, *table.head)
+    print_wrapped("", table.title, *table.head)
     show_table(table.columns, table.rows)
-    tell(*table.notes)
+    print_wrapped(*table.notes)

@@ -7,8 +7,7 @@ import shlex
 
 from ..data.catalogue import DRAWING_PROCESSES
 from . import common, reproduce
-from .console import say
-from .script import steps
+from .console import print_lines, steps
 
 # Moving vehicles fill the images of this street, so the removal has a clear effect.
 OPTIONS = ["--sequences", "synthetic/jam", "--variant", "published", "--lengths", "50", "--seeds", "3"]
@@ -47,5 +46,5 @@ def _demo(options: argparse.Namespace) -> int:
     line = f"vo reproduce {shlex.join(words)}"
     arguments = parser.parse_args(words, argparse.Namespace(line=line, cache=options.cache))
     code = reproduce.reproduce(arguments, *CLOSING_REMARKS)
-    say("\nWhat next:" + steps(NEXT_STEPS))
+    print_lines("\nWhat next:" + steps(NEXT_STEPS))
     return code

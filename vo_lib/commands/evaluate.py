@@ -9,13 +9,13 @@ from pathlib import Path
 from ..data.poses import TIME_TOLERANCE_S
 from ..errors import DataError
 from ..evaluation.ate_rpe import Alignment
-from ..evaluation.evaluate import evaluate
-from ..evaluation.kitti import Measure, suitable_measure
+from ..evaluation.kitti_errors import SubsequenceProtocol, suitable_protocol
+from ..evaluation.path_errors import evaluate
 from ..files import write_atomic
 from ..report.paths import evaluation_tables, read_paths, write_pictures
 from ..runs.folder import run_folder
 from .common import parse_delta, parse_lengths, parse_whole
-from .console import say, show_report_table, tell
+from .console import print_lines, print_wrapped, show_report_table
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -50,8 +50,8 @@ def _evaluate(options: argparse.Namespace) -> int:
     alignment, delta = Alignment(options.alignment), parse_delta(options.delta)
     results = []
     for paths in read_paths(options.paths, options.truth, options.t_max_diff):
-        usual = suitable_measure(paths.truth)
-        measure = Measure(lengths or usual.lengths, step or usual.step)
+        usual = suitable_protocol(paths.truth)
+        measure = SubsequenceProtocol(lengths or usual.lengths, step or usual.step)
         errors = evaluate(paths.truth, paths.estimates, measure, paths.times, alignment, delta)
         results.append((paths, errors))
     numbers = [{"sequence": paths.name} | result.to_dict("systems") for paths, result in results]
@@ -69,8 +69,8 @@ def _evaluate(options: argparse.Namespace) -> int:
         for table in evaluation_tables(paths.name, result):
             show_report_table(table)
         if paths.matched:
-            tell(paths.matched)
+            print_wrapped(paths.matched)
     if options.out is not None:
-        tell(*missing)
-        say(f"written to {options.out}")
+        print_wrapped(*missing)
+        print_lines(f"written to {options.out}")
     return 0

@@ -13,8 +13,7 @@ from typing import Any
 
 from ..errors import DataError
 from ..files import read_bytes, read_mapping, write_atomic
-from .console import say
-from .script import install
+from .console import install, print_lines
 
 FIRST_NOTEBOOK = "00_start_here.ipynb"
 NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks"
@@ -56,7 +55,7 @@ def _lab(options: argparse.Namespace) -> int:
         copy_course(NOTEBOOKS, folder, options.teacher)
     from jupyterlab.labapp import LabApp  # type: ignore[import-untyped]
 
-    say(f"The course is in {folder}. JupyterLab opens {FIRST_NOTEBOOK}; press Ctrl-C twice to quit.")
+    print_lines(f"The course is in {folder}. JupyterLab opens {FIRST_NOTEBOOK}; press Ctrl-C twice to quit.")
     LabApp.serverapp_config = {"tornado_settings": {"page_config_hook": _without_news}}
     # A separate workspace: the tabs of the reader's other work stay closed.
     url = f"--LabApp.default_url=/lab/workspaces/{COURSE}/tree/{FIRST_NOTEBOOK}"
@@ -95,7 +94,7 @@ def copy_course(source: Path, target: Path, teacher: bool) -> None:
         if place != name:
             if copied.get(name) in versions:
                 continue
-            say(f"Your change of {name} is kept; the new version is {place}")
+            print_lines(f"Your change of {name} is kept; the new version is {place}")
         if not file.exists() or present != new:
             file.parent.mkdir(parents=True, exist_ok=True)
             write_atomic(file, content)

@@ -9,19 +9,25 @@ from pathlib import Path
 from ..data.catalogue import parse_sequences
 from ..detection.models import find_model
 from ..errors import DataError
-from ..evaluation.kitti import Measure
+from ..evaluation.kitti_errors import SubsequenceProtocol
 from ..files import only_process
 from ..loops.settings import LoopConfig
-from ..report.entries import group_entries
 from ..report.film import FILM_ENDING, Film, film_frames
-from ..report.printed import PROPOSAL, read_paper_table
-from ..report.reproduce import collect, default_sequences, plan_jobs, split_missing, write_table_files
-from ..report.table1 import layout_tables, results
+from ..report.table1 import (
+    PROPOSAL,
+    collect,
+    default_sequences,
+    group_entries,
+    plan_jobs,
+    read_paper_table,
+    split_missing,
+)
+from ..report.table1_page import layout_tables, results, write_table_files
 from ..runs.folder import read_run, run_folder
 from ..runs.jobs import Job, run_jobs
-from ..runs.matches import CachedMatches
-from . import closing, common
-from .console import reporting, say, show_report_table, tell
+from ..runs.match_cache import CachedMatches
+from . import close_loops, common
+from .console import print_lines, print_wrapped, reporting, show_report_table
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -43,7 +49,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     common.add_many(parser, parser)
     text = "film of feature_selection on each sequence, first seed, shown in the report"
     option("--films", action="store_true", help=text)
-    closing.add_loops(parser)
+    close_loops.add_loops(parser)
     parser.set_defaults(command=reproduce, others="thresholds come from the file of --config")
 
 
@@ -57,7 +63,9 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
         options.methods = options.method
     methods = common.parse_methods(options.methods, options.variant)
     seeds, workers = common.parse_whole("--seeds", options.seeds), common.parse_whole("--jobs", options.jobs)
-    measure = None if options.lengths is None else Measure(common.parse_lengths(options.lengths), 1)
+    measure = (
+        None if options.lengths is None else SubsequenceProtocol(common.parse_lengths(options.lengths), 1)
+    )
     paper = read_paper_table()
     if options.detector is not None:
         find_model(options.detector)
@@ -75,7 +83,7 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
             raise DataError(" ".join(result.problems))
         if options.films:
             _draw_films([outcome.job for outcome in outcomes if outcome.error is None], options.cache)
-        closed = closing.close_outcomes(outcomes, LoopConfig()) if options.loops else []
+        closed = close_loops.close_outcomes(outcomes, LoopConfig()) if options.loops else []
         groups = group_entries(result.entries)
         tables = [*(table for group in groups for table in layout_tables(group, paper)), *closed]
         conclusions = [*results(groups), *remarks]
@@ -83,8 +91,8 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
         write_table_files(folder, result, groups, paper, tables, [*without_boxes, *conclusions], origin)
     for table in tables:
         show_report_table(table)
-    tell("", *result.problems, *conclusions)
-    say(f"Report with figures: {folder / 'report.html'}")
+    print_wrapped("", *result.problems, *conclusions)
+    print_lines(f"Report with figures: {folder / 'report.html'}")
     return 1 if result.failed else 0
 
 

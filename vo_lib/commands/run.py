@@ -11,23 +11,30 @@ from .. import settings
 from ..config import SETTINGS, change
 from ..detection.settings import DetectorConfig
 from ..errors import DataError
-from ..evaluation.evaluate import evaluate
-from ..evaluation.kitti import suitable_measure
+from ..evaluation.kitti_errors import suitable_protocol
+from ..evaluation.path_errors import evaluate
 from ..files import write_atomic
 from ..geometry.types import Array
 from ..kit.settings import KitConfig
 from ..loops.settings import LoopConfig
 from ..report.film import FILM_ENDING, Film, film_frames
-from ..report.page import number
+from ..report.page import format_number
 from ..report.paths import evaluation_tables
 from ..report.plots import png, trajectories_figure
 from ..runs.folder import LOOPS, LOOPS_POSES, PICTURE, path_lost, run_folder, warnings_of
 from ..runs.jobs import run_once
-from ..runs.matches import CachedMatches, match_folder
-from . import closing, common
-from .console import reporting, say, show_report_table, show_table, tell
-from .script import SETTINGS_PAGE
-from .setting_options import add_option, from_options
+from ..runs.match_cache import CachedMatches, match_folder
+from . import close_loops, common
+from .console import (
+    SETTINGS_PAGE,
+    add_option,
+    from_options,
+    print_lines,
+    print_wrapped,
+    reporting,
+    show_report_table,
+    show_table,
+)
 
 if TYPE_CHECKING:
     from ..kit.calibration import Calibration
@@ -56,9 +63,9 @@ def add(parser: argparse.ArgumentParser) -> None:
     option("--cache", nargs="?", const="", metavar="DIR", help=text.replace("%", "%%"))
     text = f"film ({FILM_ENDING}) of features, boxes and path; a report includes the films of its runs"
     option("--video", type=Path, metavar="FILE", help=text)
-    closing.add_loops(parser)
+    close_loops.add_loops(parser)
     option(SETTINGS_PAGE, action="store_true", help="list the threshold options, which override --config")
-    for item in [*SETTINGS.values(), *DETECTOR_SETTINGS, *closing.LOOP_SETTINGS]:
+    for item in [*SETTINGS.values(), *DETECTOR_SETTINGS, *close_loops.LOOP_SETTINGS]:
         add_option(parser, item, item.name, shown=False)  # not in the short help
     parser.set_defaults(command=_run)
 
@@ -70,19 +77,23 @@ def _run(options: argparse.Namespace) -> int:
     for item in (SETTINGS | {item.name: item for item in settings.declared(type(config))}).values():
         if (text := getattr(options, item.name)) is not None:
             config = change(config, item.name, item.parse(text))
-    loops = from_options(options, LoopConfig, closing.PREFIX)
+    loops = from_options(options, LoopConfig, close_loops.PREFIX)
     calibration, cache = _check(options, config), Path(options.cache) if options.cache else None
     detection = from_options(options, DetectorConfig, DETECTOR)
     sequence = common.open_with_bar(options.sequence, cache, options)
     label = f"{sequence.name}, {options.method}, {config.variant}"
     with run_folder(options.out) as folder:
         if options.detector is not None and config.filter.rule == "none":
-            tell(f"note: {options.method} does not use the boxes of --detector; only a film shows the boxes")
+            print_wrapped(
+                f"note: {options.method} does not use the boxes of --detector; only a film shows the boxes"
+            )
         sequence = common.labelled(sequence, options, cache, detection)
         common.warn_without_boxes([(sequence, config)])
         labels = sequence.labels
         if labels and (count := sum(not (labels / f"{frame}.txt").exists() for frame in sequence.frames)):
-            tell(f"note: {count} of {len(sequence)} images have no label file, which means no vehicle")
+            print_wrapped(
+                f"note: {count} of {len(sequence)} images have no label file, which means no vehicle"
+            )
         matches = None if options.cache is None else CachedMatches(sequence, config, cache)
         with reporting(label) as report:
             result, read_back = run_once(
@@ -97,22 +108,22 @@ def _run(options: argparse.Namespace) -> int:
             )
         paths, pairs = {options.method: result.poses}, []
         if options.loops:
-            compared = closing.loops_with_bar(sequence, config, loops)
-            closed = closing.close_run(folder, sequence, result.poses, compared, loops)
-            paths[closing.CLOSED] = closed.poses
+            compared = close_loops.loops_with_bar(sequence, config, loops)
+            closed = close_loops.close_run(folder, sequence, result.poses, compared, loops)
+            paths[close_loops.CLOSED_NAME] = closed.poses
             pairs = list(zip(closed.loops.first.tolist(), closed.loops.second.tolist(), strict=True))
         picture = trajectories_figure({label: (sequence.truth, paths)}, pairs)
         write_atomic(folder / PICTURE, png(picture))
     _show(result, options.method, paths)
     if options.loops:
-        say(f"loops closed: {len(pairs)} (not in the paper); see {LOOPS_POSES} and {LOOPS}")
-    say(f"written to {folder}")
+        print_lines(f"loops closed: {len(pairs)} (not in the paper); see {LOOPS_POSES} and {LOOPS}")
+    print_lines(f"written to {folder}")
     if options.video is not None:
         film = Film(options.video, result, label, pairs, options.method)
         common.draw_with_bar(film, film_frames(result, matches, calibration))
-        say(f"film: {options.video}")
+        print_lines(f"film: {options.video}")
     if read_back:
-        say("The folder contains this run already; --fresh repeats the run.")
+        print_lines("The folder contains this run already; --fresh repeats the run.")
     return 0
 
 
@@ -121,36 +132,38 @@ def _show(result: Run, method: str, estimates: dict[str, Array]) -> None:
     sequence, motions = result.sequence, result.motions
     title = f"{sequence.name}, {method}, {result.config.variant}, {len(result.poses)} frames"
     if sequence.truth is None:
-        say(f"{title}: no errors, since the sequence has no ground truth")
+        print_lines(f"{title}: no errors, since the sequence has no ground truth")
     else:
-        measure = suitable_measure(sequence.truth)
+        measure = suitable_protocol(sequence.truth)
         for table in evaluation_tables(title, evaluate(sequence.truth, estimates, measure, sequence.times)):
             show_report_table(table)
-    rows = [["matches per frame, median", number(result.matches_per_frame, 0)]]
+    rows = [["matches per frame, median", format_number(result.matches_per_frame, 0)]]
     if result.config.filter.rule != "none":
         share = f"{100 * result.removed_share:.1f} %"
         rows.append(["features removed in boxes", share if sequence.labels else "no labels"])
-    used = number(median(motion.used for motion in motions), 0)
+    used = format_number(median(motion.used for motion in motions), 0)
     rows.append(["matches used per frame (after buckets), median", used])
     for flag in sorted({flag for motion in motions for flag in motion.flags}):
         rows.append([f"frames flagged {flag}", str(sum(flag in motion.flags for motion in motions))])
     calibration = result.calibration
     if isinstance(result.config, KitConfig) and calibration is not None and calibration.estimate.any():
-        errors = calibration.in_words(result.config.calibration)
+        errors = calibration.describe(result.config.calibration)
         rows.append(["corrected calibration errors (± σ)", errors.replace("; ", "\n")])
     rows.append(["time per frame", f"{result.ms_per_frame:.1f} ms"])
     show_table(["quantity", "value"], rows)
     if path_lost(result):
         missing = [motion.measured for motion in motions].count(False)
-        tell(f"Tracking was lost: {missing} of {len(motions)} frames have no motion; see frames.csv.")
-    tell(*(f"warning: {sentence}" for sentence in warnings_of(result)))
+        print_wrapped(
+            f"Tracking was lost: {missing} of {len(motions)} frames have no motion; see frames.csv."
+        )
+    print_wrapped(*(f"warning: {sentence}" for sentence in warnings_of(result)))
 
 
 def _help_settings(config: MethodConfig) -> int:
     """Print the thresholds of the variant, the detector and the loops with their ranges and defaults."""
     usage = f"vo run … --variant {config.variant} [--SETTING X …]"
     page = argparse.ArgumentParser(usage=usage, add_help=False)
-    for item in [*settings.declared(type(config)), *DETECTOR_SETTINGS, *closing.LOOP_SETTINGS]:
+    for item in [*settings.declared(type(config)), *DETECTOR_SETTINGS, *close_loops.LOOP_SETTINGS]:
         add_option(page, item, item.name)
     page.print_help()
     return 0

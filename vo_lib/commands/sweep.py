@@ -7,11 +7,11 @@ import argparse
 from ..errors import DataError
 from ..files import only_process, write_atomic
 from ..report.page import records_csv
-from ..report.sweep import heat_map, parse_axis, run_sweep, sweep_table
+from ..report.sweep_table import heat_map, parse_axis, run_sweep, sweep_table
 from ..runs.folder import run_folder
 from ..runs.jobs import Job, Outcome, run_jobs
 from . import common
-from .console import reporting, say, show_report_table
+from .console import print_lines, reporting, show_report_table
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -58,5 +58,5 @@ def _sweep(options: argparse.Namespace) -> int:
         if sweep.has_errors:
             write_atomic(folder / "sweep.png", heat_map(sweep))
     show_report_table(sweep_table(sweep))
-    say(f"written to {folder}: sweep.csv{', sweep.png' if sweep.has_errors else ''}")
+    print_lines(f"written to {folder}: sweep.csv{', sweep.png' if sweep.has_errors else ''}")
     return int(any(record["failed"] for record in sweep.records))

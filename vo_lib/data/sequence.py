@@ -17,7 +17,7 @@ from ..geometry.boxes import Boxes, no_boxes
 from ..geometry.camera import StereoCamera
 from ..geometry.types import Array, Image
 from .kitti import list_frames, read_calibration, read_image, read_times
-from .labels import read_labels
+from .label_files import read_labels
 from .poses import read_kitti_poses
 
 

@@ -69,7 +69,7 @@ class Calibration:
         rig.set_estimate(self.estimate, self.covariance)
         return rig.errors
 
-    def in_words(self, config: CalibrationConfig) -> str:
+    def describe(self, config: CalibrationConfig) -> str:
         """Text on the errors used for the correction, with standard deviations, without uncertain errors."""
         return describe_errors(self.in_use(config), self.covariance, self.camera)
 

@@ -19,7 +19,7 @@ from ..geometry.motion import rigid
 from ..geometry.reprojection import fit_motion
 from ..geometry.rows import Rows
 from ..geometry.types import Array, IntArray
-from ..paper.boxes import inside
+from ..paper.box_removal import inside
 from ..paper.buckets import select_by_bucket
 from ..paper.settings import BucketConfig
 

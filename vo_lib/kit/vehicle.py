@@ -30,7 +30,7 @@ class Vehicle:
         self._plausible = np.eye(4)  # last plausible motion
         self._velocity, self._elapsed = np.zeros(3), START_INTERVAL_S  # of that motion; seconds since then
 
-    def judge(self, motion: FrameResult, seconds: float, still: bool = False) -> FrameResult:
+    def check_vehicle(self, motion: FrameResult, seconds: float, still: bool = False) -> FrameResult:
         """The next frame's motion with its flags, or the last plausible motion if no motion was measured.
 
         seconds : time since the previous frame; if 0 (unknown), no motion is flagged.

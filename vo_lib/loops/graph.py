@@ -86,7 +86,7 @@ def optimise(poses: Array, edges: Edges, scale: float, tolerance: float = LAST_M
 
 
 @dataclass(frozen=True)
-class Closed:
+class LoopClosure:
     """A path with closed loops.
 
     poses : (N, 4, 4) T_w_c of all frames, the first unchanged.
@@ -101,20 +101,20 @@ class Closed:
     gap: Array
 
 
-def close_path(poses: Array, loops: Loops, config: LoopConfig) -> Closed:
+def close_path(poses: Array, loops: Loops, config: LoopConfig) -> LoopClosure:
     """The path (N, 4, 4) of a run after all `loops` have been closed; without loops, the unchanged path."""
     frames = place_frames(len(poses), config)
     if len(loops) == 0:
-        return Closed(poses.copy(), loops, np.zeros(0), np.zeros(0))
+        return LoopClosure(poses.copy(), loops, np.zeros(0), np.zeros(0))
     edges = graph_edges(poses[frames], frames, loops, config)
     moved_places, _, weight = optimise(poses[frames], edges, config.scale)
-    moved = carried_along(poses, frames, moved_places)
+    moved = interpolate_corrections(poses, frames, moved_places)
     between = inverse(moved[loops.first]) @ moved[loops.second]
     gap = np.linalg.norm((inverse(loops.motion) @ between)[:, :3, 3], axis=1)
-    return Closed(moved, loops, weight[edges.is_loop], gap)
+    return LoopClosure(moved, loops, weight[edges.is_loop], gap)
 
 
-def carried_along(poses: Array, frames: IntArray, moved: Array) -> Array:
+def interpolate_corrections(poses: Array, frames: IntArray, moved: Array) -> Array:
     """Poses (N, 4, 4) of all frames after the poses of `frames` (K,) have changed to `moved` (K, 4, 4).
 
     The first of `frames` is 0. Between successive `frames`, the change is distributed evenly, as a twist.

@@ -14,7 +14,7 @@ import numpy as np
 from ..data.kitti import read_image
 from ..data.sequence import Sequence, at_pixels
 from ..geometry.types import Array, BoolArray, IntArray, Progress
-from ..paper.boxes import in_boxes
+from ..paper.box_removal import in_boxes
 from ..paper.features import Described, describe
 from ..paper.settings import FeatureConfig, MethodConfig
 from .settings import LoopConfig

@@ -13,10 +13,10 @@ from ..geometry.matches import StereoMatches
 from ..geometry.motion import essential_angle, essential_vector, rigid
 from ..geometry.result import Clock, Flag, FrameResult
 from ..geometry.types import Array, BoolArray, Index
-from .boxes import on_vehicles
+from .box_removal import on_vehicles
 from .buckets import select_by_bucket
 from .five_point import five_point
-from .selection import MEASURES, competing, draw_sets, resolve_by_depth, sampson_inliers
+from .selection import WINNER_CRITERIA, candidates_near_prior, draw_sets, resolve_by_depth, sampson_inliers
 from .settings import MethodConfig, TranslationConfig
 from .translation import PairBefore, solve_translation
 
@@ -64,7 +64,7 @@ class Odometry:
         if len(selection) < self.config.min_matches:
             motion = FrameResult(self._last, flags=(Flag.FEW_MATCHES,))
         elif self.stands_still(selection):
-            motion = self.rest(selection)
+            motion = self.stationary_motion(selection)
         else:
             motion = self.motion(selection) or FrameResult(self._last, flags=(Flag.NO_MOTION,))
         self._last = motion.T_cp
@@ -85,7 +85,7 @@ class Odometry:
         self.clock.stage("rotation")
         t_cp = self.translate(matches, rotation)
         self.clock.stage("translation")
-        return None if t_cp is None else self.remember(rotation, t_cp)
+        return None if t_cp is None else self.finish_frame(rotation, t_cp)
 
     def without_boxes(self, matches: StereoMatches, boxes: Boxes) -> StereoMatches:
         """Step 1 (section 3): matches outside the vehicle boxes of the previous and the current image."""
@@ -105,8 +105,8 @@ class Odometry:
 
     def select(self, E: Array, set_index: Index, x_p: Array, x_c: Array) -> int:
         """Step 4 (section 2.2): index of the best candidate near the previous frame's E."""
-        errors = MEASURES[self.config.selection.winner](E, x_p, x_c, self.threshold)
-        compete = competing(E, set_index, self.e_prev, self.config.selection)
+        errors = WINNER_CRITERIA[self.config.selection.winner](E, x_p, x_c, self.threshold)
+        compete = candidates_near_prior(E, set_index, self.e_prev, self.config.selection)
         return int(np.argmin(np.where(compete, errors, np.inf)))
 
     def rotation(self, E: Array, matches: StereoMatches) -> Rotation:
@@ -126,7 +126,7 @@ class Odometry:
         enough = solved is not None and np.count_nonzero(solved[1]) >= self.config.min_matches
         return solved[0] if solved is not None and enough else None
 
-    def remember(self, rotation: Rotation, t_cp: Array) -> FrameResult:
+    def finish_frame(self, rotation: Rotation, t_cp: Array) -> FrameResult:
         """Step 7 (section 2.2): the winner becomes E_prev."""
         before, self.e_prev = self.e_prev, essential_vector(rotation.E)
         angle = np.nan if before is None else np.degrees(essential_angle(self.e_prev, before))
@@ -137,7 +137,7 @@ class Odometry:
         """Whether the features move too little for an essential matrix."""
         return median_flow(matches) < self.config.selection.standstill_flow
 
-    def rest(self, matches: StereoMatches) -> FrameResult:
+    def stationary_motion(self, matches: StereoMatches) -> FrameResult:
         """The identity as the motion of a camera at rest; E_prev is kept."""
         return FrameResult(np.eye(4), flags=(Flag.STANDSTILL,))
 

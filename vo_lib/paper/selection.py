@@ -48,7 +48,7 @@ def outlier_shares(E: Array, x_p: Array, x_c: Array, threshold: float) -> Array:
 
 
 # The function that the winner minimises, for each value of `selection.winner`.
-MEASURES = {"error": truncated_errors, "inliers": outlier_shares}
+WINNER_CRITERIA = {"error": truncated_errors, "inliers": outlier_shares}
 
 
 def sampson_inliers(E: Array, x_p: Array, x_c: Array, threshold: float) -> BoolArray:
@@ -56,8 +56,8 @@ def sampson_inliers(E: Array, x_p: Array, x_c: Array, threshold: float) -> BoolA
     return np.asarray(np.abs(sampson_distance(E, x_p, x_c)) < threshold)
 
 
-def nearest_to_prior(E: Array, set_index: Index, e_prev: Array, keep: int) -> BoolArray:
-    """Solution selection: the `keep` candidates of each set nearest to the previous essential vector.
+def nearest_to_prior(E: Array, set_index: Index, e_prev: Array, top_k: int) -> BoolArray:
+    """Solution selection: the `top_k` candidates of each set nearest to the previous essential vector.
 
     Parameters
     ----------
@@ -73,15 +73,17 @@ def nearest_to_prior(E: Array, set_index: Index, e_prev: Array, keep: int) -> Bo
     ordered_sets = set_index[order]
     rank = np.arange(len(order)) - np.searchsorted(ordered_sets, ordered_sets)
     kept = np.zeros(len(order), np.bool_)
-    kept[order[rank < keep]] = True
+    kept[order[rank < top_k]] = True
     return kept
 
 
-def competing(E: Array, set_index: Index, e_prev: Array | None, config: SelectionConfig) -> BoolArray:
+def candidates_near_prior(
+    E: Array, set_index: Index, e_prev: Array | None, config: SelectionConfig
+) -> BoolArray:
     """Mask (M,) of candidates near `e_prev`; without a previous vector or the prior, all candidates."""
     if not config.prior or e_prev is None:
         return np.ones(len(E), np.bool_)
-    return nearest_to_prior(E, set_index, e_prev, config.keep)
+    return nearest_to_prior(E, set_index, e_prev, config.top_k)
 
 
 def resolve_by_depth(E: Array, x_p: Array, x_c: Array, X_p: Array) -> tuple[Array, Array]:

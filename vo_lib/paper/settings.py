@@ -99,7 +99,7 @@ class SelectionConfig(Checked):
     prior: bool = setting(
         True, "select among the solutions nearest to the previous essential vector; off: among all solutions"
     )
-    keep: int = setting(
+    top_k: int = setting(
         2, "solutions kept per five-point set, the nearest to the previous E (k of the paper)", low=1, high=10
     )
     threshold: float = setting(0.5, "largest Sampson distance of an inlier", unit="px", low=0.05, high=10)

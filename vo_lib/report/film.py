@@ -13,17 +13,17 @@ import numpy as np
 
 from ..data.poses import from_first
 from ..errors import DataError
-from ..evaluation.kitti import trajectory_distances
+from ..evaluation.kitti_errors import trajectory_distances
 from ..files import DRAFT
 from ..geometry.boxes import Boxes
 from ..geometry.matches import StereoMatches
 from ..geometry.result import FrameResult
 from ..geometry.types import Array, BoolArray, Image, IntArray
-from ..paper.boxes import on_vehicles
+from ..paper.box_removal import on_vehicles
 from ..runs.drive import MethodRun, Run, single_threaded, unmasked
 from ..runs.front_end import TimedMatches, find_matches
 from . import plots
-from .printed import PROPOSAL
+from .table1 import PROPOSAL
 
 if TYPE_CHECKING:
     from ..kit.calibration import Calibration
@@ -74,7 +74,7 @@ def film_frames(
                 continue
             film_boxes, keep = boxes, np.ones(len(frame[0]), np.bool_)
             if config.variant == "kit":
-                from ..kit.odometry import SelfCalibratingOdometry
+                from ..kit.kit_odometry import SelfCalibratingOdometry
 
                 assert isinstance(method.odometry, SelfCalibratingOdometry)
                 filtered = method.odometry.filtered

@@ -11,7 +11,7 @@ from typing import Any
 
 from ..files import csv_text
 from ..geometry.types import Array
-from ..runs.identity import surroundings, versions
+from ..runs.identity import library_versions, machine_info
 
 NO_NUMBER = "–"
 # A change of an error counts if it exceeds this number of standard deviations over the seeds, and this share
@@ -41,14 +41,14 @@ def without_empty_columns(table: ReportTable) -> ReportTable:
     return replace(table, columns=columns, rows=rows)
 
 
-def finite(value: float | None) -> float | None:
+def finite_or_none(value: float | None) -> float | None:
     """The number, or None if it is not finite."""
     return None if value is None or not math.isfinite(value) else float(value)
 
 
-def number(value: float | None, digits: int = 3) -> str:
+def format_number(value: float | None, digits: int = 3) -> str:
     """A number as text; a dash for None and for numbers that are not finite."""
-    return NO_NUMBER if finite(value) is None else f"{value:.{digits}f}"
+    return NO_NUMBER if finite_or_none(value) is None else f"{value:.{digits}f}"
 
 
 def signed(value: float, digits: int) -> str:
@@ -73,7 +73,9 @@ def change_limit(error: float, *deviations: float) -> float:
 
 def plus_minus(mean: float | None, deviation: float | None) -> str:
     """The text "mean ± deviation"; without a deviation, only the mean; without a mean, a dash."""
-    return number(mean) + ("" if finite(deviation) is None else f" ± {number(deviation)}")
+    return format_number(mean) + (
+        "" if finite_or_none(deviation) is None else f" ± {format_number(deviation)}"
+    )
 
 
 def seeds_text(count: int) -> str:
@@ -118,7 +120,7 @@ class Picture:
 
 def provenance() -> list[str]:
     """Lines for a report with the versions of the kit, Python and libraries, the commit and the machine."""
-    version, system = versions(), surroundings()
+    version, system = library_versions(), machine_info()
     libraries = f"numpy {version['numpy']}, OpenCV {version['opencv']}"
     kit = f"stereo-vo-kit {version['kit']}, commit {system['commit'] or 'unknown'}"
     return [f"{kit}, Python {system['python']}, {libraries}", str(system["system"])]

@@ -14,15 +14,14 @@ from ..data.catalogue import open_sequence
 from ..data.poses import TIME_TOLERANCE_S, match_times, read_path
 from ..errors import DataError
 from ..evaluation.ate_rpe import align, rmse
-from ..evaluation.evaluate import Evaluation
-from ..evaluation.kitti import SHORT_MEASURE
+from ..evaluation.kitti_errors import SHORT_PROTOCOL
+from ..evaluation.path_errors import Evaluation
 from ..files import write_atomic
 from ..geometry.types import Array, Index
 from ..runs.folder import CONFIG, POSES, POSES_TUM, is_finished, read_config
-from .page import ReportTable, number, without_empty_columns
+from .page import ReportTable, format_number, without_empty_columns
 from .plots import error_curves_figure, png, trajectories_figure
-from .reproduce import slug
-from .table1 import ERROR_KINDS
+from .table1 import ERROR_KINDS, slug
 
 COMMON_STEMS = ("poses", "poses_tum", "data")  # file names in many folders, useless as labels
 # Smallest number of points of a curve: the devkit's speed bins overlap, so one speed falls into two or three.
@@ -157,7 +156,14 @@ def evaluation_tables(name: str, result: Evaluation) -> list[ReportTable]:
     measure, systems, rows = result.measure, result.paths, []
     for s in systems:
         drift = map(rmse, (s.ate.distance, s.rpe.translation, np.degrees(s.rpe.rotation)))
-        rows.append([s.name, number(s.kitti.te), number(s.kitti.re), *(number(value, 4) for value in drift)])
+        rows.append(
+            [
+                s.name,
+                format_number(s.kitti.te),
+                format_number(s.kitti.re),
+                *(format_number(value, 4) for value in drift),
+            ]
+        )
     columns = ["system", *(unit for unit, _ in ERROR_KINDS.values()), "ATE m", "RPE m", "RPE deg"]
     first, head, title = systems[0], list[str](), name
     path = f"the path, {first.distance:.1f} m in {first.frames} frames, is shorter"
@@ -167,14 +173,16 @@ def evaluation_tables(name: str, result: Evaluation) -> list[ReportTable]:
     if len(first.kitti):
         title += f": sub-sequences of {measure.words}"
         short = "Short path, so sub-sequences are shorter than KITTI's: not comparable with the benchmark."
-        head += [short] if measure == SHORT_MEASURE else []
+        head += [short] if measure == SHORT_PROTOCOL else []
     else:
         notes.append(f"No TE and RE: {path} than the shortest sub-sequence, {min(measure.lengths):g} m.")
     by_length = []
     for length in measure.lengths:
         parts = [s.kitti[s.kitti.length == length] for s in systems]
         if len(parts[0]):
-            by_length.append([f"{length:g} m", *(f"{number(part.te)} / {number(part.re)}" for part in parts)])
+            by_length.append(
+                [f"{length:g} m", *(f"{format_number(part.te)} / {format_number(part.re)}" for part in parts)]
+            )
     errors = ReportTable(title, columns, rows, notes, head)
     tables = [without_empty_columns(errors)]
     if by_length:

@@ -16,11 +16,11 @@ import cv2
 import numpy as np
 
 from ..data.poses import from_first
-from ..evaluation.kitti import trajectory_distances
+from ..evaluation.kitti_errors import trajectory_distances
 from ..geometry.boxes import MOVING, PARKED, Boxes
 from ..geometry.matches import StereoMatches
 from ..geometry.types import Array, BoolArray, Image, IntArray
-from .printed import PROPOSAL
+from .table1 import PROPOSAL
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,7 +40,7 @@ TRUTH_COLOUR, LOOP_COLOUR = "#222222", CYCLE[5]
 LINE_WIDTHS = {PROPOSAL: 4.0, TRUTH: 0.9}  # points; other lines have widths between these
 
 
-def page(title: str = "", width: float = SMALL_PAGE[0], height: float = SMALL_PAGE[1]) -> Figure:
+def figure_page(title: str = "", width: float = SMALL_PAGE[0], height: float = SMALL_PAGE[1]) -> Figure:
     """An empty figure of a size in inches, with constrained layout; a long title is wrapped."""
     from matplotlib.figure import Figure
 
@@ -120,7 +120,7 @@ def trajectories_figure(
     """
     rows, columns = len(panels), 1 + any(truth is not None for truth, _ in panels.values())
     width, height = SMALL_PAGE
-    figure = page(width=width * columns, height=(height - 1.0) * rows + 1.0)
+    figure = figure_page(width=width * columns, height=(height - 1.0) * rows + 1.0)
     labels: dict[str, Any] = {}
     for row, (title, (truth, estimates)) in enumerate(panels.items()):
         axis = figure.add_subplot(rows, columns, row * columns + 1)
@@ -141,7 +141,7 @@ def trajectories_figure(
 def errors_figure(title: str, errors: Mapping[tuple[str, str], Array]) -> Figure:
     """Bars of TE and RE by sequence and method, with deviations over S seeds; `errors` are (2, S) each."""
     sequences, methods = (list(dict.fromkeys(names)) for names in zip(*errors, strict=True))
-    figure = page(title, max(SMALL_PAGE[0], 0.8 * len(sequences)))
+    figure = figure_page(title, max(SMALL_PAGE[0], 0.8 * len(sequences)))
     axes, share = figure.subplots(2, sharex=True), 0.85 / len(methods)
     for kind, (axis, label) in enumerate(zip(axes, ("TE [%]", "RE [deg/100 m]"), strict=True)):
         for k, method in enumerate(methods):
@@ -160,7 +160,7 @@ def errors_figure(title: str, errors: Mapping[tuple[str, str], Array]) -> Figure
 
 def error_curves_figure(title: str, by: str, curves: Mapping[str, ErrorCurve]) -> Figure:
     """The devkit's curves of named methods: TE and RE by "length" or "speed" of the sub-sequences."""
-    figure = page(title)
+    figure = figure_page(title)
     axes = figure.subplots(2, sharex=True)
     for name, points, style in styled(curves):
         # A marker on the edge is not clipped and does not enlarge the axis.

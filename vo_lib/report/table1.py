@@ -1,31 +1,325 @@
-"""Table 1 as a list of records, and as tables with the paper's numbers next to ours."""
+"""The numbers of Table 1: the paper's, and ours from runs over sequences, methods and seeds."""
 
 from __future__ import annotations
 
+import itertools
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ..data.catalogue import KITTI
-from ..evaluation.kitti import KITTI_MEASURE
+from ..config import preset
+from ..data.catalogue import KITTI, SYNTHETIC, available
+from ..data.kitti import EXPECTED_FRAMES
+from ..data.scenes import TABLE_SCENES
+from ..data.sequence import Sequence
+from ..errors import DataError
+from ..evaluation.kitti_errors import KITTI_PROTOCOL, KittiErrors, SubsequenceProtocol, suitable_protocol
+from ..evaluation.path_errors import PathErrors, evaluate
+from ..files import read_csv
+from ..geometry.rows import joined
 from ..geometry.types import Array
-from .entries import BENCHMARK_FRAMES, Entry, Group
-from .page import (
-    NO_CHANGE,
-    ReportTable,
-    change_limit,
-    finite,
-    mean_and_spread,
-    number,
-    plus_minus,
-    seeds_text,
-    signed,
-)
-from .printed import AVERAGE, CLAIMS, LEFT_OUT, PROPOSAL, PaperTable, gain
+from ..paper.settings import MethodConfig
+from ..runs.drive import Run
+from ..runs.folder import read_run
+from ..runs.jobs import Job, Outcome
+from .page import finite_or_none, mean_and_spread
 
-VARIANT_WORDS = {"published": "variant published", "kit": "variant kit"}
+PAPER_METHODS = ("viso2", "mesvo_f", "solution_selection", "feature_selection")
+PRINTED_NAMES = dict(
+    zip(PAPER_METHODS, ("VISO2", "MESVO_F", "Solution selection", "Feature selection"), strict=True)
+)
+PROPOSAL = "feature_selection"
+AVERAGE = "Avg"
+LEFT_OUT = "01"  # the highway, which has dashes in the paper's table
+# Numbers of sub-sequences of 00, 02 … 10 in the benchmark, the weights of its pooled mean.
+_NUMBERS = (3283, 3453, 184, 43, 1806, 570, 317, 2813, 958, 464)
+SUB_SEQUENCES = dict(zip([f"{k:02d}" for k in range(11) if k != 1], _NUMBERS, strict=True))
+PAPER_ROWS = (AVERAGE, *SUB_SEQUENCES)
+# Section 4 of the paper: gains of Feature selection, (TE, RE) in %.
+CLAIMS = {"solution_selection": (8.0, 7.0), "mesvo_f": (6.0, 15.0)}
+
+FRONT_END_STAGES = ("wait_images", "matching", "cached_matches")
+BENCHMARK_FRAMES = {f"{KITTI}{number}": frames for number, frames in EXPECTED_FRAMES.items()}
 # Names of TE and RE in records and in tables, and the number of decimals in the paper.
 ERROR_KINDS = {"te_percent": ("TE %", 2), "re_deg_per_100m": ("RE deg/100 m", 3)}
+
+
+@dataclass(frozen=True)
+class PaperTable:
+    """Printed TE in % and RE in deg/100 m by (row, method); None for a dash."""
+
+    numbers: dict[tuple[str, str], tuple[float | None, float | None]]
+
+    def value(self, row: str, method: str) -> tuple[float | None, float | None]:
+        """TE and RE of a row ("00" … "10" or "Avg") and a method."""
+        return self.numbers.get((row, method), (None, None))
+
+
+def gain(before: ArrayLike, after: ArrayLike) -> Array:
+    """Relative improvement in %; not finite if the old error is 0."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(100.0 * (1.0 - np.asarray(after, float) / np.asarray(before, float)))
+
+
+def read_paper_table() -> PaperTable:
+    """The paper's table, read from paper_table1.csv."""
+    table = PaperTable({})
+    for name, *cells in printed_cells():
+        numbers = [None if cell == "-" else float(cell) for cell in cells]
+        for method, pair in zip(PAPER_METHODS, zip(numbers[::2], numbers[1::2], strict=True), strict=True):
+            table.numbers[name, method] = pair
+    return table
+
+
+def printed_cells() -> list[list[str]]:
+    """The rows of paper_table1.csv, without the heading."""
+    (_, _), *rows = read_csv(Path(__file__).with_name("paper_table1.csv"))
+    return [cells for _, cells in rows]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Errors of one method on one sequence with truth, over S seeds.
+
+    Attributes
+    ----------
+    sequence, method : names; seeds : (S) seeds of the runs; variant : `published` or `kit`.
+    measure : the sub-sequences of TE and RE.
+    results : (S) KITTI errors, ATE (SE3 alignment) and RPE of each seed.
+    poses : (N, 4, 4) trajectory of the first seed; truth : (N, 4, 4).
+    labels : whether the sequence has vehicle boxes.
+    removed_share : share of matches removed in boxes for the first seed, in [0, 1].
+    back_end_ms : mean time per frame of the back end (everything after the matches), milliseconds.
+    """
+
+    sequence: str
+    method: str
+    variant: str
+    seeds: tuple[int, ...]
+    measure: SubsequenceProtocol
+    results: tuple[PathErrors, ...]
+    poses: Array
+    truth: Array
+    labels: bool
+    removed_share: float
+    back_end_ms: float
+
+    @property
+    def errors(self) -> Array:
+        """TE and RE of each seed, (2, S), % and deg/100 m; NaN without a sub-sequence."""
+        return te_and_re(result.kitti for result in self.results)
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the sequence is a complete sequence of the benchmark, with the benchmark's measure."""
+        return len(self.truth) == BENCHMARK_FRAMES.get(self.sequence) and self.measure == KITTI_PROTOCOL
+
+
+@dataclass(frozen=True)
+class Group:
+    """Entries that may be averaged: equal variant and measure; either all from KITTI or none.
+
+    `entries` : entries by (sequence, method); `kitti` : whether the sequences are from the benchmark.
+    """
+
+    variant: str
+    kitti: bool
+    measure: SubsequenceProtocol
+    entries: dict[tuple[str, str], Entry]
+
+    @property
+    def sequences(self) -> list[str]:
+        """Names of the sequences, in order."""
+        return list(dict.fromkeys(sequence for sequence, _ in self.entries))
+
+    @property
+    def averaged(self) -> list[str]:
+        """Names of the sequences in the mean: all except KITTI's 01, or 01 if it is the only sequence."""
+        return [name for name in self.sequences if name != f"{KITTI}{LEFT_OUT}"] or self.sequences
+
+    @property
+    def methods(self) -> list[str]:
+        """Names of the methods, in order."""
+        return list(dict.fromkeys(method for _, method in self.entries))
+
+    @property
+    def is_papers(self) -> bool:
+        """Whether the group has complete runs of the paper's ten sequences, so the means are comparable."""
+        complete = {entry.sequence for entry in self.entries.values() if entry.is_whole}
+        return {f"{KITTI}{row}" for row in PAPER_ROWS[1:]} <= complete
+
+    def of_method(self, method: str) -> list[Entry]:
+        """Entries of a method, in the order of the sequences."""
+        return [entry for (_, name), entry in self.entries.items() if name == method]
+
+    def mean(self, method: str) -> Array:
+        """Unweighted mean of TE and RE over the averaged sequences, for each seed, (2, S)."""
+        entries = [e for e in self.of_method(method) if e.sequence in self.averaged]
+        by_seed = [te_and_re(part for part in parts if len(part)) for parts in _by_seed(entries)]
+        means = [part.mean(axis=1) if part.size else (np.nan, np.nan) for part in by_seed]
+        return np.reshape(means, (-1, 2)).T
+
+    def pooled(self, method: str) -> Array:
+        """TE and RE of each seed, (2, S), over all sub-sequences together, as on KITTI's server."""
+        return te_and_re(joined(parts) for parts in _by_seed(self.of_method(method)))
+
+
+def _by_seed(entries: list[Entry]) -> list[list[KittiErrors]]:
+    """For each seed that all entries have, the errors on every sequence."""
+    common = set.intersection(*(set(entry.seeds) for entry in entries)) if entries else set()
+    return [[e.results[e.seeds.index(seed)].kitti for e in entries] for seed in sorted(common)]
+
+
+def te_and_re(parts: Iterable[KittiErrors]) -> Array:
+    """TE and RE of S sets of sub-sequences, (2, S); NaN for an empty set."""
+    return np.array([(part.te, part.re) for part in parts], float).reshape(-1, 2).T
+
+
+def measure_runs(method: str, runs: list[Run], measure: SubsequenceProtocol | None = None) -> Entry:
+    """Errors of a method's runs, one per seed; the default measure is from `suitable_protocol`."""
+    sequence = runs[0].sequence
+    if sequence.truth is None:
+        raise DataError(f"{sequence.name} has no ground truth, so there are no errors")
+    measure = suitable_protocol(sequence.truth) if measure is None else measure
+    estimates = {f"seed {run.config.seed}": run.poses for run in runs}
+    errors = evaluate(sequence.truth, estimates, measure, sequence.times)
+    back_end_ms = [
+        sum(ms for stage, ms in motion.ms.items() if stage not in FRONT_END_STAGES)
+        for run in runs
+        for motion in run.motions
+    ]
+    return Entry(
+        sequence=sequence.name,
+        method=method,
+        variant=runs[0].config.variant,
+        seeds=tuple(run.config.seed for run in runs),
+        measure=measure,
+        results=errors.paths,
+        poses=runs[0].poses,
+        truth=sequence.truth,
+        labels=sequence.labels is not None,
+        removed_share=runs[0].removed_share,
+        back_end_ms=float(np.mean(back_end_ms)),
+    )
+
+
+def group_entries(entries: list[Entry]) -> list[Group]:
+    """Groups of entries that may be averaged, in the order of the entries."""
+    groups: dict[tuple[str, bool, SubsequenceProtocol], Group] = {}
+    for entry in entries:
+        key = entry.variant, entry.sequence in BENCHMARK_FRAMES, entry.measure
+        groups.setdefault(key, Group(*key, {})).entries[entry.sequence, entry.method] = entry
+    return list(groups.values())
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """Errors and paths of the runs of a table.
+
+    Attributes
+    ----------
+    missing : KITTI sequences that are not on this machine.
+    failed : names of failed runs, by cause.
+    entries : errors by sequence and method, for sequences with ground truth.
+    paths : for each variant and sequence, the truth or None, and each method's path for the first seed, all
+        (N, 4, 4).
+    """
+
+    missing: list[str]
+    failed: dict[str, list[str]]
+    entries: list[Entry] = field(default_factory=list)
+    paths: dict[tuple[str, str], tuple[Array | None, dict[str, Array]]] = field(default_factory=dict)
+
+    @property
+    def problems(self) -> list[str]:
+        """Sentences on missing sequences, on sequences without truth, and on each cause of failed runs."""
+        sentences = [f"Not found, so not run: {', '.join(self.missing)}."] if self.missing else []
+        if bare := sorted({name for (_, name), (truth, _) in self.paths.items() if truth is None}):
+            sentences.append(
+                f"No ground truth, so no errors: {', '.join(bare)}; the poses are in the folder runs."
+            )
+        if short := dict.fromkeys(e.sequence for e in self.entries if not np.isfinite(e.errors).any()):
+            sentences.append(f"Shorter than every sub-sequence, so no errors: {', '.join(short)}.")
+        for cause, (job, *others) in self.failed.items():
+            sentences.append(f"Failed: {job}{f' and {len(others)} more' if others else ''}: {cause}")
+        return sentences
+
+
+def default_sequences() -> list[str]:
+    """The benchmark's sequences on this machine or, if there are none, drawn scenes."""
+    names = available()
+    return [name for name in BENCHMARK_FRAMES if name in names] or [
+        f"{SYNTHETIC}{name}" for name in TABLE_SCENES
+    ]
+
+
+def split_missing(names: list[str]) -> tuple[list[str], list[str]]:
+    """Names of available sequences, and of missing KITTI sequences; `DataError` if all are missing."""
+    folders = available()
+    missing = [name for name in names if name.startswith(KITTI) and name not in folders]
+    present = [name for name in dict.fromkeys(names) if name not in missing]
+    if not present:
+        raise DataError(f"none of the sequences is on this machine: {', '.join(missing)}; see `vo check`")
+    return present, missing
+
+
+def plan_jobs(
+    sequences: list[Sequence],
+    methods: Mapping[str, list[str]],
+    seeds: int,
+    folder: Path,
+    config: MethodConfig | None = None,
+) -> list[Job]:
+    """A job for each variant, sequence, method and seed 0 … seeds - 1.
+
+    methods : names by variant; config : settings of a single method, in place of its preset.
+    """
+    names = [sequence.name for sequence in sequences]
+    duplicates = [name for name in names if names.count(name) > 1]
+    if duplicates:
+        raise DataError(f"two sequences have the name {duplicates[0]}: run them separately")
+    jobs = []
+    for variant, of_variant in methods.items():
+        for sequence, method, seed in itertools.product(sequences, of_variant, range(seeds)):
+            settings = replace(config or preset(method, variant=variant), seed=seed)
+            path = job_folder(folder, variant, sequence.name, method, seed)
+            jobs.append(Job(sequence, method, settings, path))
+    return jobs
+
+
+def job_folder(folder: Path, variant: str, sequence: str, method: str, seed: int) -> Path:
+    """The run folder of a job, inside the folder of the table."""
+    return folder / "runs" / variant / slug(sequence) / method / f"seed_{seed}"
+
+
+def slug(name: str) -> str:
+    """A sequence's name as a file name: "kitti/07" is kitti_07."""
+    return re.sub(r"[^A-Za-z0-9.-]+", "_", name)
+
+
+def collect(
+    outcomes: list[Outcome], missing: list[str], measure: SubsequenceProtocol | None = None
+) -> Reproduction:
+    """Errors and paths of finished jobs, read from their folders."""
+    table = Reproduction(missing, {})
+    jobs_of: dict[tuple[str, str, str], list[Job]] = {}
+    for job, error in ((outcome.job, outcome.error) for outcome in outcomes):
+        if error is not None:
+            table.failed.setdefault(error, []).append(job.name)
+        else:
+            jobs_of.setdefault((job.config.variant, job.sequence.name, job.method), []).append(job)
+    for (variant, name, method), jobs in jobs_of.items():
+        runs = [read_run(job.folder, job.sequence) for job in jobs]
+        truth = runs[0].sequence.truth
+        table.paths.setdefault((variant, name), (truth, {}))[1][method] = runs[0].poses
+        if truth is not None:
+            table.entries.append(measure_runs(method, runs, measure))
+    return table
 
 
 def table_records(groups: list[Group], paper: PaperTable) -> list[dict[str, Any]]:
@@ -34,10 +328,10 @@ def table_records(groups: list[Group], paper: PaperTable) -> list[dict[str, Any]
     Rows of a group: the mean (the paper's Avg, if all ten sequences are complete), each sequence (01 last),
     and the mean over all sub-sequences. Only complete sequences are compared with the paper's numbers.
     """
-    return [record for group in groups for record in _records(group, paper)]
+    return [record for group in groups for record in group_records(group, paper)]
 
 
-def _records(group: Group, paper: PaperTable) -> list[dict[str, Any]]:
+def group_records(group: Group, paper: PaperTable) -> list[dict[str, Any]]:
     left_out, several = f"{KITTI}{LEFT_OUT}", len(group.sequences) > 1
     mean = AVERAGE if group.is_papers else f"mean of {len(group.averaged)}"
     records = [_record(group, paper, mean, method, group.mean(method)) for method in group.methods if several]
@@ -62,98 +356,7 @@ def number_fields(errors: Array, entry: Entry | None) -> dict[str, float | None]
     """Fields of a record: mean and deviation of TE and RE (2, S) over seeds, and numbers from the entry."""
     fields: dict[str, float | None] = {}
     for kind, values in zip(ERROR_KINDS, errors, strict=True):
-        fields[kind], fields[f"{kind}_std"] = map(finite, mean_and_spread(values))
+        fields[kind], fields[f"{kind}_std"] = map(finite_or_none, mean_and_spread(values))
     for name in ("removed_share", "back_end_ms"):
         fields[name] = getattr(entry, name, None)
     return fields
-
-
-def layout_tables(group: Group, paper: PaperTable) -> list[ReportTable]:
-    """Tables of a group's records: one table, or two (TE and RE) with the paper's numbers.
-
-    A group without errors has no table.
-    """
-    records = [record for record in _records(group, paper) if record["te_percent"] is not None]
-    if not records:
-        return []
-    several = len(group.sequences) > 1
-    printed = any(record["paper_te_percent"] is not None for record in records)
-    name = "KITTI" if group.kitti else f"{len(group.sequences)} sequences"
-    title = f"{name if several else group.sequences[0]}, {VARIANT_WORDS[group.variant]}"
-    tables = []
-    for kinds in [[kind] for kind in ERROR_KINDS] if printed else [list(ERROR_KINDS)]:
-        units = [ERROR_KINDS[kind][0] for kind in kinds]
-        errors = [f"{units[0]}, ours", "paper", "difference"] if printed else units
-        columns = ["method", *errors, "removed %"]
-        rows = [
-            [
-                f"{record['sequence'].removeprefix(KITTI)} " * several + record["method"],
-                *(cell for kind in kinds for cell in _cells(record, kind)[: 3 if printed else 1]),
-                "" if record["removed_share"] is None else f"{100 * record['removed_share']:.1f}",
-            ]
-            for record in records
-        ]
-        heading = f"{title}, {units[0].split()[0]}" if printed else title
-        tables.append(ReportTable(f"{heading}: sub-sequences of {group.measure.words}", columns, rows, []))
-    tables[0].head.extend(caveats(group))
-    seeds = seeds_text(max(record["seeds"] for record in records)).capitalize()
-    notes = [f"{seeds}; removed %: share of the features that the box rule removes."]
-    mean = "Avg and mean, without 01" if group.kitti else "mean"
-    weights = f"{mean}: all sequences have equal weight; pooled: all sub-sequences, as on KITTI's server."
-    tables[-1].notes.extend([*notes, *[weights] * several])
-    return tables
-
-
-def _cells(record: dict[str, Any], kind: str) -> list[str]:
-    """Our mean ± deviation over the seeds, the paper's number, and the difference."""
-    ours, printed, digits = record[kind], record[f"paper_{kind}"], ERROR_KINDS[kind][1]
-    theirs = ["", ""] if printed is None else [number(printed, digits), signed(ours - printed, digits)]
-    return [plus_minus(ours, record[f"{kind}_std"]), *theirs]
-
-
-def caveats(group: Group) -> list[str]:
-    """Warnings above a table: incomplete sequences, non-standard sub-sequences."""
-    notes = []
-    frames = {entry.sequence: len(entry.truth) for entry in group.entries.values() if group.kitti}
-    parts = {name: n for name, n in frames.items() if n != BENCHMARK_FRAMES[name]}
-    if parts:
-        words = ", ".join(f"{name} ({n} of {BENCHMARK_FRAMES[name]} frames)" for name, n in parts.items())
-        notes.append(f"Parts of sequences, not comparable with whole sequences: {words}.")
-    if group.kitti and group.measure != KITTI_MEASURE:
-        notes.append(f"Sub-sequences of {group.measure.words}: not comparable with the benchmark.")
-    return notes
-
-
-def results(groups: list[Group]) -> list[str]:
-    """Sentences that compare the proposal with other methods, for each group.
-
-    The other method is `solution_selection` and, in a group with the paper's sequences, also `mesvo_f`.
-    """
-    compared = ((group, other) for group in groups for other in list(CLAIMS)[: 2 if group.is_papers else 1])
-    return [sentence for group, other in compared for sentence in _comparison(group, other)]
-
-
-def _comparison(group: Group, other: str) -> list[str]:
-    """A sentence on the mean errors of the proposal and of another method; none without boxes or errors."""
-    by_seed = [group.mean(method) for method in (other, PROPOSAL)]
-    if not all(np.isfinite(errors).all() and errors.size for errors in by_seed):
-        return []
-    if not any(entry.labels for entry in group.of_method(PROPOSAL)):
-        return []
-    parts = []
-    for (kind, _), claim, *errors in zip(ERROR_KINDS.values(), CLAIMS[other], *by_seed, strict=True):
-        (before, deviation), (after, new_deviation) = map(mean_and_spread, errors)
-        if before == after:
-            continue
-        (name, unit), less = kind.split(" ", 1), float(gain(before, after))
-        verb, change = "lowers" if less > 0 else "raises", f"{signed(-less, 1)} %"
-        if abs(after - before) <= change_limit(before, deviation, new_deviation):
-            verb, change = "changes", NO_CHANGE
-        change += f", in the paper −{claim:g} %" if group.is_papers else ""
-        parts.append(f"{verb} {name} from {number(before)} to {number(after)} {unit} ({change})")
-    rows, changes = group.averaged, " and ".join(parts) or "changes neither TE nor RE"
-    where = rows[0] if len(rows) == 1 else f"Mean of {len(rows)} sequences"
-    result = f"{PROPOSAL}, which removes the features in vehicle boxes, {changes}"
-    few = {1: "one seed", 2: "two seeds"}.get(by_seed[1].shape[1])
-    seeds = f"; with {few}, a change may be due to chance" if few else ""
-    return [f"{where}, {VARIANT_WORDS[group.variant]}: {result} compared with {other}{seeds}."]

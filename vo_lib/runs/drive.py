@@ -113,11 +113,11 @@ def make_odometry(
     """The odometry for a configuration: the paper's method, VISO2, or a method of variant `kit`.
 
     Variant `kit` uses initial calibration errors, the frames' times for the vehicle check, and the truth
-    about moving vehicles for the box rule `truth`; see `kit.odometry`.
+    about moving vehicles for the box rule `truth`; see `kit.kit_odometry`.
     """
     if config.variant == "published":
         return Viso2(camera, config) if config.estimator == "reprojection" else Odometry(camera, config)
-    from ..kit.odometry import make_kit_odometry
+    from ..kit.kit_odometry import make_kit_odometry
 
     return make_kit_odometry(camera, config, calibration, times, on_moving)
 

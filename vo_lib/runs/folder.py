@@ -17,15 +17,15 @@ from ..config import config_class
 from ..data.poses import format_kitti_poses, format_tum, read_kitti_poses
 from ..data.sequence import Sequence
 from ..errors import DataError
-from ..evaluation.evaluate import Evaluation, evaluate
-from ..evaluation.kitti import KITTI_LENGTHS, SHORT_MEASURE, trajectory_distances
+from ..evaluation.kitti_errors import KITTI_LENGTHS, SHORT_PROTOCOL, trajectory_distances
+from ..evaluation.path_errors import Evaluation, evaluate
 from ..files import DRAFT, LOCK, csv_text, read_csv, read_mapping, write_atomic
 from ..geometry.motion import inverse
 from ..geometry.result import MAX_MISSING_FRAMES, Flag, FrameResult
 from ..geometry.types import Array
 from ..paper.settings import MethodConfig
 from .drive import Run
-from .identity import surroundings
+from .identity import machine_info
 
 CONFIG = "config.json"
 LOG = "frames.csv"
@@ -87,7 +87,7 @@ def evaluate_run(result: Run) -> dict[str, Evaluation]:
         return {}
     errors = {"kitti": evaluate(sequence.truth, estimates, times=sequence.times)}
     if trajectory_distances(sequence.truth)[-1] < KITTI_LENGTHS[-1]:
-        errors["short"] = evaluate(sequence.truth, estimates, SHORT_MEASURE, sequence.times)
+        errors["short"] = evaluate(sequence.truth, estimates, SHORT_PROTOCOL, sequence.times)
     return errors
 
 
@@ -112,7 +112,7 @@ def write_run(folder: Path, result: Run, identity: dict[str, Any]) -> None:
     if result.calibration is not None:
         write_atomic(folder / CALIBRATION, result.calibration.to_json())
     write_atomic(folder / METRICS, _json(metrics))
-    about = {"timing": timing(result), "surroundings": surroundings()}
+    about = {"timing": timing(result), "machine_info": machine_info()}
     write_atomic(folder / CONFIG, _json(identity | about | {"folder": str(sequence.folder.resolve())}))
 
 

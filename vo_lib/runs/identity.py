@@ -36,7 +36,7 @@ NOT_USED = "not used"
 FRONT_END_CODE = {"published": ("runs.front_end",), "kit": ("runs.front_end", "kit.klt")}
 POSE_CODE = {
     "published": ("runs.drive",),
-    "kit": ("runs.drive", "kit.odometry", "kit.klt", "data.truth"),
+    "kit": ("runs.drive", "kit.kit_odometry", "kit.klt", "data.truth"),
 }
 
 
@@ -123,7 +123,7 @@ def truth_digest(sequence: Sequence) -> str:
     return _digest_of_data(files)
 
 
-def versions() -> dict[str, str]:
+def library_versions() -> dict[str, str]:
     """Versions of the kit and of the libraries that can change a result."""
     return {"kit": metadata.version("stereo-vo-kit"), "numpy": np.__version__, "opencv": cv2.__version__}
 
@@ -136,7 +136,7 @@ def matches_identity(sequence: Sequence, config: MethodConfig) -> dict[str, Any]
         "camera": to_dict(sequence.camera),
         "images": images_digest(sequence),
         "settings": {"features": to_dict(config.features), "matching": to_dict(config.matching)},
-        "made_with": versions() | {"code": code_digest(FRONT_END_CODE[config.variant])},
+        "made_with": library_versions() | {"code": code_digest(FRONT_END_CODE[config.variant])},
     }
 
 
@@ -155,12 +155,12 @@ def run_identity(
         "masks": _digest(b"".join(map(read_bytes, sequence.mask_files()))),
         "moving": truth_digest(sequence) if config.filter.rule == "truth" else NOT_USED,
         "calibration": calibration and _digest(calibration.to_json().encode()),
-        "made_with": versions() | {"code": code_digest(POSE_CODE[config.variant])},
+        "made_with": library_versions() | {"code": code_digest(POSE_CODE[config.variant])},
     }
     return dict(json.loads(json.dumps(identity)))
 
 
-def surroundings() -> dict[str, str | None]:
+def machine_info() -> dict[str, str | None]:
     """Facts for the reader that do not change a result: commit, Python version, machine."""
     return {
         "commit": git_commit(),

@@ -22,7 +22,7 @@ from .drive import Run, run_methods, single_threaded
 from .folder import is_finished, read_config, read_run, refuse_foreign_files, run_folder, write_run
 from .front_end import TimedMatches
 from .identity import images_digest, run_identity
-from .matches import CachedMatches
+from .match_cache import CachedMatches
 
 if TYPE_CHECKING:
     from ..kit.calibration import Calibration

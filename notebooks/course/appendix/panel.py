@@ -26,7 +26,7 @@ from vo_lib.kit.rig import (
     lens_shapes,
 )
 from vo_lib.kit.settings import CalibrationConfig, KitTranslationConfig
-from vo_lib.kit.translation import robust_translation
+from vo_lib.kit.weighted_translation import robust_translation
 from vo_lib.paper.settings import TranslationConfig
 from vo_lib.paper.translation import PairBefore, solve_translation
 from vo_lib.settings import Checked, setting
@@ -35,8 +35,8 @@ from ..ch04.figures import lengths_figure
 from ..colours import GOOD, PALE
 from ..drawing import DPI, WIDTH, caption, photo, room
 from ..frames import Memory, key_of, stereo
-from ..made_up import block_tour
 from ..panel import Control, Drawing, Fact, Panel, State
+from ..perturbed_path import block_tour
 
 # Approximate faults of the rig in sequence 01 of KITTI: sizes of `RIG_FAULTS`, pixels.
 KITTI_01 = {

@@ -10,7 +10,7 @@ from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.motion import inverse, rigid, rotation_from_vector
 from vo_lib.geometry.types import Array
 
-from ..checker import Case, Exercise, When
+from ..checker import Case, Condition, Exercise
 
 DISTANCE = 20.0  # metres
 CAMERA = StereoCamera(f=700.0, cx=600.0, cy=180.0, baseline=0.54, width=1241, height=376)
@@ -57,7 +57,7 @@ def steps(poses: Array) -> Array:
     return np.asarray(np.diff(poses[:, :3, 3], axis=0))
 
 
-def way(poses: Array) -> float:
+def length_of(poses: Array) -> float:
     """The length of a path, metres."""
     return float(np.linalg.norm(steps(poses), axis=1).sum())
 
@@ -100,7 +100,7 @@ back_project = Exercise(
         "X and Y belong to the point at depth 1 on the ray: how far along the ray is the point?": (
             lambda *x: point(*x) / [point(*x)[2], point(*x)[2], 1.0],
         ),
-        "Z is {got[2]:.3f} m, expected {right[2]:.3f} m: which depth follows from the disparity?": When(
+        "Z is {got[2]:.3f} m, expected {right[2]:.3f} m: which depth follows from the disparity?": Condition(
             lambda X, *case: abs(X[2] - point(*case)[2]) > 1e-9
         ),
     },
@@ -145,14 +145,14 @@ chain = Exercise(
 )
 
 path_length = Exercise(
-    way,
+    length_of,
     paths,
     praise="this is the sum of the lengths of all steps; the height counts, too.",
     hint="positions are poses[:, :3, 3]. How long is each step from one to the next?",
     line="np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1).sum()",
     mistakes={
         "{got:.2f} m is the distance from start to end.": beeline,
-        "this is the mean step: sum the steps.": lambda poses: way(poses) / len(steps(poses)),
+        "this is the mean step: sum the steps.": lambda poses: length_of(poses) / len(steps(poses)),
         "the last row of a pose has no position; positions are poses[:, :3, 3].": lambda poses: 0.0,
         "the steps are not added: sum them.": lambda poses: np.linalg.norm(steps(poses), axis=1),
         "compute the norm of each step, along axis 1.": lambda poses: np.linalg.norm(steps(poses)),

@@ -16,7 +16,7 @@ from vo_lib.data.sequence import Sequence
 from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.types import Array, Image
 from vo_lib.kit.surface import CoarseDisparity
-from vo_lib.paper.boxes import in_boxes
+from vo_lib.paper.box_removal import in_boxes
 from vo_lib.paper.selection import draw_sets
 from vo_lib.report.plots import match_image
 from vo_lib.settings import Checked, setting
@@ -28,10 +28,10 @@ from ..ch04.figures import by_depth_figure
 from ..ch04.weightings import METHOD, solve_by
 from ..colours import BAD, GOOD, PALE, THIRD, bgr
 from ..drawing import HALF_HEIGHT, PHOTO_HEIGHT, WIDTH, beside, caption, figure, photo
-from ..frames import Boxed, disparity_map, frame_matches, frame_points, stereo, true_poses, truth
+from ..frames import WithBoxes, disparity_map, frame_matches, frame_points, stereo, true_poses, truth
 from ..lessons import candidates_of, motion_of
 from ..panel import Control, Drawing, Fact, Panel, State
-from ..simulation.truth import depth as true_depths
+from ..simulation.true_matches import depth as true_depths
 from ..view3d import Shape, View, camera
 
 # Writes the place of a click, as shares of the picture, into the hidden text field beside it.
@@ -122,7 +122,7 @@ class StartPanel(Panel):
         return Drawing([whole, below], sentence, facts)
 
 
-def watched(sequence: Sequence, *vehicles: int) -> Boxed:
+def watched(sequence: Sequence, *vehicles: int) -> WithBoxes:
     """A drawn sequence with boxes of only those vehicles whose numbers in the truth are `vehicles`."""
     ground_truth, given = truth(sequence), []
     assert ground_truth is not None
@@ -131,7 +131,7 @@ def watched(sequence: Sequence, *vehicles: int) -> Boxed:
         corners = np.rint(boxes.xyxy).astype(int)
         at_middle = ground_truth.vehicle_at(int(frame), (corners[:, :2] + corners[:, 2:]) / 2)
         given.append(boxes[np.isin(at_middle, vehicles)])
-    return Boxed(**vars(sequence), given=given)
+    return WithBoxes(**vars(sequence), given=given)
 
 
 def boxed_picture(sequence: Sequence, frame: int) -> Image:

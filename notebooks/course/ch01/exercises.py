@@ -11,7 +11,7 @@ from vo_lib.geometry.types import Array, BoolArray, Index
 from vo_lib.paper.buckets import select_by_bucket
 from vo_lib.paper.settings import BucketConfig
 
-from ..checker import Case, Exercise, When, in_order
+from ..checker import Case, Condition, Exercise, in_order
 
 E = 1e-9  # distance from a limit, in cases just outside of it
 
@@ -163,7 +163,7 @@ corner_strength = Exercise(
             lambda gx, gy: np.sqrt(max(np.linalg.eigvalsh(gx @ gy.T)[0], 0.0)),
             lambda gx, gy: strength(gx, gy, lambda products: products),
         ),
-        "NaN on an edge: rounding can make an eigenvalue -1e-17, and the root of a negative number is NaN.": When(
+        "NaN on an edge: rounding can make an eigenvalue -1e-17, and the root of a negative number is NaN.": Condition(
             lambda got, *case: np.isnan(got) and eigenvalues(*case)[0] < 1e-9
         ),
     },
@@ -210,7 +210,7 @@ loop_closes = Exercise(
     hint="follow feature i: pl_pr[i] is its number in the next image, and its index in the next list.",
     line="at = step[at]; alive &= at >= 0",
     mistakes={
-        "a match of -1 was followed: to numpy, index -1 is the last element.": When(
+        "a match of -1 was followed: to numpy, index -1 is the last element.": Condition(
             lambda got, *chain: set(which(*chain)) < set(got) and len(got) < len(chain[0])
         ),
         "these reach the current left image; the loop has to end at its first feature.": lambda *chain: (
@@ -222,7 +222,7 @@ loop_closes = Exercise(
             lambda *chain: np.flatnonzero((np.min(chain, axis=0) >= 0) & returns(follow(*chain)[0])),
         ),
         "the four lists are applied in the reverse order.": lambda *chain: which(*chain[::-1]),
-        "feature 0 is missing: 0 is the number of a feature; the number -1 marks a missing match.": When(
+        "feature 0 is missing: 0 is the number of a feature; the number -1 marks a missing match.": Condition(
             lambda got, *chain: 0 in which(*chain) and 0 not in got and set(got) < set(which(*chain))
         ),
         "these are indices into the previous right image.": lambda *chain: chain[0][which(*chain)],
@@ -263,8 +263,8 @@ buckets = Exercise(
         "`size` is hard-coded: use the argument.": lambda *case: kept(*case[:3], 50, case[4]),
         "`count` is hard-coded: use the argument.": lambda *case: kept(*case[:4], 3),
         "these are ranks in the sorted list; return the indices of the features, `order[rank]`.": in_sorted_list,
-        "a square is overfull; the square of a feature is `uv // size`, column and row.": When(overfull),
-        "the ages are right, but among features of the same age strength is not used.": When(
+        "a square is overfull; the square of a feature is `uv // size`, column and row.": Condition(overfull),
+        "the ages are right, but among features of the same age strength is not used.": Condition(
             lambda got, uv, age, *more: sorted(age[got]) == sorted(age[kept(uv, age, *more)])
         ),
         "neither age nor strength is used.": chosen(0, 0),

@@ -10,7 +10,7 @@ from vo_lib.errors import DataError
 from ..drawing import PHOTO_HEIGHT
 from ..frames import stereo, truth
 from ..panel import Control, Drawing, Fact, Panel, State
-from ..simulation.truth import match_errors
+from ..simulation.true_matches import match_errors
 from .figures import RIGHT, by_fate, fates_picture, step_figure
 from .trace import trace
 

@@ -13,7 +13,7 @@ from vo_lib.geometry.types import Array, Index
 from vo_lib.paper.five_point import epipolar_rows as library_rows
 from vo_lib.paper.five_point import five_point
 
-from ..checker import Case, Exercise, When
+from ..checker import Case, Condition, Exercise
 from .panel import first_of_each_set, rotation_errors
 
 FIRST = "rotation error of solution 1"
@@ -156,7 +156,7 @@ epipolar_rows = Exercise(
         "previous and current points have changed places.": lambda x_p, x_c: rows(x_c, x_p),
         "x and y are exchanged in both images.": lambda x_p, x_c: rows(x_p[:, ::-1], x_c[:, ::-1]),
         "`ravel` makes a row of nine numbers of each 3×3 matrix.": lambda *x: rows(*x).reshape(5, 3, 3),
-        "the last column is right, others are not: look at the order of E's nine entries.": When(
+        "the last column is right, others are not: look at the order of E's nine entries.": Condition(
             lambda A, *case: np.allclose(A[:, 8], 1.0, atol=1e-12)
         ),
     },
@@ -173,8 +173,8 @@ null_basis = Exercise(
     mistakes={
         "these are columns of Vᵀ; its rows are the vectors.": lambda A: np.linalg.svd(A)[2][:, 5:],
         "these are the first four rows of Vᵀ, not the last four.": lambda A: np.linalg.svd(A)[2][:4],
-        "A times the basis is not 0.": When(lambda basis, A: np.abs(A @ basis.T).max() > 1e-9),
-        "the four vectors are not orthonormal.": When(lambda V, A: not np.allclose(V @ V.T, np.eye(4))),
+        "A times the basis is not 0.": Condition(lambda basis, A: np.abs(A @ basis.T).max() > 1e-9),
+        "the four vectors are not orthonormal.": Condition(lambda V, A: not np.allclose(V @ V.T, np.eye(4))),
     },
 )
 
@@ -191,12 +191,12 @@ essential_constraints = Exercise(
             *(lambda E, half=half: ten(E, half=half) for half in (0.25, 1.0, 2.0, -0.5)),
         ),
         "return the values of the equations themselves, with their signs.": lambda E: np.abs(ten(E)),
-        "for an essential matrix the first nine numbers are not all 0: check the transposes and the trace.": When(
+        "for an essential matrix the first nine numbers are not all 0: check the transposes and the trace.": Condition(
             lambda got, E: np.abs(ten(E)).max() < 1e-9 < np.abs(got[:9]).max()
         ),
         "for an essential matrix the tenth number is {got[9]:.3g}, not 0: the determinant of a matrix of rank 2 "
-        "is 0.": When(lambda got, E: np.abs(ten(E)).max() < 1e-9 < abs(got[9])),
-        "these ten numbers are 0 for every essential matrix, but for other matrices of rank 2, too.": When(
+        "is 0.": Condition(lambda got, E: np.abs(ten(E)).max() < 1e-9 < abs(got[9])),
+        "these ten numbers are 0 for every essential matrix, but for other matrices of rank 2, too.": Condition(
             lambda got, E: np.abs(got).max() < 1e-9 < np.abs(ten(E)).max()
         ),
     },
@@ -217,10 +217,10 @@ solve_five = Exercise(
             *(lambda *x, some=some: solutions(*x)[some] for some in (slice(1), slice(-1, None), 0)),
         ),
         "every z is right, x and y are not. Either x and y are exchanged (the columns of C are those of x², y², xy, x, "
-        "y, 1), or the null vector of C(z) is not divided by its last entry.": When(only_z_is_right),
+        "y, 1), or the null vector of C(z) is not divided by its last entry.": Condition(only_z_is_right),
         "these matrices do not fit the five matches: x_cᵀ E x_p is not 0. Is vec(E) read row by row, and are x_p and "
-        "x_c in their places?": When(lambda E, *x: np.abs(rows(*x) @ in_line(E).T).max() > 1e-4),
-        "these matrices fit the five matches, but some are not essential: the ten constraints do not hold.": When(
+        "x_c in their places?": Condition(lambda E, *x: np.abs(rows(*x) @ in_line(E).T).max() > 1e-4),
+        "these matrices fit the five matches, but some are not essential: the ten constraints do not hold.": Condition(
             lambda E, x_p, x_c: max(np.abs(ten(each.reshape(3, 3))).max() for each in in_line(E)) > 1e-4
         ),
     },
@@ -235,8 +235,10 @@ most_frequent_count = Exercise(
         "this is the mean number; the task is the most frequent number.": lambda: counts().mean(),
         "this is the index of the set with the most solutions.": lambda: np.argmax(counts()),
         "this is a number of sets, not of solutions.": lambda: np.bincount(counts()).max(),
-        "this is a share of the sets; the task is the number of solutions.": When(lambda got: 0 < got < 1),
-        "odd numbers hardly ever occur: complex roots come in pairs.": When(lambda got: got % 2 == 1),
+        "this is a share of the sets; the task is the number of solutions.": Condition(
+            lambda got: 0 < got < 1
+        ),
+        "odd numbers hardly ever occur: complex roots come in pairs.": Condition(lambda got: got % 2 == 1),
     },
 )
 
@@ -248,11 +250,11 @@ noise_factor = Exercise(
     line="ch02.median_error(0.4) / ch02.median_error(0.1)",
     mistakes={
         "a factor is the larger error divided by the smaller, not the inverse and not the difference.": (
-            When(lambda got: 0 < got < 1),
+            Condition(lambda got: 0 < got < 1),
             lambda: median_error(0.4) - median_error(0.1),
         ),
         "this is the error at one noise.": (lambda: median_error(0.4), lambda: median_error(0.1)),
-        "this is no measurement: measure the factor of the error.": When(lambda got: got in (3, 4)),
+        "this is no measurement: measure the factor of the error.": Condition(lambda got: got in (3, 4)),
     },
 )
 

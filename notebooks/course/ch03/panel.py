@@ -11,7 +11,7 @@ from vo_lib.data.sequence import Sequence
 from vo_lib.geometry.motion import essential_angle, essential_vector, rigid, rotation_from_vector, transform
 from vo_lib.geometry.types import Array, BoolArray
 from vo_lib.paper.five_point import Candidates
-from vo_lib.paper.selection import competing, truncated_errors
+from vo_lib.paper.selection import candidates_near_prior, truncated_errors
 from vo_lib.paper.settings import MethodConfig, SelectionConfig
 from vo_lib.settings import Checked, setting
 
@@ -19,7 +19,7 @@ from ..ch02.figures import pixels
 from ..ch02.panel import reference_rotation, rotation_errors
 from ..drawing import PHOTO_HEIGHT
 from ..frames import Memory, Points, frame_points, key_of, stereo
-from ..lessons import candidates_of, motion_of, turned, winner_of
+from ..lessons import angle_between, candidates_of, motion_of, winner_of
 from ..panel import Control, Drawing, Fact, Panel, State
 from .figures import Field, features_picture, field_figure
 
@@ -120,7 +120,9 @@ def field_of(
     consensus, _ = winner_of(candidates, errors, None, config)
     selected, dropped = winner_of(candidates, errors, e_prev, config)
     wrong = nothing if R_true is None else rotation_errors(candidates.E, R_true)
-    return Field(angle, errors, wrong, competing(*candidates, e_prev, config), consensus, selected, dropped)
+    return Field(
+        angle, errors, wrong, candidates_near_prior(*candidates, e_prev, config), consensus, selected, dropped
+    )
 
 
 class SelectionPanel(Panel):
@@ -132,7 +134,7 @@ class SelectionPanel(Panel):
     height = PHOTO_HEIGHT + CHART_HEIGHT
     controls = (
         Control("selection.sets", "n: sets", low=10, high=1000, step=10),
-        Control("selection.keep", "k: kept of a set"),
+        Control("selection.top_k", "k: kept of a set"),
         Control("selection.threshold", step=0.05, high=5),
         Control("view.moving", "moving share", step=0.05),
         Control("view.wrong", "wrong share", step=0.05),
@@ -143,7 +145,7 @@ class SelectionPanel(Panel):
     )
 
     def idle(self, state: State) -> set[str]:
-        return set() if state.config.selection.prior and state.frame > 1 else {"selection.keep"}
+        return set() if state.config.selection.prior and state.frame > 1 else {"selection.top_k"}
 
     def draw(self, state: State) -> Drawing:
         selection, view, focal = state.config.selection, state.view, state.sequence.camera.f
@@ -157,7 +159,7 @@ class SelectionPanel(Panel):
             motion_of(candidates.E[winner], points, selection, focal)
             for winner in (field.selected, field.consensus)
         )
-        error = turned(R, R_true)
+        error = angle_between(R, R_true)
         words = f"frame {state.frame}: the winner's inliers blue, outliers orange, disturbed matches in rings"
         image, camera = stereo(state.sequence, state.frame)[0], state.sequence.camera
         start, end = pixels(points.x_p, camera), pixels(points.x_c, camera)
@@ -173,8 +175,8 @@ class SelectionPanel(Panel):
         )
         facts = (
             Fact("error by selection", error, "°", 3),
-            Fact("error by consensus", turned(R_consensus, R_true), "°", 3),
-            Fact("between the two", turned(R, R_consensus), "°", 3),
+            Fact("error by consensus", angle_between(R_consensus, R_true), "°", 3),
+            Fact("between the two", angle_between(R, R_consensus), "°", 3),
             Fact("angle to the previous vector", float(field.angle[field.selected]), "°", 2),
             Fact("inliers", int(np.count_nonzero(inliers))),
             Fact("disturbed", int(np.count_nonzero(touched))),

@@ -13,7 +13,7 @@ from vo_lib.paper.translation import eliminate_points
 from vo_lib.paper.translation import feature_rows as library_rows
 
 from ..ch00.exercises import CAMERA
-from ..checker import Case, Exercise, When
+from ..checker import Case, Condition, Exercise
 from .weightings import alone, noisy_matches, solve_all, spread_points
 
 R_CP = rotation_from_vector(np.array([0.01, 0.05, -0.02]))
@@ -129,12 +129,12 @@ feature_rows = Exercise(
         "the columns are in another order: Q first, then t.": (
             lambda *case: (np.roll(rows(*case)[0], 3, axis=1), rows(*case)[1])
         ),
-        "the columns of Q are right, the columns of t are not: t appears in the current pair only, without R.": When(
+        "the columns of Q are right, the columns of t are not: t appears in the current pair only, without R.": Condition(
             lambda M, *case: np.allclose(M[:, :3], rows(*case)[0][:, :3])
         ),
         "M is right, c is not: the baseline appears only in the x rows of the two right images.": (
             lambda *case: (rows(*case)[0], np.roll(rows(*case)[1], -2)),
-            When(lambda c, *case: c.shape == (8,)),
+            Condition(lambda c, *case: c.shape == (8,)),
         ),
     },
     slips={"order": "correct rows in another order: x and y of an image, then x and y of the next image."},
@@ -258,10 +258,10 @@ robust_weight = Exercise(
         "this is the square root of the weight.": lambda r, s: np.sqrt(cauchy(r, s)),
         "the scale is fixed: use `s`.": lambda r, s: cauchy(r, 0.5),
         "a feature without residual has weight {got:.3g}, not 1: is this the cost, or the inverse?": (
-            When(one_residual(0.0))
+            Condition(one_residual(0.0))
         ),
         "at r = s the weight is {got:.3g}, not ½: divide r by s, then square the quotient.": (
-            When(one_residual(1.0))
+            Condition(one_residual(1.0))
         ),
     },
 )

@@ -10,7 +10,7 @@ from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.motion import transform
 from vo_lib.geometry.types import Array
 from vo_lib.kit.settings import KitTranslationConfig
-from vo_lib.kit.translation import robust_translation
+from vo_lib.kit.weighted_translation import robust_translation
 from vo_lib.paper import translation as paper
 from vo_lib.paper.settings import TranslationConfig, TranslationLimits
 

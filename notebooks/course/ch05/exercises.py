@@ -11,9 +11,9 @@ from vo_lib.detection.layout import Letterbox, fit_letterbox, yolox_cells
 from vo_lib.geometry.boxes import overlap
 from vo_lib.geometry.motion import rigid, rotation_from_vector
 from vo_lib.geometry.types import Array, BoolArray
-from vo_lib.paper.boxes import inside
+from vo_lib.paper.box_removal import inside
 
-from ..checker import Case, Exercise, When
+from ..checker import Case, Condition, Exercise
 
 SIZE, NET = (1241, 376), (640, 640)  # width and height of an image, and of a network's with wide borders
 WIDTH, HEIGHT = 800, 256  # of the network whose cells are counted
@@ -167,7 +167,7 @@ to_image = Exercise(
         "the coordinates are multiplied by the scale: divide them.": lambda xyxy, s, *case: in_image(
             xyxy, 1 / s, *case
         ),
-        "boxes inside the image are right; a box beyond the edge is wrong: clip the box on all four sides.": When(
+        "boxes inside the image are right; a box beyond the edge is wrong: clip the box on all four sides.": Condition(
             lambda got, xyxy, *case: len(xyxy) == 1
         ),
     },
@@ -203,9 +203,9 @@ iou = Exercise(
             a[None] + [0, 0, 1, 1], b[None] + [0, 0, 1, 1]
         )[0, 0],
         "two boxes that do not touch have {got:.2f}, not 0: a negative side of the common part counts as 0.": (
-            When(lambda got, a, b: common(a, b) == 0)
+            Condition(lambda got, a, b: common(a, b) == 0)
         ),
-        "a box with itself has {got:.3f}, not 1.": When(lambda got, a, b: (a == b).all()),
+        "a box with itself has {got:.3f}, not 1.": Condition(lambda got, a, b: (a == b).all()),
     },
 )
 
@@ -217,10 +217,10 @@ suppress = Exercise(
     line="for k in np.argsort(-scores): if all(shared[k, other] <= most for other in kept): kept.append(k)",
     library=("best_boxes", "NMSBoxes"),
     mistakes={
-        "the worse of two boxes on one car is kept: begin with the best box.": When(
+        "the worse of two boxes on one car is kept: begin with the best box.": Condition(
             lambda got, corners, *case: len(corners) == 5 and 0 in got and 1 not in got
         ),
-        "boxes with a small overlap are dropped, too: compare with `most`, not with 0.": When(
+        "boxes with a small overlap are dropped, too: compare with `most`, not with 0.": Condition(
             lambda got, corners, *case: len(corners) == 5 and not {2, 4} <= set(got.ravel())
         ),
         "a box whose IoU is exactly `most` is dropped: drop boxes with a larger IoU only.": lambda b, s, most: (
@@ -238,7 +238,7 @@ suppress = Exercise(
         ),
         "no box is dropped here: compare each box with all kept boxes.": (
             lambda corners, scores, most: np.argsort(-scores),
-            When(lambda got, corners, *case: len(got) == len(corners) == 5),
+            Condition(lambda got, corners, *case: len(got) == len(corners) == 5),
         ),
     },
     slips={"order": "these are the right boxes in another order: the best box is the first."},
@@ -273,7 +273,9 @@ keep_outside = Exercise(
         "u and v are exchanged: boxes begin with their u.": lambda p, c, *boxes: outside(
             p[:, ::-1], c[:, ::-1], *boxes
         ),
-        "without any box, some matches are removed.": When(lambda got, uv_p, uv_c, *boxes: not len(boxes[0])),
+        "without any box, some matches are removed.": Condition(
+            lambda got, uv_p, uv_c, *boxes: not len(boxes[0])
+        ),
     },
     slips={"inverted": "the mask is inverted: True marks the matches to keep."},
 )
@@ -311,7 +313,7 @@ box_moves = Exercise(
             judged(lambda steps: np.abs(np.median(steps, axis=0)).max()),
             judged(lambda steps: np.abs(np.median(steps, axis=0)).sum()),
         ),
-        "{got:.3g} is a length in metres: compare the length with `least`.": When(
+        "{got:.3g} is a length in metres: compare the length with `least`.": Condition(
             lambda got, *case: 0 < got != 1
         ),
         "`least` is not used.": lambda *case: judged(middle)(*case[:3], LEAST),

@@ -18,9 +18,9 @@ from vo_lib.geometry.boxes import Boxes, no_boxes, overlap
 from vo_lib.geometry.matches import empty_matches
 from vo_lib.geometry.result import Flag, FrameResult
 from vo_lib.geometry.types import Array, BoolArray, Image
-from vo_lib.kit.boxes import BoxFilter, Filtered
+from vo_lib.kit.box_rules import BoxFilter, Filtered
 from vo_lib.kit.settings import KitConfig, KitFilterConfig
-from vo_lib.paper.boxes import on_vehicles, vehicles
+from vo_lib.paper.box_removal import on_vehicles, vehicles
 from vo_lib.paper.buckets import select_by_bucket
 from vo_lib.paper.selection import sampson_inliers
 from vo_lib.paper.settings import MethodConfig

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from vo_lib.evaluation.kitti import KITTI_LENGTHS, trajectory_distances
+from vo_lib.evaluation.kitti_errors import KITTI_LENGTHS, trajectory_distances
 from vo_lib.geometry.motion import rigid, rotation_from_vector
 from vo_lib.geometry.types import Array, BoolArray
 
-from ..checker import Case, Exercise, When
-from ..made_up import block_tour, made_up
+from ..checker import Case, Condition, Exercise
+from ..perturbed_path import block_tour, perturbed_path
 
 YAW, LENGTH = 1.0, 400.0  # deg/100 m and metres, of the straight road
 ANGLE = float(np.radians(YAW * LENGTH / 100.0))
@@ -44,7 +44,7 @@ def judged_pair() -> tuple[Array, Array]:
     """
     truth = block_tour(1)[np.cumsum(np.resize([0, 1, 2, 3, 2], 400))]
     tilted = rigid(rotation_from_vector(np.array([0.5, 0.3, 0.6])), np.zeros(3))
-    estimate = made_up(truth, scale=2.0, yaw=3.0, noise=20.0, jitter=0.1, seed=3)
+    estimate = perturbed_path(truth, scale=2.0, yaw=3.0, noise=20.0, jitter=0.1, seed=3)
     return np.linalg.inv(tilted) @ truth @ tilted, np.linalg.inv(tilted) @ estimate @ tilted
 
 
@@ -212,9 +212,9 @@ once_round = Exercise(
     atol=5e-3,
     praise="almost zero: a larger block is closed too. TE depends on the end of a sub-sequence, not on its middle.",
     hint="draw the estimate: it is a slightly larger block.",
-    line="kitti_errors(tour, made_up(tour, scale=1.0), lengths=(800,)).te",
+    line="kitti_errors(tour, perturbed_path(tour, scale=1.0), lengths=(800,)).te",
     mistakes={
-        "this is right on a straight road. Where does the estimate end when the truth is back at its start?": When(
+        "this is right on a straight road. Where does the estimate end when the truth is back at its start?": Condition(
             lambda te: abs(te - 1.0) < 0.2
         )
     },
@@ -268,7 +268,7 @@ averages = Exercise(
             np.mean([each.sum() / max(len(each), 1) for each in errors]),
         ),
         "the last sequence is missing.": lambda errors: (pooled(errors[:-1]), plain(errors[:-1])),
-        "a sequence without sub-sequences makes the plain mean NaN; leave out empty sequences.": When(
+        "a sequence without sub-sequences makes the plain mean NaN; leave out empty sequences.": Condition(
             lambda got, errors: np.isnan(got)
         ),
     },

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from vo_lib.data.poses import from_first
 from vo_lib.evaluation.ate_rpe import AbsoluteError, rmse
-from vo_lib.evaluation.kitti import KittiErrors, kitti_errors, trajectory_distances
+from vo_lib.evaluation.kitti_errors import KittiErrors, kitti_errors, trajectory_distances
 from vo_lib.geometry.types import Array
 
 from ..colours import BAD, CYCLE, DARK, FIFTH, GOOD, PALE, THIRD

@@ -11,16 +11,16 @@ from vo_lib.config import PUBLISHED, preset
 from vo_lib.data.poses import from_first, read_path
 from vo_lib.errors import DataError
 from vo_lib.evaluation.ate_rpe import Alignment, absolute_error, align, check_pair, relative_error, rmse
-from vo_lib.evaluation.kitti import KittiErrors, kitti_errors, suitable_measure
+from vo_lib.evaluation.kitti_errors import KittiErrors, kitti_errors, suitable_protocol
 from vo_lib.geometry.types import Array, Progress
-from vo_lib.report.entries import te_and_re
+from vo_lib.report.table1 import te_and_re
 from vo_lib.settings import Checked, setting
 
 from ..ch07.runs import has_run, poses_of
 from ..drawing import figure, say
 from ..frames import true_poses
-from ..made_up import made_up
 from ..panel import Control, Drawing, Fact, Panel, State
+from ..perturbed_path import perturbed_path
 from .figures import drift_chart, length_chart, paths_chart
 
 MADE_UP = "made-up errors"
@@ -96,13 +96,13 @@ class EvaluationPanel(Panel):
             check_pair(truth, poses, f"{path}: ")
             return poses
         if view.estimate == MADE_UP:
-            return made_up(truth, view.scale, view.yaw, view.noise, view.jitter)
+            return perturbed_path(truth, view.scale, view.yaw, view.noise, view.jitter)
         config = preset(view.estimate)
         return poses_of(state.sequence, config) if has_run(state.sequence, config) else None
 
     def _judged(self, state: State, truth: Array, estimate: Array) -> Drawing:
         view, frame = state.view, state.frame
-        lengths = view.lengths or suitable_measure(truth).lengths
+        lengths = view.lengths or suitable_protocol(truth).lengths
         errors = kitti_errors(truth, estimate, lengths, view.step)
         part = longest_from(truth, estimate, lengths, frame)
         aligned, scale = align(truth, estimate, Alignment(view.alignment))

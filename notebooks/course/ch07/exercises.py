@@ -11,15 +11,15 @@ import numpy as np
 from course.simulation.tracks import TrackConfig, simulate_tracks
 from vo_lib.config import preset
 from vo_lib.data.sequence import Sequence
-from vo_lib.evaluation.kitti import kitti_errors
+from vo_lib.evaluation.kitti_errors import kitti_errors
 from vo_lib.geometry.matches import empty_matches
 from vo_lib.geometry.types import Array
-from vo_lib.report.entries import te_and_re
+from vo_lib.report.table1 import te_and_re
 from vo_lib.runs.drive import run_methods
 from vo_lib.runs.front_end import TimedMatches
 from vo_lib.settings import replace
 
-from ..checker import Exercise, When
+from ..checker import Condition, Exercise
 from ..frames import true_poses
 from ..lessons import CAMERA, drive
 
@@ -80,7 +80,7 @@ paper_average = Exercise(
         "the mean includes row 01, which has dashes in the paper's table.": lambda te: np.mean(
             rows(te, without="")
         ),
-        "None became NaN: leave None out of the mean.": When(lambda got, te: np.isnan(got)),
+        "None became NaN: leave None out of the mean.": Condition(lambda got, te: np.isnan(got)),
         "None was counted as 0.": lambda te: np.mean(rows(te, none=0.0)),
         "this is the sum: divide the sum by the number of rows.": lambda te: sum(rows(te)),
         "None cannot be added: leave None out of the mean.": (
@@ -98,11 +98,15 @@ true_rotation_error = Exercise(
     line="1.000 / 5555.6 * 100 * 180 / np.pi",
     slips={"inverse": "the factors are exchanged: printed / 5555.6 is in rad/m."},
     mistakes={
-        "this is the difference, not the RE.": When(
+        "this is the difference, not the RE.": Condition(
             lambda got: abs(got - 0.0313) < 1e-3 or abs(got - 3.1) < 0.1
         ),
-        "{got:.3g} is in rad/m: multiply by 100 · 180/π.": When(lambda got: abs(got * USED - 1.0) < 0.02),
-        "{got:.3g} is in degrees per metre: multiply by 100.": When(lambda got: abs(got - 0.0103) < 2e-4),
+        "{got:.3g} is in rad/m: multiply by 100 · 180/π.": Condition(
+            lambda got: abs(got * USED - 1.0) < 0.02
+        ),
+        "{got:.3g} is in degrees per metre: multiply by 100.": Condition(
+            lambda got: abs(got - 0.0103) < 2e-4
+        ),
     },
 )
 
@@ -148,7 +152,7 @@ sweep = Exercise(
     mistakes={
         "this is RE: take `.te` of the result of `kitti_errors`.": lambda *case: errors_of_sets()[1],
         "a TE is None: the path has 29 m, so take lengths=(20,) and step=1.": lambda *case: [None] * 3,
-        "all values give the same TE: the setting has not changed. `replace` returns a new configuration.": When(
+        "all values give the same TE: the setting has not changed. `replace` returns a new configuration.": Condition(
             lambda got, *case: np.ptp(got) < 1e-12
         ),
     },

@@ -14,14 +14,14 @@ from matplotlib.figure import Figure
 
 from vo_lib.data.catalogue import KITTI
 from vo_lib.data.poses import from_first
-from vo_lib.evaluation.kitti import trajectory_distances
+from vo_lib.evaluation.kitti_errors import trajectory_distances
 from vo_lib.files import read_csv
 from vo_lib.geometry.types import Array
-from vo_lib.report import printed as table1
-from vo_lib.report.entries import Entry, group_entries
-from vo_lib.report.page import SPREADS, ReportTable, number, signed
+from vo_lib.report import table1
+from vo_lib.report.page import SPREADS, ReportTable, format_number, signed
 from vo_lib.report.plots import draw_drift, draw_trajectories
-from vo_lib.report.table1 import ERROR_KINDS, layout_tables
+from vo_lib.report.table1 import ERROR_KINDS, Entry, group_entries
+from vo_lib.report.table1_page import layout_tables
 
 from ..ch05.claim import CHOICES, THRESHOLD_AND_BOXES
 from ..ch05.claim import results_table as results_table
@@ -75,14 +75,14 @@ def verdicts(folder: Path, paper: table1.PaperTable) -> list[ReportTable]:
         for row, method in itertools.product(table1.PAPER_ROWS, table1.PAPER_METHODS):
             ours = published.get((row if row == table1.AVERAGE else f"{KITTI}{row}", method), {})
             printed = paper.value(row, method)[kind == "re_deg_per_100m"]
-            cells, verdict = [number(printed, digits), *"–––"], "no verdict: not run"
+            cells, verdict = [format_number(printed, digits), *"–––"], "no verdict: not run"
             if ours and not ours[f"paper_{kind}"]:
                 verdict = "no verdict: part of the sequence"
             elif ours:
                 n, deviation = int(ours["seeds"]), float(ours[f"{kind}_std"] or "nan")
                 less = float(ours[kind]) - float(printed or "nan")
                 most = SPREADS * deviation * np.sqrt(1 + 1 / n) + 0.5 * 10**-digits
-                cells[1:] = number(float(ours[kind])), signed(less, digits), number(most)
+                cells[1:] = format_number(float(ours[kind])), signed(less, digits), format_number(most)
                 verdict = "reproduced" if abs(less) <= most else "not reproduced"
                 if n < FEWEST:
                     verdict = "no verdict: fewer than three seeds"

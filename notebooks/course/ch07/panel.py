@@ -8,14 +8,14 @@ from typing import Any
 
 from vo_lib.config import VARIANTS, change, preset
 from vo_lib.data.sequence import Sequence
-from vo_lib.detection.labels import detection_record, label_folder, labelled_sequence
+from vo_lib.detection.label_folders import detection_record, label_folder, labelled_sequence
 from vo_lib.detection.settings import DetectorConfig
-from vo_lib.evaluation.kitti import SHORT_MEASURE, kitti_errors, suitable_measure
+from vo_lib.evaluation.kitti_errors import SHORT_PROTOCOL, kitti_errors, suitable_protocol
 from vo_lib.geometry.types import Progress
 from vo_lib.kit.settings import KitConfig
-from vo_lib.report.entries import group_entries, te_and_re
-from vo_lib.report.table1 import VARIANT_WORDS, results
-from vo_lib.runs.matches import CachedMatches
+from vo_lib.report.table1 import group_entries, te_and_re
+from vo_lib.report.table1_page import VARIANT_WORDS, results
+from vo_lib.runs.match_cache import CachedMatches
 from vo_lib.settings import Checked, setting
 
 from ..ch05.claim import claim_figure
@@ -63,7 +63,7 @@ class ExplorePanel(Panel):
         base = preset(METHOD, variant=variant, seed=state.config.seed)
         config = functools.reduce(lambda config, name: change(config, name, changed[name]), changed, base)
         paths = {"preset": poses_of(sequence, base), "with these settings": poses_of(sequence, config)}
-        measure = SHORT_MEASURE.lengths, SHORT_MEASURE.step
+        measure = SHORT_PROTOCOL.lengths, SHORT_PROTOCOL.step
         errors = (kitti_errors(truth, poses, *measure) for poses in paths.values())
         (te_preset, te), (re_preset, re) = te_and_re(errors).tolist()
         facts = (
@@ -77,7 +77,7 @@ class ExplorePanel(Panel):
         words = [f"{name} = {_shown(value)}" for name, value in changed.items()]
         sentence = (
             f"{METHOD}, {VARIANT_WORDS[variant]}, {len(sequence)} frames; TE and RE over "
-            f"{SHORT_MEASURE.words}, as far as the path goes. Changed: {', '.join(words) or 'nothing'}."
+            f"{SHORT_PROTOCOL.words}, as far as the path goes. Changed: {', '.join(words) or 'nothing'}."
         )
         picture = claim_figure(sequence, paths, self.height, min(state.frame, len(sequence) - 1))
         return Drawing([picture], sentence, facts)
@@ -135,7 +135,7 @@ class ReproducePanel(Panel):
             runs = len(plan.methods) * plan.seeds
             words = (
                 f"Not run yet: {len(plan.methods)} methods of {plan.variant}\n× {plan.seeds} seeds on "
-                f"{len(sequence)} frames, boxes: {state.view.model},\n{suitable_measure(truth).words}"
+                f"{len(sequence)} frames, boxes: {state.view.model},\n{suitable_protocol(truth).words}"
             )
             picture = paths_figure(title, truth, {}, frame, words)
             return Drawing([picture], "Press Run.", (Fact("runs", runs),))

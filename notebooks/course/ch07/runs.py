@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from vo_lib.config import preset
 from vo_lib.data.catalogue import KITTI, available, open_sequence
 from vo_lib.data.sequence import Sequence
-from vo_lib.detection.labels import labelled_sequence
+from vo_lib.detection.label_folders import labelled_sequence
 from vo_lib.detection.models import list_detectors
-from vo_lib.evaluation.kitti import KITTI_MEASURE, suitable_measure
+from vo_lib.evaluation.kitti_errors import KITTI_PROTOCOL, suitable_protocol
 from vo_lib.geometry.types import Array, Progress
 from vo_lib.paper.settings import MethodConfig
-from vo_lib.report.entries import Entry, measure_runs
+from vo_lib.report.table1 import Entry, measure_runs
 from vo_lib.runs.drive import run_methods
-from vo_lib.runs.matches import CachedMatches
+from vo_lib.runs.match_cache import CachedMatches
 
 from ..frames import Memory, opened
 
@@ -87,7 +87,7 @@ def clip(
     names = sorted((name for name in available() if name.startswith(KITTI)), key=lambda name: name != WHOLE)
     opened_ones = ((name, open_sequence(name)) for name in names)
     parts = (each if name == WHOLE else part_of(each, frames, first) for name, each in opened_ones)
-    usable = (p for p in parts if p.truth is not None and suitable_measure(p.truth) == KITTI_MEASURE)
+    usable = (p for p in parts if p.truth is not None and suitable_protocol(p.truth) == KITTI_PROTOCOL)
     sequence = next(usable, None) or part_of(opened(STREET, progress), STREET_FRAMES)
     detector = detector or next(iter(list_detectors()), "")
     if sequence.labels is not None or not detector:

@@ -10,16 +10,16 @@ import numpy as np
 
 from vo_lib import preset
 from vo_lib.data.sequence import Sequence
-from vo_lib.evaluation.kitti import kitti_errors
+from vo_lib.evaluation.kitti_errors import kitti_errors
 from vo_lib.geometry.types import Array
 from vo_lib.runs.drive import run_methods, single_threaded
-from vo_lib.runs.matches import CachedMatches
+from vo_lib.runs.match_cache import CachedMatches
 
-from ..ch00.exercises import beeline, way
+from ..ch00.exercises import beeline, length_of
 from ..checker import NO_ANSWER, Exercise
-from ..frames import lacks, true_poses
-from ..keep import handed_back
+from ..frames import true_poses, why_missing
 from ..results import Verdict, outcome, result, unusable
+from ..stored_answers import handed_back
 
 SEEDS = (0, 1, 2)
 
@@ -32,7 +32,7 @@ def away(poses: Array, sequence: Sequence) -> float:
 
 def drift_of(poses: Array, sequence: Sequence) -> float:
     """Distance of the last position from the true last position, in % of the length of the true path."""
-    return 100.0 * away(poses, sequence) / way(true_poses(sequence))
+    return 100.0 * away(poses, sequence) / length_of(true_poses(sequence))
 
 
 def measured(poses: Array, sequence: Sequence, lengths: tuple[float, ...] = (10.0,), step: int = 2) -> Array:
@@ -61,7 +61,7 @@ drift = Exercise(
     mistakes={
         "{got:.3g} m is the distance; the answer is in % of the true path.": away,
         "the starts differ: the truth of this part does not begin at the identity.": lambda poses, sequence: (
-            100 * np.linalg.norm((poses - true_poses(sequence))[-1, :3, 3]) / way(true_poses(sequence))
+            100 * np.linalg.norm((poses - true_poses(sequence))[-1, :3, 3]) / length_of(true_poses(sequence))
         ),
         "this is divided by the number of frames: a step is not a metre.": (
             lambda poses, sequence: 100 * away(poses, sequence) / len(poses),
@@ -112,7 +112,7 @@ def better(drive: Any, sequence: Sequence) -> Verdict:
     """The verdict on `drive(sequence, matches, seed=…)`, run with `SEEDS` on a sequence without truth."""
     if drive is ...:
         return NO_ANSWER
-    if lacking := lacks(sequence):
+    if lacking := why_missing(sequence):
         return Verdict(False, lacking)
     if not callable(drive):
         return Verdict(False, f"expected your function `drive`, got {type(drive).__name__}.")

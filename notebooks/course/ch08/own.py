@@ -22,9 +22,9 @@ from vo_lib.runs.drive import Run
 from vo_lib.runs.front_end import TimedMatches
 
 from ..ch00.exercises import right_chain
-from ..ch05.traffic import line_distances
-from ..keep import NAME, load
+from ..ch05.real_drives import line_distances
 from ..marks import tasks
+from ..stored_answers import NAME, load
 
 # The functions in the order of the loop.
 STAGES = (
@@ -43,7 +43,7 @@ SLOW, LEAST_S = 5.0, 0.02  # a stage is slow above this multiple of the library'
 
 
 @dataclass(frozen=True)
-class Joined:
+class StudentOdometry:
     """The stages as attributes: `mine.select(…)`.
 
     `whose` : for each stage, "yours" or the reason for the library's function. `slow` : ratio of your
@@ -80,14 +80,14 @@ class Joined:
         return f"<table><tr><th>exercise</th><th>stage</th><th>whose</th></tr>{rows}</table>"
 
 
-def join(**given: Any) -> Joined:
+def join(**given: Any) -> StudentOdometry:
     """Each stage from `given` or `my_vo.py` if the function passes its check, otherwise from the library."""
     written, exercises = {**load(Path(NAME)), **given}, tasks()
     functions, whose, slow = {}, {}, dict[str, float]()
     for name in STAGES:
         own, (_, exercise) = written.get(name), exercises[name]
         start = time.perf_counter()
-        verdict = exercise.judge(own) if callable(own) else None
+        verdict = exercise.grade(own) if callable(own) else None
         seconds = time.perf_counter() - start
         passed = verdict is not None and verdict.passed
         functions[name] = own if passed else exercise.right
@@ -95,10 +95,10 @@ def join(**given: Any) -> Joined:
         whose[name] = "yours" if passed else f"the library's: {why}"
         if passed and seconds > LEAST_S:
             start = time.perf_counter()
-            exercise.judge(exercise.right)
+            exercise.grade(exercise.right)
             times = seconds / (time.perf_counter() - start)
             slow |= {name: times} if times > SLOW else {}
-    return Joined(functions, whose, slow)
+    return StudentOdometry(functions, whose, slow)
 
 
 def watched(matches: Iterable[TimedMatches], report: Progress, frames: int) -> Iterator[TimedMatches]:
@@ -114,7 +114,7 @@ def kept_by(run: Run, matches: Iterable[TimedMatches]) -> list[TimedMatches]:
     return [given[0], *((shown.matches[shown.keep], {}) for shown in film_frames(run, given))]
 
 
-def solve_sets(mine: Joined, x_p: Array, x_c: Array) -> tuple[Array, IntArray]:
+def solve_sets(mine: StudentOdometry, x_p: Array, x_c: Array) -> tuple[Array, IntArray]:
     """Essential matrices (M, 3, 3) of S five-point sets x_p, x_c (S, 5, 2), and the index (M,) of their sets.
 
     Your solver is called once per set. The library's solver is called once for all sets and is much faster.
@@ -142,7 +142,12 @@ def residuals(M: Array, c: Array, t: Array) -> Array:
 
 
 def film(
-    path: Path, mine: Joined, sequence: Sequence, matches: Iterable[TimedMatches], poses: Array, every: int
+    path: Path,
+    mine: StudentOdometry,
+    sequence: Sequence,
+    matches: Iterable[TimedMatches],
+    poses: Array,
+    every: int,
 ) -> Image:
     """Write a film of poses (N, 4, 4) and of the features that your stages keep, from each `every`-th frame.
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from vo_lib.geometry.types import Array, IntArray
 
-from ..checker import Case, Exercise, When
+from ..checker import Case, Condition, Exercise
 
 
 def nearest_earlier(S: Array, gap: int) -> IntArray:
@@ -99,7 +99,9 @@ candidates = Exercise(
         ),
         "each place is most similar to itself: the gap is missing.": lambda S, gap: S.argmax(axis=1),
         "if no place is early enough, return -1, not 0.": lambda S, gap: nearest_earlier(S, gap).clip(0),
-        "if no place is early enough, return -1, not None.": When(lambda got, *case: np.isnan(got).any()),
+        "if no place is early enough, return -1, not None.": Condition(
+            lambda got, *case: np.isnan(got).any()
+        ),
         "the last allowed place, k - gap, is missing.": lambda S, gap: nearest_earlier(S, gap + 1),
         "later places are among the answers: only earlier places count.": lambda S, gap: np.where(
             np.abs(np.subtract.outer(np.arange(len(S)), np.arange(len(S)))) >= gap, S, -1.0

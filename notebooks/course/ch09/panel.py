@@ -15,9 +15,9 @@ from vo_lib.settings import Checked, setting
 from ..colours import DARK
 from ..drawing import beside, figure
 from ..frames import stereo, true_poses
-from ..made_up import made_up
 from ..panel import Control, Drawing, Fact, Panel, State
-from .drive import ate, made_up_loops, second_visits
+from ..perturbed_path import perturbed_path
+from .block_drive import ate, made_up_loops, second_visits
 from .figures import AFTER, BEFORE, draw_edges, draw_path, weight_chart
 
 PHOTO_HEIGHT, CHART_HEIGHT = 150, 380
@@ -59,7 +59,7 @@ class LoopPanel(Panel):
         image = stereo(state.sequence, state.frame)[0]
         truth, view = from_first(true_poses(state.sequence)), state.view
         config = LoopConfig(frame_turn=0.1, scale=view.scale if view.robust else EQUAL_WEIGHTS)
-        before = made_up(truth, 0.0, view.yaw, 5.0, 0.0)
+        before = perturbed_path(truth, 0.0, view.yaw, 5.0, 0.0)
         frames = place_frames(len(truth), config)
         pairs = second_visits(truth, frames, config.gap)
         loops = made_up_loops(truth, pairs, config, view.false, view.draw)

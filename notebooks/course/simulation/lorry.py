@@ -13,13 +13,13 @@ from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.rows import joined
 from vo_lib.geometry.types import Array, BoolArray
-from vo_lib.paper.boxes import inside
+from vo_lib.paper.box_removal import inside
 from vo_lib.paper.settings import MethodConfig
 from vo_lib.runs.drive import Run, run_methods
 from vo_lib.runs.front_end import TimedMatches
 from vo_lib.settings import Checked, setting
 
-from ..frames import Boxed
+from ..frames import WithBoxes
 from .tracks import CAMERA_HEIGHT
 
 SIDE = np.array([4.0, 3.0, 0.0])  # length and height of the lorry's side, metres; the side is flat
@@ -99,5 +99,5 @@ def drive_past_lorry(
     The boxes of the sequence are ignored, so a method that removes vehicles removes only the lorry.
     """
     mixed, boxes = zip(*with_lorry(sequence.camera, (matches for matches, _ in frames), lorry), strict=True)
-    boxed = Boxed(**vars(sequence), given=list(boxes))
+    boxed = WithBoxes(**vars(sequence), given=list(boxes))
     return run_methods(boxed, configs, matches=((matches, {}) for matches in mixed))

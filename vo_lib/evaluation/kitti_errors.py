@@ -170,7 +170,7 @@ def kitti_errors(
 
 
 @dataclass(frozen=True)
-class Measure:
+class SubsequenceProtocol:
     """The sub-sequences of TE and RE: lengths, metres, and frames between starts."""
 
     lengths: tuple[float, ...]
@@ -183,13 +183,13 @@ class Measure:
         if len(numbers) > 4:
             numbers = [*numbers[:2], f"… {numbers[-1]}"]
         every = "every frame" if self.step == 1 else f"every {self.step} frames"
-        return ", ".join(numbers) + f" m, {every}" + (" (as KITTI)" if self == KITTI_MEASURE else "")
+        return ", ".join(numbers) + f" m, {every}" + (" (as KITTI)" if self == KITTI_PROTOCOL else "")
 
 
-KITTI_MEASURE = Measure(KITTI_LENGTHS, KITTI_STEP)
-SHORT_MEASURE = Measure(SHORT_LENGTHS, 1)
+KITTI_PROTOCOL = SubsequenceProtocol(KITTI_LENGTHS, KITTI_STEP)
+SHORT_PROTOCOL = SubsequenceProtocol(SHORT_LENGTHS, 1)
 
 
-def suitable_measure(truth: Array) -> Measure:
+def suitable_protocol(truth: Array) -> SubsequenceProtocol:
     """KITTI's measure if the true path (N, 4, 4) is long enough, otherwise the measure of short paths."""
-    return KITTI_MEASURE if len(kitti_errors(truth, truth)) else SHORT_MEASURE
+    return KITTI_PROTOCOL if len(kitti_errors(truth, truth)) else SHORT_PROTOCOL

@@ -16,7 +16,7 @@ from .ate_rpe import (
     check_pair,
     relative_error,
 )
-from .kitti import KITTI_MEASURE, KittiErrors, Measure, kitti_errors, trajectory_distances
+from .kitti_errors import KITTI_PROTOCOL, KittiErrors, SubsequenceProtocol, kitti_errors, trajectory_distances
 
 ONE_FRAME = Delta()
 
@@ -38,7 +38,7 @@ class Evaluation:
     """Errors of several paths over the same frames, with the measure of TE and RE."""
 
     paths: tuple[PathErrors, ...]
-    measure: Measure
+    measure: SubsequenceProtocol
 
     def to_dict(self, key: str = "sequences") -> dict[str, Any]:
         """All results for JSON except the single sub-sequences; missing numbers are None.
@@ -61,7 +61,7 @@ class Evaluation:
 def evaluate(
     truth: Array,
     estimates: Mapping[str, Array],
-    measure: Measure = KITTI_MEASURE,
+    measure: SubsequenceProtocol = KITTI_PROTOCOL,
     times: Array | None = None,
     alignment: Alignment = Alignment.SE3,
     delta: Delta = ONE_FRAME,

@@ -19,8 +19,8 @@ from vo_lib.geometry.types import Progress
 from vo_lib.parallel import local_pool
 from vo_lib.settings import to_dict
 
-from .drive import frame_count
 from .render import Renderer
+from .route import frame_count
 from .sensor import photograph
 from .truth_files import encode_depth, visible_boxes, write_objects
 from .world import make_world

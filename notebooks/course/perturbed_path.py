@@ -28,7 +28,7 @@ def straight_road(frames: int = 1600) -> Array:
     return poses
 
 
-def made_up(
+def perturbed_path(
     truth: Array, scale: float = 0.0, yaw: float = 0.0, noise: float = 0.0, jitter: float = 0.0, seed: int = 0
 ) -> Array:
     """An estimate (N, 4, 4) with known errors.

@@ -21,13 +21,13 @@ from ..paper.odometry import Odometry, Rotation, median_flow
 from ..paper.selection import sampson_inliers
 from ..paper.settings import MethodConfig
 from ..paper.viso2 import Viso2
-from .boxes import BoxFilter, Filtered
+from .box_rules import BoxFilter, Filtered
 from .calibration import Calibration
+from .refined_selection import choose_candidate, motion_of_winner, sample_sets
 from .rig import Rig
-from .selection import choose_candidate, motion_of_winner, sample_sets
 from .settings import KitConfig
-from .translation import robust_translation
 from .vehicle import Vehicle
+from .weighted_translation import robust_translation
 
 # Expected number of sets without an outlier; to use all n sets in every frame does not improve TE and RE.
 CLEAN_SETS = 50
@@ -94,7 +94,7 @@ class SelfCalibratingOdometry(Odometry):
         assert self.filtered is not None
         motion = replace(motion, flags=(*self.filtered.flags, *motion.flags))
         seconds = 0.0 if self._times is None else float(np.diff(self._times)[self._frame - 1])
-        motion = self._vehicle.judge(motion, seconds, self._still)
+        motion = self._vehicle.check_vehicle(motion, seconds, self._still)
         if motion.in_doubt:
             self.e_prev, *errors = previous_state
             self.rig.set_estimate(*errors)
@@ -122,9 +122,9 @@ class KitOdometry(SelfCalibratingOdometry):
 
     _dropped = False
 
-    def remember(self, rotation: Rotation, t_cp: Array) -> FrameResult:
+    def finish_frame(self, rotation: Rotation, t_cp: Array) -> FrameResult:
         """The paper's result, with a flag if the prior was dropped."""
-        return replace(super().remember(rotation, t_cp), flags=(Flag.PRIOR_DROPPED,) * self._dropped)
+        return replace(super().finish_frame(rotation, t_cp), flags=(Flag.PRIOR_DROPPED,) * self._dropped)
 
     def draw_sets(self, x_p: Array, x_c: Array) -> Index:
         """Five-point sets: at most n, and only as many as should give `CLEAN_SETS` sets without an outlier.

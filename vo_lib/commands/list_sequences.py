@@ -10,10 +10,10 @@ from ..data.drawn import cache_folder
 from ..data.scenes import SCENES
 from ..data.sequence import open_folder
 from ..errors import DataError
-from ..evaluation.kitti import trajectory_distances
+from ..evaluation.kitti_errors import trajectory_distances
 from ..report.page import NO_NUMBER
-from ..runs.matches import folder_size
-from .console import say, show_table, tell
+from ..runs.match_cache import folder_size
+from .console import print_lines, print_wrapped, show_table
 
 COLUMNS = ["name", "frames", "length m", "truth", "boxes", "image px", "MB"]
 
@@ -32,17 +32,19 @@ def _list(options: argparse.Namespace) -> int:
             rows.append([name, *[NO_NUMBER] * (len(COLUMNS) - 1)])
             problems.append(f"{name} is not usable: {error}")
     show_table(COLUMNS, rows)
-    say("A scene without a size in MB is drawn on first use.", f"drawn scenes: {cache_folder()}")
-    say(*(f"KITTI: {root / 'sequences'}" for root in kitti_roots()), *problems)
+    print_lines("A scene without a size in MB is drawn on first use.", f"drawn scenes: {cache_folder()}")
+    print_lines(*(f"KITTI: {root / 'sequences'}" for root in kitti_roots()), *problems)
     if not any(name.startswith(KITTI) for name, *_ in rows):
-        tell(f"no KITTI sequences in {kitti_places()}; `vo check` lists the commands that download them")
+        print_wrapped(
+            f"no KITTI sequences in {kitti_places()}; `vo check` lists the commands that download them"
+        )
     return 0
 
 
 def _facts(name: str, folder: Path | None) -> list[str]:
     """Cells of a sequence's row; a scene that is not drawn yet has only the cells given by its settings."""
     if folder is None:
-        from vo_street.drive import frame_count
+        from vo_street.route import frame_count
 
         scene = SCENES[name.removeprefix(SYNTHETIC)]
         size = f"{scene.width}×{scene.height}"

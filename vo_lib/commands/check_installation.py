@@ -10,10 +10,9 @@ from ..data.catalogue import KITTI, available, kitti_places, kitti_root
 from ..data.drawn import cache_folder
 from ..data.kitti import count_pairs, wanted_frames
 from ..detection.models import detector_folder, list_detectors
-from ..runs.identity import FRONT_END_CODE, versions
-from ..runs.matches import code_folder, folder_size, match_folder
-from .console import say, show_table
-from .script import install, steps
+from ..runs.identity import FRONT_END_CODE, library_versions
+from ..runs.match_cache import code_folder, folder_size, match_folder
+from .console import install, print_lines, show_table, steps
 
 # Subject, state, facts and remedy; the state is "ok", "note" (an optional part is missing) or "problem".
 Finding = tuple[str, str, str, str]
@@ -27,7 +26,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 def _check(options: argparse.Namespace) -> int:
     findings = [_packages(), _kitti(), _detectors(), _cache()]
     show_table(["subject", "state", "facts"], [[*finding[:3]] for finding in findings], numbers=False)
-    say(*(f"{subject}: {remedy}" for subject, _, _, remedy in findings if remedy))
+    print_lines(*(f"{subject}: {remedy}" for subject, _, _, remedy in findings if remedy))
     return int(any(state == "problem" for _, state, _, _ in findings))
 
 
@@ -35,7 +34,7 @@ def _packages() -> Finding:
     names = {str(package.metadata["Name"]) for package in metadata.distributions()}
     opencv_packages = sorted(name for name in names if name.startswith("opencv-"))
     python = f"Python {platform.python_version()} on {platform.system()} {platform.machine()}"
-    facts = "\n".join([python, *(f"{name} {version}" for name, version in versions().items())])
+    facts = "\n".join([python, *(f"{name} {version}" for name, version in library_versions().items())])
     if len(opencv_packages) < 2:
         return "packages", "ok", facts, ""
     conflict = f"{' and '.join(opencv_packages)} are installed in one folder"

@@ -7,9 +7,9 @@ import pytest
 
 from course.ch04.weightings import MEAN, MEDIAN, METRES, PIXELS, PUBLISHED, ROBUST, weighting_errors
 from course.lessons import drive
-from course.made_up import block_tour, made_up
+from course.perturbed_path import block_tour, perturbed_path
 from course.simulation.tracks import TrackConfig
-from vo_lib.evaluation.kitti import trajectory_distances
+from vo_lib.evaluation.kitti_errors import trajectory_distances
 
 
 def test_the_drive_has_steps_of_a_metre_on_gentle_bends() -> None:
@@ -36,4 +36,4 @@ def test_the_tour_comes_home_and_nothing_made_up_is_the_truth() -> None:
     tour = block_tour(rounds=1)
     np.testing.assert_allclose(tour[-1], np.eye(4), atol=1e-9)
     assert trajectory_distances(tour)[-1] == pytest.approx(800.0)
-    np.testing.assert_allclose(made_up(tour), tour, atol=1e-9)
+    np.testing.assert_allclose(perturbed_path(tour), tour, atol=1e-9)

@@ -11,8 +11,8 @@ from ..geometry.camera import StereoCamera
 from ..geometry.matches import StereoMatches, empty_matches
 from ..geometry.result import Flag
 from ..geometry.types import BoolArray
-from ..paper.boxes import on_vehicles
-from .judgement import BoxMotionClassifier, Judgement
+from ..paper.box_removal import on_vehicles
+from .box_states import BoxMotionClassifier, BoxStates
 from .settings import KitFilterConfig
 
 
@@ -28,10 +28,10 @@ class Filtered:
 
     keep: BoolArray
     flags: tuple[Flag, ...] = ()
-    judgement: Judgement | None = None
+    judgement: BoxStates | None = None
 
 
-def unless_too_few(keep: BoolArray, config: KitFilterConfig) -> Filtered:
+def keep_all_if_too_few(keep: BoolArray, config: KitFilterConfig) -> Filtered:
     """The matches to keep, or all matches and a flag if fewer than `min_matches` would remain.
 
     A motion from vehicles is better than a motion from a handful of points. The limit is not a share: if most
@@ -67,10 +67,10 @@ class BoxFilter:
         previous_boxes, self._boxes = self._boxes, boxes
         if self._classifier is not None:
             judgement = self._classifier.step(matches, boxes)
-            return replace(unless_too_few(~judgement.removed, self.config), judgement=judgement)
+            return replace(keep_all_if_too_few(~judgement.removed, self.config), judgement=judgement)
         if self.config.rule == "truth":
             assert on_moving is not None
-            return unless_too_few(~on_moving, self.config)
+            return keep_all_if_too_few(~on_moving, self.config)
         if self.config.rule == "none":
             return Filtered(np.ones(len(matches), np.bool_))
-        return unless_too_few(~on_vehicles(matches, previous_boxes, boxes, self.config), self.config)
+        return keep_all_if_too_few(~on_vehicles(matches, previous_boxes, boxes, self.config), self.config)

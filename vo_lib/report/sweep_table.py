@@ -15,14 +15,21 @@ from .. import settings
 from ..config import SETTINGS, change
 from ..data.sequence import Sequence
 from ..errors import DataError, did_you_mean
-from ..evaluation.kitti import suitable_measure
+from ..evaluation.kitti_errors import suitable_protocol
 from ..paper.settings import MethodConfig
 from ..runs.folder import read_run
 from ..runs.jobs import Job, Outcome
-from .entries import measure_runs
-from .page import NO_NUMBER, ReportTable, change_limit, number, plus_minus, seeds_text, without_empty_columns
-from .plots import SMALL_PAGE, page, png
-from .table1 import ERROR_KINDS, number_fields
+from .page import (
+    NO_NUMBER,
+    ReportTable,
+    change_limit,
+    format_number,
+    plus_minus,
+    seeds_text,
+    without_empty_columns,
+)
+from .plots import SMALL_PAGE, figure_page, png
+from .table1 import ERROR_KINDS, measure_runs, number_fields
 
 Axes = dict[str, tuple[Any, ...]]  # values of each setting, by dotted name; the last changes fastest
 
@@ -98,7 +105,7 @@ def run_sweep(
             jobs.append(Job(sequence, method, dataclasses.replace(config, seed=seed), place))
         grid.append(words)
     outcomes = iter(run(jobs))
-    measure, records = suitable_measure(sequence.truth), list[dict[str, Any]]()
+    measure, records = suitable_protocol(sequence.truth), list[dict[str, Any]]()
     for words in grid:
         done = list(itertools.islice(outcomes, seeds))
         runs = [read_run(outcome.job.folder, sequence) for outcome in done if outcome.error is None]
@@ -120,7 +127,12 @@ def sweep_table(sweep: Sweep) -> ReportTable:
         errors = [plus_minus(record[kind], record[f"{kind}_std"]) for kind in ERROR_KINDS]
         removed = NO_NUMBER if share is None else f"{100 * share:.1f} %"
         rows.append(
-            [*(record[name] for name in sweep.axes), *errors, removed, number(record["back_end_ms"], 1)]
+            [
+                *(record[name] for name in sweep.axes),
+                *errors,
+                removed,
+                format_number(record["back_end_ms"], 1),
+            ]
         )
         if record["failed"]:
             label = ", ".join(f"{name}={record[name]}" for name in sweep.axes)
@@ -137,7 +149,7 @@ def heat_map(sweep: Sweep) -> bytes:
     grid = itertools.product(*(sweep.axes[name] for name in down))
     rows = [", ".join(map(settings.as_typed, values)) for values in grid]
     width, height = max(SMALL_PAGE[0], 1.5 + 1.1 * len(columns)), 2 * (1.2 + 0.55 * len(rows)) + 0.8
-    figure = page(sweep.title, width, height)
+    figure = figure_page(sweep.title, width, height)
     for axis, (kind, (label, _)) in zip(figure.subplots(2), ERROR_KINDS.items(), strict=True):
         pairs = np.array([(record[kind], record[f"{kind}_std"]) for record in sweep.records], float)
         values = pairs[:, 0].reshape(len(rows), -1)

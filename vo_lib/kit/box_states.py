@@ -10,7 +10,7 @@ from ..geometry.boxes import MOVING, PARKED, UNKNOWN, Boxes, no_boxes
 from ..geometry.camera import StereoCamera
 from ..geometry.matches import StereoMatches
 from ..geometry.types import Array, BoolArray, IntArray
-from ..paper.boxes import inside, vehicles
+from ..paper.box_removal import inside, vehicles
 from .moving import (
     BoxSteps,
     background_motion,
@@ -25,7 +25,7 @@ MIN_CAMERA_FEATURES = 12  # smallest number of features outside boxes for an est
 
 
 @dataclass(frozen=True)
-class Judgement:
+class BoxStates:
     """The states of the K vehicle boxes of a frame.
 
     Attributes
@@ -69,7 +69,7 @@ class BoxMotionClassifier:
         self._boxes, self._moved = no_boxes(), np.zeros(0, np.bool_)  # of the previous frame
         self._motion: Array | None = None
 
-    def step(self, matches: StereoMatches, boxes: Boxes) -> Judgement:
+    def step(self, matches: StereoMatches, boxes: Boxes) -> BoxStates:
         """The states of the boxes in the next frame's left image, from matches with the previous frame."""
         current = vehicles(boxes, self.config)
         in_previous = inside(matches.prev_left, self._boxes.xyxy)
@@ -82,7 +82,7 @@ class BoxMotionClassifier:
         removed = in_current[:, moves].any(axis=1) | in_previous[:, self._moved].any(axis=1) | disagrees
         self._boxes, self._moved = current, moves
         step = np.where(steps.information.any(axis=1), steps.step, np.nan)
-        return Judgement(current, state, step, steps.matches, removed)
+        return BoxStates(current, state, step, steps.matches, removed)
 
     def _measure_steps(
         self, matches: StereoMatches, current: Boxes, outside: BoolArray

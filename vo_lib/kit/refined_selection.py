@@ -12,7 +12,7 @@ import numpy as np
 from ..geometry.motion import DEVIATION_OVER_MEDIAN, essential_from_motion
 from ..geometry.types import Array, BoolArray, Index
 from ..paper.sampson import MatchTerms, candidate_terms, match_terms, squared_distances
-from ..paper.selection import MEASURES, competing, resolve_by_depth
+from ..paper.selection import WINNER_CRITERIA, candidates_near_prior, resolve_by_depth
 from .refinement import refine
 from .settings import KitSelectionConfig
 
@@ -50,11 +50,13 @@ def choose_candidate(
     -------
     The winner's index, and whether the prior was dropped.
     """
-    errors = MEASURES[config.winner](E, x_p, x_c, config.threshold / focal)
-    return guarded(errors, competing(E, set_index, e_prev, config), config.prior_rejection_ratio)
+    errors = WINNER_CRITERIA[config.winner](E, x_p, x_c, config.threshold / focal)
+    return choose_unless_prior_bad(
+        errors, candidates_near_prior(E, set_index, e_prev, config), config.prior_rejection_ratio
+    )
 
 
-def guarded(errors: Array, kept: BoolArray, ratio: float) -> tuple[int, bool]:
+def choose_unless_prior_bad(errors: Array, kept: BoolArray, ratio: float) -> tuple[int, bool]:
     """Index of the winner, and whether the prior is rejected. errors, kept : (M,).
 
     The winner is the best kept candidate, or the best candidate of all if the prior is rejected. The prior is

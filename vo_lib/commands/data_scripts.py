@@ -12,8 +12,7 @@ from types import ModuleType
 
 from ..errors import DataError, did_you_mean
 from ..files import read_text
-from .console import say, show_table
-from .script import ENDINGS, OneLineParser, exit_code
+from .console import ENDINGS, OneLineParser, exit_code, print_lines, show_table
 
 SCRIPTS = Path(__file__).resolve().parents[2] / "data_scripts"
 
@@ -30,7 +29,7 @@ def _data(options: argparse.Namespace) -> int:
     purposes = scripts()
     if options.name is None:
         show_table(["script", "purpose"], [[*row] for row in purposes.items()], numbers=False)
-        say("vo data NAME --help: options and examples of a script")
+        print_lines("vo data NAME --help: options and examples of a script")
         return 0
     if options.name not in purposes:
         near = did_you_mean(options.name, purposes)

@@ -9,13 +9,13 @@ from matplotlib.figure import Figure
 
 from vo_lib.data.catalogue import available
 from vo_lib.data.sequence import Sequence
-from vo_lib.detection.labels import labelled_sequence
+from vo_lib.detection.label_folders import labelled_sequence
 from vo_lib.detection.models import find_model
 from vo_lib.errors import DataError
 from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.motion import essential_from_motion
 from vo_lib.geometry.types import Array
-from vo_lib.paper.boxes import inside, on_vehicles
+from vo_lib.paper.box_removal import inside, on_vehicles
 from vo_lib.paper.sampson import sampson_distance
 from vo_lib.paper.settings import FilterConfig
 

@@ -27,13 +27,13 @@ LARGEST = 5000  # maximal size of an array that is saved
 HEAD = '"""My visual odometry: the functions that passed their checks in the notebooks."""'
 
 
-def keep(function: Any, judge: Callable[[Any], Any] | None = None) -> str:
+def store_answer(function: Any, grade: Callable[[Any], Any] | None = None) -> str:
     """Write a function and its dependencies into its section of `my_vo.py`; return a sentence.
 
     Dependencies are imports, other functions and classes of the student (by source) and constants of the
     notebook (by value). The rest of the file does not change. In a folder without `00_start_here.ipynb` (of
     tests or scripts), and for a function without source (a lambda, a function of a console), nothing is
-    written and the result is "". `judge`, the check, also tests the saved function. Never raises.
+    written and the result is "". `grade`, the check, also tests the saved function. Never raises.
     """
     if not (Path(MARK).is_file() and isinstance(function, FunctionType)):
         return ""
@@ -49,7 +49,7 @@ def keep(function: Any, judge: Callable[[Any], Any] | None = None) -> str:
         sections = {**dict(zip(parts[::2], parts[1::2], strict=True)), name: _section(function)}
         whole = [head.rstrip(), *(f"# ---- {key} ----\n{part.rstrip()}" for key, part in sections.items())]
         write_atomic(path, "\n\n\n".join(whole) + "\n")
-        verdict = judge(load(path)[name]) if judge else None
+        verdict = grade(load(path)[name]) if grade else None
     except Exception as error:  # an edited file, or a folder without write permission
         return f" It was not saved in `{NAME}`: {error}."
     if verdict is not None and not verdict.passed:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from conftest import with_box
 
-from course.ch05 import FilteringPanel, traffic
+from course.ch05 import FilteringPanel, real_drives
 from course.ch05.panel import precision_recall
 from course.lessons import CAMERA, drive
 from course.simulation.tracks import TrackConfig, simulate_tracks
@@ -22,9 +22,9 @@ def test_a_drive_that_is_missing_is_named_with_the_command_that_fetches_it(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     monkeypatch.setenv("KITTI_ROOT", str(tmp_path))
-    assert traffic.with_boxes("kitti/drive_0013", "") is None
+    assert real_drives.with_boxes("kitti/drive_0013", "") is None
     assert "`vo data get_kitti --raw 2011_09_26_drive_0013 --frames 0:80`" in capsys.readouterr().out
-    assert traffic.find_detector("nothing-like-it") == ""
+    assert real_drives.find_detector("nothing-like-it") == ""
     assert "nothing-like-it is not on this machine" in capsys.readouterr().out
 
 
@@ -32,10 +32,10 @@ def test_a_drive_has_the_boxes_of_its_folder_or_none_without_a_detector(
     clips: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("KITTI_ROOT", str(clips))
-    labelled = traffic.with_boxes("kitti/drive_0005", "")
+    labelled = real_drives.with_boxes("kitti/drive_0005", "")
     assert labelled is not None
     assert len(labelled.boxes(40)) > 5
-    assert traffic.with_boxes("kitti/drive_0013", "") is None
+    assert real_drives.with_boxes("kitti/drive_0013", "") is None
     assert "needs a detector" in capsys.readouterr().out
 
 
@@ -43,7 +43,7 @@ def test_exact_matches_of_standing_points_are_on_their_lines_and_moving_ones_are
     sequence = Sequence("made", Path("made"), (), CAMERA, np.zeros(0), None, None)
     tracks = TrackConfig(points=300, noise=0.0, moving=0.3, object_heading=60.0)
     for frame in simulate_tracks(drive(3), CAMERA, tracks):
-        distances = traffic.line_distances(sequence, frame.matches, frame.T_cp)
+        distances = real_drives.line_distances(sequence, frame.matches, frame.T_cp)
         assert distances[~frame.moving].max() < 1e-9
         assert np.median(distances[frame.moving]) > 1.0
 

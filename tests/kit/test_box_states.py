@@ -1,4 +1,4 @@
-"""Judgement of vehicle boxes: moving, parked or unknown."""
+"""States of vehicle boxes: moving, parked or unknown."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from vo_lib import open_sequence, preset
 from vo_lib.geometry.boxes import MOVING, PARKED, UNKNOWN, Boxes
 from vo_lib.geometry.matches import StereoMatches, empty_matches
 from vo_lib.geometry.motion import skew
-from vo_lib.kit.judgement import BoxMotionClassifier, Judgement
+from vo_lib.kit.box_states import BoxMotionClassifier, BoxStates
 from vo_lib.kit.settings import KitFilterConfig
-from vo_lib.paper.boxes import inside
+from vo_lib.paper.box_removal import inside
 from vo_lib.paper.sampson import sampson_distance
 from vo_lib.runs.front_end import find_matches
 
@@ -22,12 +22,12 @@ STANDS = (0.0, 0.0, 0.0)
 Frames = list[tuple[StereoMatches, Boxes]]
 
 
-def judged(first: Boxes, frames: Frames, config: KitFilterConfig | None = None) -> list[Judgement]:
+def judged(first: Boxes, frames: Frames, config: KitFilterConfig | None = None) -> list[BoxStates]:
     classifier = BoxMotionClassifier(CAMERA, config or KitFilterConfig())
     return [classifier.step(*frame) for frame in [(empty_matches(), first), *frames]][1:]
 
 
-def states(result: list[Judgement]) -> list[list[int]]:
+def states(result: list[BoxStates]) -> list[list[int]]:
     return [judgement.state.tolist() for judgement in result]
 
 

@@ -15,7 +15,7 @@ from typing import Any
 
 from ..data.drawn import cache_folder
 from ..data.kitti import read_image
-from ..data.labels import write_labels
+from ..data.label_files import write_labels
 from ..data.sequence import Sequence
 from ..errors import DataError
 from ..files import file_sha256, only_process, read_mapping, write_atomic

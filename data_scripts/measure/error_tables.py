@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from vo_lib.geometry.types import Array
-from vo_lib.report.page import NO_CHANGE, NO_NUMBER, ReportTable, change_limit, number
+from vo_lib.report.page import NO_CHANGE, NO_NUMBER, ReportTable, change_limit, format_number
 
 # Rows TE and RE, columns mean and standard deviation over the seeds: (2, 2); None without a number.
 Cell = Array | None
@@ -32,7 +32,7 @@ def tables(title: str, cells: Cells, sentences: list[str], name: str = "sequence
                 }
                 if part and all((value or 0.0) < LEAST_SPREAD for value in numbers.values()):
                     continue
-                texts = {column: number(value) for column, value in numbers.items()}
+                texts = {column: format_number(value) for column, value in numbers.items()}
                 if not part and _repeats(row.get("mesvo_f"), row.get("solution_selection")):
                     texts["mesvo_f"] = SAME
                 rows.append([label, *texts.values()])
@@ -65,7 +65,7 @@ def compared(cells: Cells, before: str, after: str, subject: str) -> list[str]:
             count += 1
             (was, deviation), (now, new_deviation) = old[kind], new[kind]
             if abs(now - was) > change_limit(was, deviation, new_deviation):
-                sides[bool(now < was)].append(f"{label} ({number(was)} → {number(now)})")
+                sides[bool(now < was)].append(f"{label} ({format_number(was)} → {format_number(now)})")
         lower, higher = ("; ".join(sides[side]) or "no row" for side in (True, False))
         rest = count - sum(map(len, sides.values()))
         sentences.append(

@@ -1,0 +1,102 @@
+"""The option --loops of `vo run` and `vo reproduce`: the closing of loops (not in the paper)."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Hashable
+from pathlib import Path
+
+import numpy as np
+
+from ..data.poses import read_kitti_poses
+from ..data.sequence import Sequence
+from ..evaluation.ate_rpe import rmse
+from ..evaluation.kitti_errors import suitable_protocol
+from ..evaluation.path_errors import evaluate
+from ..geometry.types import Array
+from ..loops.close import close_accepted, comparison_key, write_closure
+from ..loops.find import Loops, find_loops
+from ..loops.graph import LoopClosure
+from ..loops.settings import LoopConfig
+from ..paper.settings import MethodConfig
+from ..report.page import ReportTable, format_number
+from ..runs.drive import single_threaded
+from ..runs.folder import LOOPS, LOOPS_POSES, POSES
+from ..runs.jobs import Outcome
+from ..settings import declared
+from .console import reporting
+
+PREFIX = "loops."
+LOOP_SETTINGS = declared(LoopConfig, PREFIX)
+CLOSED_NAME = "loops closed"  # name of the corrected path in tables and pictures
+
+
+def add_loops(parser: argparse.ArgumentParser) -> None:
+    """Declare --loops."""
+    text = f"close loops by a pose graph (not in the paper); adds {LOOPS_POSES} and {LOOPS}"
+    parser.add_argument("--loops", action="store_true", help=text)
+
+
+def loops_with_bar(sequence: Sequence, method: MethodConfig, config: LoopConfig) -> Loops:
+    """Compare the places of a sequence, and show a progress bar."""
+    with reporting(f"loops of {sequence.name}") as report, single_threaded():
+        return find_loops(sequence, method, config, report)
+
+
+def close_run(
+    folder: Path, sequence: Sequence, poses: Array, loops: Loops, config: LoopConfig
+) -> LoopClosure:
+    """Close the accepted loops of a run, and write the corrected path and the loops into its folder."""
+    with single_threaded():  # the last digits depend on the number of threads
+        closure = close_accepted(poses, loops, config)
+    write_closure(folder / LOOPS_POSES, folder / LOOPS, sequence.frames, closure)
+    return closure
+
+
+def close_outcomes(outcomes: list[Outcome], config: LoopConfig) -> list[ReportTable]:
+    """Close the loops of finished runs in their folders; return a table of errors, or [] without truth."""
+    compared: dict[Hashable, Loops] = {}
+    errors_of_row: dict[str, list[list[float]]] = {}
+    for outcome in outcomes:
+        if outcome.error is not None:
+            continue
+        job = outcome.job
+        key = (job.sequence.name, comparison_key(job.config))
+        if key not in compared:
+            compared[key] = loops_with_bar(job.sequence, job.config, config)
+        before = read_kitti_poses(job.folder / POSES)
+        closure = close_run(job.folder, job.sequence, before, compared[key], config)
+        if job.sequence.truth is not None:
+            row = f"{job.sequence.name}, {job.config.variant}, {job.method}"
+            errors = _errors_before_and_after(job.sequence.truth, before, closure)
+            errors_of_row.setdefault(row, []).append(errors)
+    return [_errors_table(errors_of_row)] if errors_of_row else []
+
+
+def _errors_before_and_after(truth: Array, before: Array, closure: LoopClosure) -> list[float]:
+    """Number of loops, then ATE, TE and RE before and the same three after the closing; NaN for no error."""
+    paths = {"before": before, "after": closure.poses}
+    numbers: list[float] = [len(closure.loops)]
+    for path in evaluate(truth, paths, suitable_protocol(truth)).paths:
+        for error in (rmse(path.ate.distance), path.kitti.te, path.kitti.re):
+            numbers.append(np.nan if error is None else error)
+    return numbers
+
+
+def _errors_table(errors_of_row: dict[str, list[list[float]]]) -> ReportTable:
+    """The table of the means over the seeds, from the numbers of `_errors_before_and_after` of each seed."""
+    rows = []
+    for row, of_seeds in errors_of_row.items():
+        count, *means = np.mean(of_seeds, axis=0)
+        before = means[:3]
+        after = means[3:]
+        changes = [
+            f"{format_number(old)} → {format_number(new)}" for old, new in zip(before, after, strict=True)
+        ]
+        rows.append([row, format_number(count, 1), *changes])
+    return ReportTable(
+        "Not in the paper: loops closed by a pose graph",
+        ["sequence, variant, method", "loops", "ATE m", "TE %", "RE deg/100 m"],
+        rows,
+        ["Means over the seeds, before → after the closing of loops; ATE with SE3 alignment."],
+    )

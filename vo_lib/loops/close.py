@@ -1,0 +1,50 @@
+"""The closing of a finished run's loops, with the files that show it."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from pathlib import Path
+
+from ..data.poses import write_kitti_poses
+from ..files import csv_text, write_atomic
+from ..geometry.types import Array
+from ..paper.settings import MethodConfig
+from .find import Loops
+from .graph import LoopClosure, close_path
+from .settings import LoopConfig
+
+COLUMNS = ["first", "second", "similarity", "matches", "inliers", "residual_px", "weight", "gap_m"]
+
+
+def comparison_key(method: MethodConfig) -> Hashable:
+    """The settings that `find_loops` uses: runs over one sequence with equal keys share their loops."""
+    return method.seed, method.filter, method.buckets, method.reprojection
+
+
+def close_accepted(poses: Array, loops: Loops, config: LoopConfig) -> LoopClosure:
+    """The path (N, 4, 4) after the accepted ones of the compared `loops` have been closed."""
+    return close_path(poses, loops[loops.accepted(config)], config)
+
+
+def write_closure(poses_file: Path, loops_file: Path, frames: tuple[str, ...], closure: LoopClosure) -> None:
+    """Write the corrected path in KITTI's format, and a CSV row for each closed loop.
+
+    frames : (N) names of the frames, which the rows use.
+    """
+    write_kitti_poses(poses_file, closure.poses)
+    loops = closure.loops
+    rows: list[list[object]] = [list(COLUMNS)]
+    for k in range(len(loops)):
+        rows.append(
+            [
+                frames[loops.first[k]],
+                frames[loops.second[k]],
+                f"{loops.similarity[k]:.3f}",
+                int(loops.matches[k]),
+                int(loops.inliers[k]),
+                f"{loops.residual[k]:.3f}",
+                f"{closure.weight[k]:.3f}",
+                f"{closure.gap[k]:.3f}",
+            ]
+        )
+    write_atomic(loops_file, csv_text(rows))
