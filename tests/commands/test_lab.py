@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from vo_lib.checkout import folder_of_checkout
 from vo_lib.commands import lab
 from vo_lib.commands.cli import main
 
@@ -57,7 +58,7 @@ def test_lab_copies_the_course(
 def test_teacher_copy_has_all_course_files(
     tmp_path: Path, source: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    shutil.copytree(lab.NOTEBOOKS, source, dirs_exist_ok=True)
+    shutil.copytree(folder_of_checkout("notebooks"), source, dirs_exist_ok=True)
     for name in ("my_vo.py", "solutions/my_vo.py"):
         (source / name).touch()
     lab.copy_course(source, tmp_path / "class", teacher=True)
@@ -100,7 +101,7 @@ def test_damaged_course_is_repaired(
     capsys: pytest.CaptureFixture[str],
     digests: str | None,
 ) -> None:
-    monkeypatch.setattr(lab, "NOTEBOOKS", source)
+    monkeypatch.setattr(lab, "folder_of_checkout", lambda name: source)
     (source / lab.FIRST_NOTEBOOK).write_text(notebook("start"), encoding="utf-8")
     mine = tmp_path / "mine"
 

@@ -10,11 +10,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 
+from ..checkout import folder_of_checkout
 from ..errors import DataError, did_you_mean
 from ..files import read_text
 from .console import ENDINGS, OneLineParser, exit_code, print_lines, show_table
-
-SCRIPTS = Path(__file__).resolve().parents[2] / "data_scripts"
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -34,17 +33,19 @@ def _data(options: argparse.Namespace) -> int:
     if options.name not in purposes:
         near = did_you_mean(options.name, purposes)
         raise DataError(f"unknown data script {options.name!r}; {near}`vo data` lists the scripts")
-    if str(SCRIPTS) not in sys.path:
-        sys.path.insert(0, str(SCRIPTS))  # the scripts import each other as modules of one folder
+    folder = str(folder_of_checkout("data_scripts"))
+    if folder not in sys.path:
+        sys.path.insert(0, folder)  # the scripts import each other as modules of one folder
     return run_script(importlib.import_module(options.name), options.words)
 
 
 def scripts() -> dict[str, str]:
     """The first paragraph of each script's docstring as one line, by script name."""
-    if not SCRIPTS.is_dir():
-        raise DataError("the folder is missing: install the kit with `pip install -e .`", SCRIPTS)
-    docs = {path.stem: ast.get_docstring(ast.parse(read_text(path))) for path in SCRIPTS.glob("[!_]*.py")}
-    return {name: " ".join((docs[name] or "").partition("\n\n")[0].split()) for name in sorted(docs)}
+    purposes = {}
+    for path in sorted(folder_of_checkout("data_scripts").glob("[!_]*.py")):
+        docstring = ast.get_docstring(ast.parse(read_text(path))) or ""
+        purposes[path.stem] = " ".join(docstring.partition("\n\n")[0].split())
+    return purposes
 
 
 def run_script(script: ModuleType, words: Sequence[str] | None = None) -> int:

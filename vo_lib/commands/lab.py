@@ -11,12 +11,12 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+from ..checkout import folder_of_checkout
 from ..errors import DataError
 from ..files import read_bytes, read_mapping, write_atomic
 from .console import install, print_lines
 
 FIRST_NOTEBOOK = "00_start_here.ipynb"
-NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks"
 COURSE = "stereo-vo-course"  # name of the folder in the user's home and of JupyterLab's workspace
 DIGESTS_FILE = ".copied.json"  # in the course's folder: digest of each copied file by name
 NOT_COPIED = {".ipynb_checkpoints", "__pycache__", "my_vo.py", "my_poses.txt", "my_path.mp4"}  # caches, work
@@ -36,7 +36,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     place = parser.add_mutually_exclusive_group()
     place.add_argument("--copy", metavar="DIR", help="folder of the copy")
     text = "open the kit's own notebooks, not a copy"
-    place.add_argument("--here", dest="copy", action="store_const", const=NOTEBOOKS, help=text)
+    place.add_argument("--here", action="store_true", help=text)
     parser.add_argument("--teacher", action="store_true", help="also copy solutions and teaching notes")
     parser.add_argument("jupyter", nargs="*", metavar="-- …", help="options for JupyterLab")
     parser.set_defaults(command=_lab, others="JupyterLab's options follow --")
@@ -45,14 +45,15 @@ def add(parser: argparse.ArgumentParser) -> None:
 def _lab(options: argparse.Namespace) -> int:
     if options.jupyter and not options.jupyter[0].startswith("-"):
         raise DataError(f"unexpected {options.jupyter[0]!r}: --copy DIR chooses the folder of the course")
-    if not (NOTEBOOKS / FIRST_NOTEBOOK).is_file():
-        raise DataError(f"no {FIRST_NOTEBOOK}: install the kit from its folder, {install()}", NOTEBOOKS)
-    folder = Path(os.path.abspath(options.copy or Path.home() / COURSE))
-    if folder != NOTEBOOKS:
-        of_course = {DIGESTS_FILE, *(path.name for path in NOTEBOOKS.glob("*.ipynb"))}
+    notebooks = folder_of_checkout("notebooks")
+    if not (notebooks / FIRST_NOTEBOOK).is_file():
+        raise DataError(f"no {FIRST_NOTEBOOK}: install the kit from its folder, {install()}", notebooks)
+    folder = notebooks if options.here else Path(os.path.abspath(options.copy or Path.home() / COURSE))
+    if folder != notebooks:
+        of_course = {DIGESTS_FILE, *(path.name for path in notebooks.glob("*.ipynb"))}
         if folder.exists() and (present := {*os.listdir(folder)}) and not present & of_course:
             raise DataError("contains other files and no course: choose a new or an empty folder", folder)
-        copy_course(NOTEBOOKS, folder, options.teacher)
+        copy_course(notebooks, folder, options.teacher)
     from jupyterlab.labapp import LabApp  # type: ignore[import-untyped]
 
     print_lines(f"The course is in {folder}. JupyterLab opens {FIRST_NOTEBOOK}; press Ctrl-C twice to quit.")

@@ -6,6 +6,7 @@ import os
 import re
 from pathlib import Path
 
+from ..checkout import checkout_folder
 from ..errors import DataError, did_you_mean
 from ..geometry.types import Progress
 from .drawn import ensure_scene, scene_folder
@@ -16,7 +17,8 @@ from .sequence import Sequence, open_folder
 SYNTHETIC = "synthetic/"
 KITTI = "kitti/"
 DRAWING_PROCESSES = min(os.cpu_count() or 1, 4)
-PROJECT = Path(__file__).resolve().parents[2]
+# KITTI in the kit's own folder; an installed copy has none, and looks in the working folder alone.
+PROJECT = checkout_folder() or Path()
 
 
 def kitti_roots() -> list[Path]:

@@ -1,0 +1,45 @@
+"""The kit's own folder, with the notebooks and the data scripts, where the kit is installed in place."""
+
+from __future__ import annotations
+
+import json
+from importlib import metadata
+from pathlib import Path
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
+
+from .errors import DataError
+
+DISTRIBUTION = "stereo-vo-kit"
+
+
+def checkout_folder() -> Path | None:
+    """The folder with pyproject.toml that this package lies in, or None for an installed copy."""
+    folder = Path(__file__).resolve().parents[1]
+    return folder if (folder / "pyproject.toml").is_file() else None
+
+
+def folder_of_checkout(name: str) -> Path:
+    """The folder `name` beside the package, such as "notebooks".
+
+    Raises `DataError` if the package is an installed copy, since `pip install .` copies the library alone.
+    """
+    checkout = checkout_folder()
+    if checkout is None:
+        raise DataError(
+            f"this copy of the library lacks the folder {name}: run `pip install -e .` in {_source()}"
+        )
+    return checkout / name
+
+
+def _source() -> str:
+    """The folder from which pip has installed the copy, as far as pip has written it down."""
+    unknown = "the kit's folder (the one with README.md)"
+    try:
+        text = metadata.distribution(DISTRIBUTION).read_text("direct_url.json")
+    except metadata.PackageNotFoundError:
+        return unknown
+    if text is None:
+        return unknown
+    address = urlsplit(json.loads(text)["url"])
+    return url2pathname(address.path) if address.scheme == "file" else unknown
