@@ -18,6 +18,7 @@ import pytest
 from file_server import FileServer
 from filelock import FileLock
 from hypothesis import settings
+from real_images import KITTI_00, RealImages
 
 from vo_lib.config import change, preset
 from vo_lib.data.catalogue import open_sequence
@@ -25,8 +26,6 @@ from vo_lib.data.sequence import Sequence
 from vo_lib.geometry.motion import quaternion_from_rotation, rigid, rotation_from_vector
 from vo_lib.geometry.types import Array, Image, IntArray
 from vo_lib.kit.settings import KitConfig
-
-CLIPS = Path(__file__).resolve().parents[2] / "shared" / "data" / "kitti_clips"
 
 # No time limit per example, because a machine may be busy. The default profile has the same examples in
 # every run; `--hypothesis-profile long` has many more, and others in each run.
@@ -68,17 +67,15 @@ def _own_hashes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 
 @pytest.fixture(scope="session")
-def clips() -> Path:
-    """Root of the real KITTI clips; without the clips, the test is skipped."""
-    if not CLIPS.is_dir():
-        pytest.skip("the real KITTI clips are not beside this checkout (shared/data/kitti_clips)")
-    return CLIPS
+def real(tmp_path_factory: pytest.TempPathFactory) -> RealImages:
+    """Parts of real KITTI sequences; a test that asks for frames that this machine lacks is skipped."""
+    return RealImages(tmp_path_factory.mktemp("kitti"))
 
 
 @pytest.fixture
-def drive_00(clips: Path, monkeypatch: pytest.MonkeyPatch) -> Sequence:
+def drive_00(real: RealImages, monkeypatch: pytest.MonkeyPatch) -> Sequence:
     """The first 201 frames of KITTI 00. Its matches in the user's cache serve several tests and notebooks."""
-    monkeypatch.setenv("KITTI_ROOT", str(clips))
+    monkeypatch.setenv("KITTI_ROOT", str(real.root(*KITTI_00)))
     return open_sequence("kitti/00")
 
 

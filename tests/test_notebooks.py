@@ -12,6 +12,7 @@ import nbclient
 import nbformat
 import pytest
 from conftest import find_browser
+from real_images import RealImages
 
 from course.ch08 import own
 from course.panel import ERROR_CLASS
@@ -130,8 +131,9 @@ def test_other_answers_are_right(path: Path, tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.usefixtures("street")
 @pytest.mark.parametrize("path", [*CHAPTERS, *APPENDICES], ids=name)
-def test_chapters_run_on_kitti(path: Path, clips: Path, tmp_path: Path) -> None:
-    assert complaints(execute(path, tmp_path, "kitti/00", short=True, KITTI_ROOT=str(clips))) == []
+def test_chapters_run_on_kitti(path: Path, real: RealImages, tmp_path: Path) -> None:
+    sequence, root = real.any_part()
+    assert complaints(execute(path, tmp_path, sequence, short=True, KITTI_ROOT=str(root))) == []
 
 
 @pytest.mark.slow

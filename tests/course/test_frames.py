@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from real_images import DRIVE_0013, RealImages
 
 from course import frames
 from vo_lib.data.catalogue import open_sequence
@@ -35,9 +36,9 @@ def test_without_kitti_a_sentence_says_how_to_see_a_real_frame(
 
 
 def test_a_real_frame_is_shown_beside_the_drawn_one(
-    street: Sequence, clips: Path, monkeypatch: pytest.MonkeyPatch
+    street: Sequence, real: RealImages, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("KITTI_ROOT", str(clips))
+    monkeypatch.setenv("KITTI_ROOT", str(real.root(*DRIVE_0013)))
     assert frames.real_pair(street, 60, "kitti/drive_0013") is not None
     frame = frames.real_frame("kitti/drive_0013")
     assert frame is not None

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from real_images import RealImages
 
 from course.lessons import CAMERA, drive
 from course.simulation.lorry import STEP, LorryConfig, drive_past_lorry, with_lorry
 from course.simulation.tracks import simulate_tracks
-from vo_lib import open_sequence, preset
+from vo_lib import preset
 from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.kitti_errors import kitti_errors
 from vo_lib.geometry.matches import StereoMatches, empty_matches
@@ -76,8 +75,5 @@ def test_a_drawn_drive_keeps_its_path_without_the_features_of_a_lorry(
 
 # Measured: 1.6 and at most 1.5 (the clip's truth is no better); with all features, 47 and more.
 @pytest.mark.parametrize("variant", ["published", "kit"])
-def test_a_real_drive_keeps_its_path_without_the_features_of_a_lorry(
-    clips: Path, variant: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("KITTI_ROOT", str(clips))
-    require_path_kept(open_sequence("kitti/00").part(16, 46), variant, 2.5)
+def test_a_real_drive_keeps_its_path_without_the_features_of_a_lorry(real: RealImages, variant: str) -> None:
+    require_path_kept(real.sequence("00", 16, 46), variant, 2.5)

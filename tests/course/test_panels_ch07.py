@@ -7,18 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import write_bands
+from real_images import KITTI_00, SHARED, RealImages
 
 from course.ch07 import ReproducePanel
 from course.ch07.figures import results_table, tables_of, verdicts
 from course.ch07.runs import FIRST, Plan, clip, part_of, run_plan
-from vo_lib import open_sequence
+from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.kitti_errors import KITTI_PROTOCOL
 from vo_lib.report.table1 import read_paper_table
 
 LONG = 300.0  # seconds that a job may take; a safeguard
-SHARED = Path(__file__).resolve().parents[3] / "shared" / "data"
-CLIPS = SHARED / "kitti_clips"
-ON_CLIPS = pytest.mark.skipif(not CLIPS.is_dir(), reason="../shared/data/kitti_clips is not there")
 
 
 @pytest.fixture
@@ -50,10 +48,8 @@ def test_table_1_is_run(road: Path) -> None:
     assert panel.tables.value == ran
 
 
-@ON_CLIPS
-def test_a_part_of_00_begins_where_its_truth_can_be_believed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("KITTI_ROOT", str(CLIPS))
-    whole = open_sequence("kitti/00")
+def test_a_part_of_00_begins_where_its_truth_can_be_believed(drive_00: Sequence) -> None:
+    whole = drive_00
     part = part_of(whole, 50)
     assert (part.frames[0], len(part)) == ("000016", 50)
     assert part_of(whole, len(whole)) is whole
@@ -66,18 +62,20 @@ def test_a_part_of_00_begins_where_its_truth_can_be_believed(monkeypatch: pytest
     assert off[first:].max() < 0.06
 
 
-@ON_CLIPS
 def test_the_clip_of_the_row_has_the_boxes_of_a_detector(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, real: RealImages, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    model = SHARED / "models" / "yolov8n_int8.onnx"
+    if not model.exists():
+        pytest.skip("the detectors are not beside this checkout (shared/data/models)")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setenv("KITTI_ROOT", str(CLIPS))
+    monkeypatch.setenv("KITTI_ROOT", str(real.root(*KITTI_00)))
     whole = clip(150)
     assert (whole.name, len(whole), whole.labels) == ("kitti/00", 150, None)
     monkeypatch.setattr(
         "course.ch07.runs.suitable_protocol", lambda truth: KITTI_PROTOCOL
     )  # too short for it
-    part = clip(12, str(SHARED / "models" / "yolov8n_int8.onnx"))
+    part = clip(12, str(model))
     assert (part.name, part.frames[0]) == ("kitti/00", "000016")
     assert sum(len(part.boxes(frame)) for frame in range(12)) > 12
     entries = run_plan(Plan(part, ("feature_selection",), 1, "published"))

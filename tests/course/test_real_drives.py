@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import with_box
+from real_images import DRIVE_0013, RealImages, labelled_drive_0005
 
 from course.ch05 import FilteringPanel, real_drives
 from course.ch05.panel import precision_recall
@@ -28,13 +29,18 @@ def test_a_drive_that_is_missing_is_named_with_the_command_that_fetches_it(
     assert "nothing-like-it is not on this machine" in capsys.readouterr().out
 
 
-def test_a_drive_has_the_boxes_of_its_folder_or_none_without_a_detector(
-    clips: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("KITTI_ROOT", str(clips))
+def test_a_drive_has_the_boxes_of_its_folder(monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = labelled_drive_0005().folder
+    monkeypatch.setenv("KITTI_ROOT", str(folder.parents[1]))
     labelled = real_drives.with_boxes("kitti/drive_0005", "")
     assert labelled is not None
     assert len(labelled.boxes(40)) > 5
+
+
+def test_a_drive_without_boxes_needs_a_detector(
+    real: RealImages, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("KITTI_ROOT", str(real.root(*DRIVE_0013)))
     assert real_drives.with_boxes("kitti/drive_0013", "") is None
     assert "needs a detector" in capsys.readouterr().out
 

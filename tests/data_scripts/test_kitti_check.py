@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 from conftest import write_bands
+from real_images import SHARED
 
 from fetch.kitti_check import SequenceReport, check_tree, parse_numbers
 from vo_lib.data.kitti import EXPECTED_FRAMES, count_pairs
@@ -32,11 +33,11 @@ def only(tree: Path, deep: bool = False) -> SequenceReport:
     return report
 
 
-def test_expected_frames_agree_with_kitti(clips: Path) -> None:
+def test_expected_frames_agree_with_kitti() -> None:
     assert sum(EXPECTED_FRAMES.values()) == 43552
-    poses = clips.parent / "kitti_poses"
+    poses = SHARED / "kitti_poses"
     if not poses.is_dir():
-        pytest.skip("the pose files of 00-10 are not beside the clips")
+        pytest.skip("the pose files of 00-10 are not beside this checkout (shared/data/kitti_poses)")
     for path in sorted(poses.glob("*.txt")):
         assert EXPECTED_FRAMES[path.stem] == len(path.read_text(encoding="utf-8").splitlines())
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
+from real_images import RealImages
 
 from fetch.stereo_check import PairStatistics, complaints, measure_pairs
-from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.sequence import Sequence
 from vo_lib.geometry.types import Image
 
@@ -23,14 +22,14 @@ def drawn(street: Sequence) -> list[Pair]:
     return [street.stereo(0)]
 
 
-@pytest.fixture(scope="module", params=["drawn", "00"])
+@pytest.fixture(scope="module", params=["drawn", "00", "drive_0013"])
 def pairs(request: pytest.FixtureRequest) -> list[Pair]:
     """A drawn pair and a real pair."""
     if request.param == "drawn":
         result: list[Pair] = request.getfixturevalue("drawn")
         return result
-    clips: Path = request.getfixturevalue("clips")
-    return [open_sequence(clips / "sequences" / request.param).stereo(40)]
+    real: RealImages = request.getfixturevalue("real")
+    return [real.sequence(request.param, 40, 42).stereo(0)]
 
 
 def changed(pairs: list[Pair], change: Callable[[Image], Image]) -> PairStatistics:

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from real_images import SHARED, labelled_drive_0005
 from tiny_onnx import write_answering
 
-from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.sequence import Sequence
 from vo_lib.detection.class_names import choose_classes, class_numbers
 from vo_lib.detection.layout import best_boxes, fit_letterbox, yolox_cells
@@ -160,11 +160,11 @@ def test_street_model_detects_vehicles_of_a_new_street(street: Sequence) -> None
 @pytest.mark.parametrize(
     ("model", "recall", "precision"), [("yolov8n_int8", 0.79, 0.61), ("yolox_nano", 0.74, 0.63)]
 )
-def test_recall_and_precision_on_drive_0005(clips: Path, model: str, recall: float, precision: float) -> None:
-    path = clips.parent / "models" / f"{model}.onnx"
+def test_recall_and_precision_on_drive_0005(model: str, recall: float, precision: float) -> None:
+    path = SHARED / "models" / f"{model}.onnx"
     if not path.exists():
         pytest.skip("the detectors are not beside this checkout (shared/data/models)")
-    detector, drive = YoloDetector(path), open_sequence(clips / "sequences" / "drive_0005")
+    detector, drive = YoloDetector(path), labelled_drive_0005()
     frames = range(len(drive))
     vehicles = [boxes[np.isin(boxes.class_id, VEHICLES)] for boxes in map(drive.boxes, frames)]
     detections = [detector.detect(drive.stereo(frame)[0]) for frame in frames]

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from box_scenes import CAMERA, STEP, Vehicle, drive
+from real_images import labelled_drive_0005
 
-from vo_lib import open_sequence, preset
+from vo_lib import preset
 from vo_lib.geometry.boxes import MOVING, PARKED, UNKNOWN, Boxes
 from vo_lib.geometry.matches import StereoMatches, empty_matches
 from vo_lib.geometry.motion import skew
@@ -83,8 +82,8 @@ def test_stopped_car_becomes_parked() -> None:
     assert result[-1] == [PARKED]
 
 
-def test_van_and_truck_of_drive_0005(clips: Path) -> None:
-    sequence = open_sequence(clips / "sequences" / "drive_0005").part(0, 24)
+def test_van_and_truck_of_drive_0005() -> None:
+    sequence = labelled_drive_0005().part(0, 24)
     config = preset("moving_selection", variant="kit")
     classifier = BoxMotionClassifier(sequence.camera, config.filter)
     van, truck = [], []

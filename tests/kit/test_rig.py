@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
 from faulty_camera import CAMERA, KITTI, Faults, drive
+from real_images import RealImages
 
 from measure.axes import fit_axes
-from vo_lib import open_sequence, preset, run, settings
+from vo_lib import preset, run, settings
 from vo_lib.evaluation.kitti_errors import kitti_errors
 from vo_lib.geometry.boxes import Boxes
 from vo_lib.geometry.matches import StereoMatches
@@ -129,8 +129,8 @@ def test_calibration_ignores_features_in_boxes() -> None:
 
 
 # libviso2 has 7.84 % / 2.70 and ORB-SLAM2's published trajectory 5.47 % / 2.54 on the same frames.
-def test_calibration_lowers_the_error_of_01(clips: Path) -> None:
-    sequence = open_sequence(clips / "sequences" / "01")
+def test_calibration_lowers_the_error_of_01(real: RealImages) -> None:
+    sequence = real.sequence("01", 0, 51)
     assert sequence.truth is not None
     te, turned, length = {}, {}, {}
     true = np.linalg.norm(np.diff(sequence.truth[:, :3, 3], axis=0), axis=1).sum()
@@ -152,9 +152,9 @@ def test_calibration_lowers_the_error_of_01(clips: Path) -> None:
     assert length[True] == pytest.approx(1.0, abs=0.003)
 
 
-@pytest.mark.parametrize("name", ["00", "01", "drive_0005"])
-def test_rows_of_real_pairs_agree_after_correction(clips: Path, name: str) -> None:
-    sequence = open_sequence(clips / "sequences" / name).part(0, 12)
+@pytest.mark.parametrize("name", ["00", "01", "drive_0005", "drive_0013"])
+def test_rows_of_real_pairs_agree_after_correction(real: RealImages, name: str) -> None:
+    sequence = real.sequence(name, 0, 12)
     config = preset("viso2", variant="kit")
     rig = Rig(sequence.camera, config.calibration)
     for matches, _ in find_matches(sequence, config):

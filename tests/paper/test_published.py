@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from box_scenes import CAMERA, match_points
+from real_images import DRIVE_0013, RealImages
 
+from measure.axes import fit_axes
 from vo_lib.config import PUBLISHED, change, preset
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.sequence import Sequence
@@ -250,3 +252,16 @@ def test_published_errors_on_00(drive_00: Sequence) -> None:
     assert errors.re is not None
     assert 0.85 < errors.te < 1.15
     assert 1.3 < errors.re < 1.8
+
+
+def test_published_errors_on_drive_0013(real: RealImages) -> None:
+    """Sub-sequences of 50 m; the axes of this truth are turned against the camera, by about a degree."""
+    drive = real.sequence(*DRIVE_0013)
+    config = preset("solution_selection", variant="published")
+    poses = run_methods(drive, {"": config}, matches=CachedMatches(drive, config))[""].poses
+    assert drive.truth is not None
+    errors = fit_axes(drive.truth, poses, [50.0], 1).kitti
+    assert errors.te is not None
+    assert errors.re is not None
+    assert 1.3 < errors.te < 1.7
+    assert 0.25 < errors.re < 0.55

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from box_scenes import CAMERA, match_points
+from real_images import DRIVE_0013, RealImages
 
 from course.simulation.tracks import SimulatedFrame, TrackConfig, simulate_tracks
 from measure.axes import fit_axes
@@ -122,3 +123,12 @@ def test_viso2_errors_on_00(drive_00: Sequence) -> None:
     for length, te, turned, re in ((100.0, 1.25, 0.60, 1.17), (50.0, 1.55, 1.30, 1.88)):
         result, without = kitti_errors(truth, poses, [length], 1), fit_axes(truth, poses, [length], 1).kitti
         assert (np.array([result.te, result.re, without.te], float) < (te, re, turned)).all()
+
+
+def test_viso2_errors_on_drive_0013(real: RealImages) -> None:
+    drive = real.sequence(*DRIVE_0013)
+    config = preset("viso2", variant="kit")
+    poses = run_methods(drive, {"": config}, matches=CachedMatches(drive, config))[""].poses
+    assert drive.truth is not None
+    errors = fit_axes(drive.truth, poses, [50.0], 1).kitti
+    assert (np.array([errors.te, errors.re], float) < (0.95, 0.55)).all()

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from conftest import BASELINE, small, texture, with_box, write_bands
+from real_images import DRIVE_0013, RealImages
 
 from measure.axes import fit_axes
 from vo_lib import Run, Sequence, open_sequence, preset, run
@@ -94,6 +95,15 @@ def test_errors_on_00_are_within_bounds(drive_00: Sequence) -> None:
             without = fit_axes(drive_00.truth, result.poses, [length], 1).kitti
             actual = np.array([errors.te, errors.re, without.te], float)
             assert (actual < (te, re, turned)).all()
+
+
+def test_errors_on_drive_0013_are_within_bounds(real: RealImages) -> None:
+    drive = real.sequence(*DRIVE_0013)
+    seeds = {str(seed): preset("solution_selection", seed=seed, variant="kit") for seed in range(3)}
+    assert drive.truth is not None
+    for result in run_methods(drive, seeds, matches=CachedMatches(drive, seeds["0"])).values():
+        errors = fit_axes(drive.truth, result.poses, [50.0], 1).kitti
+        assert (np.array([errors.te, errors.re], float) < (0.9, 0.35)).all()
 
 
 @pytest.mark.parametrize("variant", ["published", "kit"])
