@@ -36,12 +36,3 @@ def test_help_texts_spell_methods_consistently(
         with pytest.raises(SystemExit):
             main([command, "--help"])
     assert set(METHOD.findall(capsys.readouterr().out)) <= SPELLINGS
-
-
-def test_terms_are_sorted_and_used() -> None:
-    page = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").partition("| term | meaning |")[2]
-    terms = re.findall(r"^\| ([\w -]+) \| [^|]+ \|$", page, re.MULTILINE)
-    assert len(terms) >= 40
-    assert terms == sorted(terms, key=str.lower)
-    code = "\n".join(path.read_text(encoding="utf-8") for path in ROOT.glob("vo_lib/**/*.py"))
-    assert [term for term in terms if not re.search(rf"\b{term}", code, re.IGNORECASE)] == []
