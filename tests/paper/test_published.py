@@ -225,6 +225,25 @@ def test_pixel_noise_does_not_shorten_steps() -> None:
     assert abs(np.mean(steps, axis=0)[2] + 1.0) < 0.003
 
 
+def test_inlier_limit_of_a_feature_counts_its_own_rows() -> None:
+    """Features with eight and with twelve rows are removed as if each kind were alone."""
+    forward = rigid(np.eye(3), np.array([0.0, 0.0, -1.0]))
+    X = CAMERA.triangulate(*(getattr(scene(3000), view) for view in ("prev_left", "prev_right")))
+    rng = np.random.default_rng(2)
+    earlier = match_points(transform(inverse(forward), X), X, 0.4, rng)
+    now = match_points(X, transform(forward, X), 0.4, rng)
+    now = dataclasses.replace(now, prev_left=earlier.cur_left, prev_right=earlier.cur_right)
+    with_twelve = np.arange(len(now)) % 4 == 0
+    quarter = PairBefore(earlier[np.flatnonzero(with_twelve)], forward)
+    _, of_two = translation(now, np.eye(3))
+    _, of_three = translation(now, np.eye(3), PairBefore(earlier, forward))
+    _, mixed = translation(now, np.eye(3), quarter)
+    # Only the translation, which differs by millimetres, moves a few features across the limit.
+    assert 0.5 < np.mean(of_two) < 0.9
+    assert np.mean(mixed[~with_twelve] != of_two[~with_twelve]) < 0.01
+    assert np.mean(mixed[with_twelve] != of_three[with_twelve]) < 0.01
+
+
 def test_wrong_depths_do_not_change_the_translation() -> None:
     matches = scene(300, noise=0.1)
     wrong = np.arange(300) % 3 == 0

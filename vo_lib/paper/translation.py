@@ -89,6 +89,22 @@ def eliminate_points(A: Array, B: Array, c: Array) -> tuple[Array, Array]:
     return projector @ B, (projector @ c[..., None])[..., 0]
 
 
+def residual_limit(agreement: float, seen_before: BoolArray) -> Array:
+    """Largest residual norm (N,) of an inlier's rows, pixels; larger for a feature with twelve rows.
+
+    With noise of standard deviation σ in each of K rows, K - 3 independent residuals remain after the
+    elimination of the three unknowns of Q; t, which hundreds of features share, takes almost none. So the
+    expected squared norm is (K - 3) σ²: 5 σ² for eight rows, 9 σ² for twelve rows. With one limit for both,
+    features that were matched one frame earlier would be removed more often than the others.
+
+    Parameters
+    ----------
+    agreement : limit for eight rows, pixels. seen_before : (N,) mask of the features with twelve rows.
+    """
+    independent_residuals = np.where(seen_before, 12 - 3, 8 - 3)
+    return np.asarray(agreement * np.sqrt(independent_residuals / (8 - 3)))
+
+
 def solve_translation(
     camera: StereoCamera,
     matches: StereoMatches,
@@ -99,7 +115,8 @@ def solve_translation(
     """One translation for all features: equation (3) stacked and solved by the pseudo-inverse.
 
     Each feature alone gives a translation; the median of these translations is the start. Features whose rows
-    do not fit are removed from the stacked system. The solution is the start of a second pass.
+    do not fit are removed from the stacked system (`residual_limit`). The solution is the start of a second
+    pass.
 
     Parameters
     ----------
@@ -115,17 +132,20 @@ def solve_translation(
     if len(near) == 0:
         return None
     A, B, c = feature_rows(camera, matches[near], R_cp)
-    limit = config.agreement
+    seen_before: BoolArray = np.zeros(len(near), np.bool_)
     if before is not None:
         A_before, c_before = earlier_rows(camera, matches[near], before)
-        A, c = np.concatenate([A, A_before], axis=1), np.concatenate([c, c_before], axis=1)
+        seen_before = np.asarray(A_before.any(axis=(1, 2)))
+        A = np.concatenate([A, A_before], axis=1)
         B = np.concatenate([B, np.zeros_like(A_before)], axis=1)
-        # Without Q, eight rows have five independent residuals (5 σ² by noise), twelve rows have nine (9 σ²).
-        share = A_before.any(axis=(1, 2)).mean()
-        limit *= float(np.sqrt(1.0 + 4.0 / 5.0 * share))
+        c = np.concatenate([c, c_before], axis=1)
+    limit = residual_limit(config.agreement, seen_before)
     M, d = eliminate_points(A, B, c)
-    M, d = M / depth[near, None, None], d / depth[near, None]
-    H, g = M.swapaxes(1, 2) @ M, (M.swapaxes(1, 2) @ d[..., None])[..., 0]  # normal equations of each feature
+    M = M / depth[near, None, None]
+    d = d / depth[near, None]
+    # The normal equations H t = g of each feature.
+    H = M.swapaxes(1, 2) @ M
+    g = (M.swapaxes(1, 2) @ d[..., None])[..., 0]
     try:
         t = np.median(np.linalg.solve(H, g[..., None])[..., 0], axis=0)
         for _ in range(SOLVING_ROUNDS):
