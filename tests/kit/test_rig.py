@@ -128,6 +128,30 @@ def test_calibration_ignores_features_in_boxes() -> None:
     assert np.abs(result[0] - true_field(KITTI)[0])[GRID[:, 0] > 300].mean() < 0.1
 
 
+@pytest.mark.parametrize("method", ["feature_selection", "viso2"])
+def test_camera_at_rest_in_cross_traffic_learns_nothing(method: str) -> None:
+    """Two thirds of the matches are on crossing cars, all in the box: the other features are at rest."""
+    over = Boxes(np.array([[0.0, 0.0, 800.0, 360.0]]), np.array([2]), np.ones(1))
+    config = settings.replace(preset(method, variant="kit"), "filter.rule", "all")
+    odometry = make_kit_odometry(CAMERA, config)
+    odometry.start(over)
+    moving = drive(6, KITTI)
+    for matches, _, _ in moving:
+        odometry.step(matches, over)
+    before = odometry.calibration
+    assert before.estimate.any()
+    for matches, _, _ in drive(6, KITTI, noise=0.1, step=0.0):
+        aside = np.where(matches.prev_left[:, :1] < 780.0, (6.0, 0.0), 0.0)
+        crossed = dataclasses.replace(
+            matches,
+            cur_left=matches.prev_left + aside,
+            cur_right=matches.prev_right + aside,
+        )
+        assert odometry.step(crossed, over).still
+    np.testing.assert_array_equal(odometry.calibration.estimate, before.estimate)
+    np.testing.assert_array_equal(odometry.calibration.covariance, before.covariance)
+
+
 # libviso2 has 7.84 % / 2.70 and ORB-SLAM2's published trajectory 5.47 % / 2.54 on the same frames.
 def test_calibration_lowers_the_error_of_01(real: RealImages) -> None:
     sequence = real.sequence("01", 0, 51)

@@ -79,6 +79,6 @@ def test_repeated_pair_causes_no_flag() -> None:
     vehicle = Vehicle(VehicleConfig())
     vehicle.check_vehicle(motion(), FRAME_S)
     for _ in range(3):
-        assert vehicle.check_vehicle(FrameResult(np.eye(4)), FRAME_S, still=True).flags == ()
+        assert vehicle.check_vehicle(FrameResult(np.eye(4), still=True), FRAME_S).flags == ()
     assert vehicle.check_vehicle(motion(), FRAME_S).flags == ()
     np.testing.assert_array_equal(vehicle.check_vehicle(MISSING, FRAME_S).T_cp, motion().T_cp)

@@ -39,6 +39,7 @@ class FrameResult:
     inliers : number of used matches that agree with the epipolar geometry.
     prior_angle : angle to the previous essential vector, degrees; NaN if one of the two vectors is missing.
     flags : remarks on unusual frames.
+    still : whether the camera stands still: the used features hardly move.
     ms : milliseconds of each stage.
     """
 
@@ -49,6 +50,7 @@ class FrameResult:
     inliers: int = 0
     prior_angle: float = float("nan")
     flags: tuple[Flag, ...] = ()
+    still: bool = False
     ms: dict[str, float] = field(default_factory=dict)
 
     @property

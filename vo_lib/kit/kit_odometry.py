@@ -17,7 +17,7 @@ from ..geometry.camera import StereoCamera
 from ..geometry.matches import StereoMatches
 from ..geometry.result import Flag, FrameResult
 from ..geometry.types import Array, BoolArray, Index
-from ..paper.odometry import Odometry, Rotation, median_flow
+from ..paper.odometry import Odometry, Rotation
 from ..paper.selection import sampson_inliers
 from ..paper.settings import MethodConfig
 from ..paper.viso2 import Viso2
@@ -69,7 +69,6 @@ class SelfCalibratingOdometry(Odometry):
             calibration.check(camera)
             self.rig.set_estimate(calibration.estimate, calibration.covariance_on_another_drive())
         self._times, self._on_moving = times, on_moving
-        self._still = False
         self._filter = BoxFilter(camera, config.filter)
         self._vehicle = Vehicle(config.vehicle)
 
@@ -84,20 +83,21 @@ class SelfCalibratingOdometry(Odometry):
 
     def step(self, matches: StereoMatches, boxes: Boxes) -> FrameResult:
         """The paper's step on corrected matches, with the vehicle check."""
-        previous_state = self.e_prev, self.rig.estimate, self.rig.covariance
-        # The images of a still camera repeat the same errors, without new information on the calibration.
-        still_flow = self.config.selection.standstill_flow
-        self._still = len(matches) > 0 and median_flow(matches) < still_flow
-        if self.config.calibration.estimate and not self._still:
+        e_prev = self.e_prev
+        estimate = self.rig.estimate
+        covariance = self.rig.covariance
+        if self.config.calibration.estimate:
             self.rig.update_from_rows(matches)
         motion = super().step(self.rig.correct(matches), boxes)
         assert self.filtered is not None
         motion = replace(motion, flags=(*self.filtered.flags, *motion.flags))
         seconds = 0.0 if self._times is None else float(np.diff(self._times)[self._frame - 1])
-        motion = self._vehicle.check_vehicle(motion, seconds, self._still)
+        motion = self._vehicle.check_vehicle(motion, seconds)
         if motion.in_doubt:
-            self.e_prev, *errors = previous_state
-            self.rig.set_estimate(*errors)
+            self.e_prev = e_prev
+        # A still camera sees the same errors again and again: that is no new information on the calibration.
+        if motion.in_doubt or motion.still:
+            self.rig.set_estimate(estimate, covariance)
         return motion
 
     def without_boxes(self, matches: StereoMatches, boxes: Boxes) -> StereoMatches:
@@ -108,7 +108,7 @@ class SelfCalibratingOdometry(Odometry):
 
     def learn(self, matches: StereoMatches, R_cp: Array, t_cp: Array) -> None:
         """Update the calibration errors from a frame's motion, for the correction of the next frame."""
-        if self.config.calibration.estimate and not self._still:
+        if self.config.calibration.estimate:
             self.rig.update(matches, R_cp, t_cp)
             self.clock.stage("calibration")
 

@@ -30,16 +30,17 @@ class Vehicle:
         self._plausible = np.eye(4)  # last plausible motion
         self._velocity, self._elapsed = np.zeros(3), START_INTERVAL_S  # of that motion; seconds since then
 
-    def check_vehicle(self, motion: FrameResult, seconds: float, still: bool = False) -> FrameResult:
+    def check_vehicle(self, motion: FrameResult, seconds: float) -> FrameResult:
         """The next frame's motion with its flags, or the last plausible motion if no motion was measured.
 
+        A stop, or a repeated pair, is not flagged: the image does not change, and the speed is unknown.
+
         seconds : time since the previous frame; if 0 (unknown), no motion is flagged.
-        still : whether the image did not change (a stop or a repeated pair); the speed is then unknown.
         """
         self._elapsed += seconds
         if not motion.measured:
             return replace(motion, T_cp=self._plausible)
-        if still:
+        if motion.still:
             return motion
         flags = self._flags(motion.T_cp, seconds) if self.config.check and seconds > 0.0 else ()
         if flags:

@@ -64,14 +64,18 @@ class Odometry:
         if len(selection) < self.config.min_matches:
             motion = FrameResult(self._last, flags=(Flag.FEW_MATCHES,))
         elif self.stands_still(selection):
-            motion = self.stationary_motion(selection)
+            motion = replace(self.stationary_motion(selection), still=True)
         else:
-            motion = self.motion(selection) or FrameResult(self._last, flags=(Flag.NO_MOTION,))
+            motion = self.moving_camera(selection)
         self._last = motion.T_cp
         # Only a measured motion is precise enough for the rows of a third frame.
         self._before = None if motion.flags else PairBefore(static, motion.T_cp)
         removed = len(matches) - len(static)
         return replace(motion, matches=len(matches), removed=removed, used=len(selection), ms=self.clock.ms)
+
+    def moving_camera(self, matches: StereoMatches) -> FrameResult:
+        """The measured motion, or the motion of the previous frame if none can be measured."""
+        return self.motion(matches) or FrameResult(self._last, flags=(Flag.NO_MOTION,))
 
     def motion(self, matches: StereoMatches) -> FrameResult | None:
         """Rotation from the essential matrix, then the translation; None without a result."""
@@ -134,7 +138,10 @@ class Odometry:
         return FrameResult(rigid(rotation.R_cp, t_cp), inliers=inliers, prior_angle=float(angle))
 
     def stands_still(self, matches: StereoMatches) -> bool:
-        """Whether the features move too little for an essential matrix."""
+        """Whether the camera stands still: the selected static features hardly move.
+
+        Features on vehicles do not count, since traffic also passes a camera at rest.
+        """
         return median_flow(matches) < self.config.selection.standstill_flow
 
     def stationary_motion(self, matches: StereoMatches) -> FrameResult:

@@ -23,9 +23,9 @@ MIN_MATCHES_FOR_FIT = 6  # smallest number of matches for a motion; three would 
 class Viso2(Odometry):
     """VISO2 on a sequence: StereoScan's estimator instead of the essential matrix and equation (3)."""
 
-    def stands_still(self, matches: StereoMatches) -> bool:
-        """Always False, since the reprojection error is also defined for a camera at rest."""
-        return False
+    def stationary_motion(self, matches: StereoMatches) -> FrameResult:
+        """The measured motion, since the reprojection error is also defined for a camera at rest."""
+        return self.moving_camera(matches)
 
     def motion(self, matches: StereoMatches) -> FrameResult | None:
         """Rotation and translation from one fit; None with too few inliers."""

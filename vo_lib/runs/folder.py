@@ -188,7 +188,7 @@ def read_run(folder: Path, sequence: Sequence) -> Run:
 
 def _read_motion(row: dict[str, str], T_cp: Array) -> FrameResult:
     """The result of a frame from its row of frames.csv and its motion."""
-    counts = {name: int(row[column]) for name, column in COUNTS.items()}
+    counts: dict[str, Any] = {name: int(row[column]) for name, column in COUNTS.items()}
     angle, flags = float(row["prior_angle_deg"] or "nan"), tuple(map(Flag, row["flags"].split()))
     ms = {stage: float(row[f"{stage}_ms"]) for stage in STAGES if row.get(f"{stage}_ms")}
     return FrameResult(T_cp, **counts, prior_angle=angle, flags=flags, ms=ms)
