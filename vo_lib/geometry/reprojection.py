@@ -42,11 +42,13 @@ def fit_motion(
     R, t = R_cp, t_cp
     measured = measured_pixels(camera, cur_left, cur_right)
     residual = np.full(len(X_p), np.inf)
+    converged = False
     for step in range(iterations + 1):
         rotated = X_p @ R.T
         r, jac, depth = linearise(camera, rotated, t, measured)
         residual = np.where(depth > 0, np.sqrt(np.sum(r * r, axis=1)), np.inf)
-        if step == iterations:
+        # The residuals returned are those of the final motion.
+        if converged or step == iterations:
             break
         # Far from the solution all residuals are large. Near points, which determine the translation, keep a
         # high weight if the scale is at least the median residual.
@@ -60,8 +62,7 @@ def fit_motion(
         delta = np.asarray(np.linalg.solve(weighted @ jac + 1e-9 * np.eye(6), weighted @ r.ravel()), float)
         R = rotation_from_vector(delta[:3]) @ R
         t = t + delta[3:]
-        if float(delta @ delta) < tolerance**2:
-            iterations = step + 1
+        converged = float(delta @ delta) < tolerance**2
     return R, t, residual
 
 
