@@ -16,6 +16,7 @@ from vo_lib.commands.cli import main
 from vo_lib.config import preset
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.sequence import Sequence
+from vo_lib.errors import DataError
 from vo_lib.files import read_csv
 from vo_lib.geometry.motion import inverse
 from vo_lib.geometry.twist import motion_from_twist
@@ -97,6 +98,13 @@ def test_a_place_is_compared_with_the_most_similar_ones_that_are_the_gap_away() 
     assert candidates(similarity, np.array([0, 10, 20, 30]), config).tolist() == [[0, 2], [1, 3]]
     assert len(place_frames(4541, LoopConfig(every=10))) == 455
     assert len(place_frames(4541, LoopConfig())) <= LoopConfig().places
+
+
+def test_pose_graph_of_all_places_fits_in_memory() -> None:
+    """The dense system of a graph has 6 × 6 numbers for each pair of places."""
+    with pytest.raises(DataError, match="places"):
+        LoopConfig(places=601)
+    assert LoopConfig(places=600).places ** 2 * 36 * 8 < 110e6
 
 
 def test_loops_take_out_the_drift_and_a_false_one_has_no_weight() -> None:

@@ -12,7 +12,8 @@ class LoopConfig(Checked):
     """Places, accepted loops, and the weights of edges in the pose graph."""
 
     every: int = setting(5, "number of frames from one place to the next", low=1, high=1000)
-    places: int = setting(500, "largest number of places in a sequence", low=10, high=2000)
+    # The pose graph solves a dense system with six unknowns per place, 100 MB for 600 places.
+    places: int = setting(500, "largest number of places in a sequence", low=10, high=600)
     gap: int = setting(100, "smallest number of frames between two visits of a place", low=1, high=100_000)
     words: int = setting(64, "visual words for each of the four kinds of features", low=4, high=1000)
     columns: int = setting(3, "image columns, each with its own histogram of visual words", low=1, high=20)
