@@ -5,7 +5,9 @@ examples:
   vo data write_labels synthetic/traffic --model street --out labels
 
 After an interruption, repeat the command to continue. The file detector.json
-in the folder contains the model's SHA-256.
+in the folder contains the model's SHA-256. With --replace, only the frames'
+label files of another detector are replaced; every other file is kept, and the
+folder of a sequence or of a run is refused.
 """
 
 from __future__ import annotations
@@ -15,7 +17,13 @@ import dataclasses
 from pathlib import Path
 
 from vo_lib.commands.common import add_cache, open_with_bar, warn_without_vehicles
-from vo_lib.commands.console import add_settings, from_options, print_lines, reporting
+from vo_lib.commands.console import (
+    add_settings,
+    continues_when_repeated,
+    from_options,
+    print_lines,
+    reporting,
+)
 from vo_lib.detection.label_folders import RECORD, write_label_folder
 from vo_lib.detection.settings import DetectorConfig
 from vo_lib.detection.yolo import PROVIDERS
@@ -38,7 +46,7 @@ def run(options: argparse.Namespace) -> int:
     config = from_options(options, DetectorConfig)
     sequence = open_with_bar(options.sequence, options.cache)
     folder = options.out or sequence.folder / "labels"
-    with reporting(f"detecting vehicles in {sequence.name}") as report:
+    with reporting(f"detecting vehicles in {sequence.name}") as report, continues_when_repeated():
         count = write_label_folder(
             sequence,
             options.model,

@@ -7,8 +7,9 @@ import hashlib
 import io
 import json
 import os
+import re
 import threading
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -19,6 +20,8 @@ from .errors import DataError
 
 LOCK = ".lock"
 DRAFT = ".tmp"  # ending of the name of a partly written file
+DRAFT_NAME = re.compile(r"\..+\.\d+\.\d+" + re.escape(DRAFT))  # of the drafts of `writing`
+LOCK_POLL_S = 0.2  # interval at which a waiting process tries the lock again
 
 
 @contextmanager
@@ -74,19 +77,26 @@ def read_csv(path: str | Path) -> list[tuple[int, list[str]]]:
 
 
 @contextmanager
-def only_process(folder: Path) -> Iterator[None]:
+def only_process(folder: Path, waiting: Callable[[Path], None] | None = None) -> Iterator[None]:
     """A lock on a folder for this process. If the process ends, the operating system releases the lock.
 
     Partly written files of killed processes are removed.
+
+    waiting : called with the folder, once, if another process has the lock; the call then waits until that
+        process ends. Without `waiting`, such a lock raises `DataError`.
     """
-    lock = FileLock(folder / LOCK, timeout=0)
+    lock = FileLock(folder / LOCK)
     try:
-        lock.acquire()
+        lock.acquire(timeout=0)
     except Timeout:
-        raise DataError("another process is working in this folder", folder) from None
+        if waiting is None:
+            raise DataError("another process is working in this folder", folder) from None
+        waiting(folder)
+        lock.acquire(poll_interval=LOCK_POLL_S)
     try:
-        for draft in folder.glob(f".*.*.*{DRAFT}"):
-            draft.unlink(missing_ok=True)
+        for draft in folder.iterdir():
+            if DRAFT_NAME.fullmatch(draft.name):
+                draft.unlink(missing_ok=True)
         yield
     finally:
         # The file is removed before the release: a waiting process then finds no file and tries again.

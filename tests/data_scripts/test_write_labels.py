@@ -5,6 +5,11 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import signal
+import subprocess
+import sys
+import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,8 +18,15 @@ import pytest
 from data_command import load
 from tiny_onnx import write_answering
 
+from vo_lib.commands.cli import main
 from vo_lib.data.catalogue import open_sequence
-from vo_lib.detection.label_folders import RECORD, labelled_sequence, write_label_folder
+from vo_lib.detection.label_folders import (
+    RECORD,
+    detection_record,
+    label_folder,
+    labelled_sequence,
+    write_label_folder,
+)
 from vo_lib.detection.layout import yolox_cells
 from vo_lib.detection.settings import DetectorConfig
 from vo_lib.files import only_process
@@ -94,6 +106,108 @@ def test_other_labels_are_not_overwritten(
     assert len(texts(bands / "labels")) == 6
     assert write("--score", "0.95") == 2
     assert "labels that this detector did not write" in capsys.readouterr().err
+
+
+OF_SEQUENCES = ("calib.txt", "times.txt", "poses.txt")
+
+
+@pytest.mark.parametrize("words", [[], ["--replace"]])
+def test_folder_of_a_sequence_is_never_a_label_folder(
+    bands: Path, write: Write, capsys: pytest.CaptureFixture[str], words: list[str]
+) -> None:
+    before = {name: (bands / name).read_bytes() for name in OF_SEQUENCES}
+    assert write("--out", str(bands), *words) == 2
+    assert "bands: contains image_0, so it is the folder of a sequence or a run" in capsys.readouterr().err
+    assert {name: (bands / name).read_bytes() for name in OF_SEQUENCES} == before
+    assert not list(bands.glob("0*.txt"))
+
+
+def test_folder_of_a_run_is_never_a_label_folder(
+    bands: Path, write: Write, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "run"
+    assert main(["run", str(bands), "--out", str(out), "--features.blob_cell", "9"]) == 0
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    assert write("--out", str(out), "--replace") == 2
+    assert "run: contains poses.txt" in capsys.readouterr().err
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+
+
+def test_replacement_deletes_only_labels_of_frames(
+    bands: Path, write: Write, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "mine"
+    out.mkdir()
+    others = {"classes.txt": "car\n", "notes.txt": "x", "1a.txt": "y", ".a.b.c.tmp": "z", "000001.png": "p"}
+    for name, text in (others | {"000002.txt": "0 0.5 0.5 0.1 0.1\n"}).items():
+        (out / name).write_text(text, encoding="utf-8")
+    assert write("--out", str(out), "--replace") == 0
+    assert {name: (out / name).read_text(encoding="utf-8") for name in others} == others
+    assert (out / "000002.txt").read_text(encoding="utf-8").startswith("2 ")
+    (out / "000077.txt").write_text("mine", encoding="utf-8")  # would seem to be this detector's
+    assert write("--out", str(out), "--replace", "--score", "0.3") == 2
+    assert "000077.txt: is another detector's label, and bands has no such frame" in capsys.readouterr().err
+    assert len(list(out.glob("0*.txt"))) == 7
+
+
+@pytest.mark.parametrize("content", ["{}", '{"model": "yolo", "lr": 0.1}', "not JSON", ""])
+def test_record_of_another_program_is_kept(
+    write: Write, tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str
+) -> None:
+    out = tmp_path / "mine"
+    out.mkdir()
+    (out / RECORD).write_text(content, encoding="utf-8")
+    for words in ([], ["--replace"]):
+        assert write("--out", str(out), *words) == 2
+        assert "expected the record of the detector that wrote the labels" in capsys.readouterr().err
+        assert [path.name for path in out.iterdir()] == [RECORD]
+        assert (out / RECORD).read_text(encoding="utf-8") == content
+
+
+def test_second_detection_waits_for_the_first(
+    bands: Path, model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    record = detection_record(model, DetectorConfig())
+    folder = label_folder(open_sequence(bands), record, tmp_path / "cache")
+    folder.mkdir(parents=True)
+    held, end = threading.Event(), threading.Event()
+
+    def detect() -> None:
+        with only_process(folder):
+            held.set()
+            end.wait()
+
+    first = threading.Thread(target=detect)
+    first.start()
+    held.wait()
+    threading.Timer(0.5, end.set).start()
+    words = ["--detector", str(model), "--cache", str(tmp_path / "cache"), "--features.blob_cell", "9"]
+    assert main(["run", str(bands), "--out", str(tmp_path / "out"), *words]) == 0
+    first.join()
+    assert "another process detects vehicles in these images" in " ".join(capsys.readouterr().out.split())
+    assert len(texts(folder)) == 6
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_interruption_says_that_a_repetition_continues(bands: Path, model: Path, tmp_path: Path) -> None:
+    count = 1500  # enough to be interrupted in the middle
+    for side in ("image_0", "image_1"):
+        for number in range(6, count):
+            (bands / side / f"{number:06d}.png").symlink_to(bands / side / "000000.png")
+    (bands / "times.txt").write_text("".join(f"{number}\n" for number in range(count)), encoding="utf-8")
+    (bands / "poses.txt").unlink()
+    out = tmp_path / "labels"
+    command = [sys.executable, "-m", "vo_lib", "data", "write_labels", str(bands)]
+    command += ["--model", str(model), "--out", str(out)]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    while len(list(out.glob("*.txt"))) < 3 and process.poll() is None:
+        time.sleep(0.001)
+    process.send_signal(signal.SIGINT)
+    _, error = process.communicate()
+    assert error == "vo data write_labels: interrupted; repeat the command to continue\n"
+    assert process.returncode == 130
+    assert 3 <= len(list(out.glob("*.txt"))) < count
+    assert not (out / ".lock").exists()
 
 
 def test_cached_labels_belong_to_one_detector(bands: Path, model: Path, tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from ..errors import DataError
 from ..evaluation.ate_rpe import Delta
 from ..paper.settings import MethodConfig
 from ..runs.folder import read_config, settings_in
-from .console import print_wrapped, reporting
+from .console import continues_when_repeated, print_wrapped, reporting
 
 if TYPE_CHECKING:
     from ..report.film import Film, FilmFrame
@@ -207,12 +207,23 @@ def labelled(
         print_wrapped(
             f"warning: `street` was trained on drawn streets; its boxes on {sequence.name} may be wrong"
         )
-    with reporting(f"detecting vehicles in {sequence.name}") as report:
+    with reporting(f"detecting vehicles in {sequence.name}") as report, continues_when_repeated():
         sequence = labelled_sequence(
-            sequence, options.detector, config, provider=options.provider, cache=cache, progress=report
+            sequence,
+            options.detector,
+            config,
+            provider=options.provider,
+            cache=cache,
+            waiting=_print_waiting,
+            progress=report,
         )
     warn_without_vehicles(sequence)
     return sequence
+
+
+def _print_waiting(folder: Path) -> None:
+    """Say why nothing happens while another process detects vehicles in the same images."""
+    print_wrapped("note: another process detects vehicles in these images; waiting until it ends")
 
 
 def warn_without_vehicles(sequence: Sequence) -> None:

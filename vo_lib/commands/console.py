@@ -75,14 +75,23 @@ def exit_code(program: str, error: BaseException) -> int:
         # At its end, Python writes the rest of its buffer, here to the null device.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    if isinstance(error, KeyboardInterrupt):
-        print(f"{program}: interrupted", file=sys.stderr)
-        return 130
     text = str(error)
+    if isinstance(error, KeyboardInterrupt):
+        print(f"{program}: interrupted" + (f"; {text}" if text else ""), file=sys.stderr)
+        return 130
     if isinstance(error, OSError):
         text = ": ".join(str(part) for part in (error.filename, error.strerror or error) if part is not None)
     print(f"{program}: error: {text}", file=sys.stderr)
     return 2
+
+
+@contextmanager
+def continues_when_repeated() -> Iterator[None]:
+    """Work whose finished parts are kept: after Ctrl-C, the message says that a repetition continues."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt("repeat the command to continue") from None
 
 
 def typed(command: str) -> str:

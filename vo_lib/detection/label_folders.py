@@ -8,13 +8,14 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from ..data.drawn import cache_folder
-from ..data.kitti import read_image
+from ..data.kitti import list_frames, read_image
 from ..data.label_files import write_labels
 from ..data.sequence import Sequence
 from ..errors import DataError
@@ -26,6 +27,12 @@ from .settings import DetectorConfig
 from .yolo import YoloDetector
 
 RECORD = "detector.json"
+EXPECTED_RECORD = "the record of the detector that wrote the labels"
+# A label folder has none of these: each is part of a sequence or of a run.
+FILES_OF_OTHER_FOLDERS = (
+    *("image_0", "image_1", "image_2", "image_3", "calib.txt", "times.txt"),
+    *("poses.txt", "poses_tum.txt", "frames.csv", "metrics.json"),
+)
 # Threads, one image each: the network works on one image while another is read or its boxes are selected.
 DETECTION_THREADS = 2
 
@@ -55,17 +62,26 @@ def write_label_folder(
     *,
     provider: str = "cpu",
     replace: bool = False,
+    waiting: Callable[[Path], None] | None = None,
     progress: Progress | None = None,
 ) -> int:
     """Write the missing labels of a folder and return their number; a second call continues the first.
 
-    A label older than its image counts as missing. Raises `DataError` if another process writes labels into
-    the folder, or if the folder has labels of another detector and `replace` is false.
+    A label older than its image counts as missing. `replace` deletes the frames' labels of another detector,
+    and no other file. `waiting` is called if another process writes labels into the folder (see
+    `only_process`).
+
+    Raises `DataError` if the folder belongs to a sequence or a run; if it has labels of another detector and
+    `replace` is false; or if another process writes labels into the folder and `waiting` is None.
     """
     record, images = detection_record(model, config, provider), sequence.folder / "image_0"
-    folder.mkdir(parents=True, exist_ok=True)
-    with only_process(folder):
-        _claim(folder, record, replace)
+    require_label_folder(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DataError(f"the folder cannot be created: {error.strerror}", folder) from None
+    with only_process(folder, waiting):
+        _claim(folder, record, sequence, replace)
         files = [(folder / f"{frame}.txt", images / f"{frame}.png") for frame in sequence.frames]
         missing = [(label, image) for label, image in files if not _is_current(label, image)]
         if not missing:
@@ -78,9 +94,13 @@ def write_label_folder(
 
         with ThreadPoolExecutor(DETECTION_THREADS) as pool:
             results = pool.map(detect, *zip(*missing, strict=True))
-            for number, _ in enumerate(results, start=len(files) - len(missing) + 1):
-                if progress:
-                    progress(number, len(files))
+            try:
+                for number, _ in enumerate(results, start=len(files) - len(missing) + 1):
+                    if progress:
+                        progress(number, len(files))
+            except BaseException:
+                pool.shutdown(cancel_futures=True)  # Ctrl-C does not wait for the other images
+                raise
         return len(missing)
 
 
@@ -91,29 +111,76 @@ def labelled_sequence(
     *,
     provider: str = "cpu",
     cache: Path | None = None,
+    waiting: Callable[[Path], None] | None = None,
     progress: Progress | None = None,
 ) -> Sequence:
-    """The sequence with a detector's labels, which are stored in the cache folder."""
+    """The sequence with a detector's labels, which are stored in the cache folder.
+
+    If another process detects the same sequence, `waiting` is called with the folder, then the call waits.
+    """
     config = config or DetectorConfig()
     folder = label_folder(sequence, detection_record(model, config, provider), cache)
-    write_label_folder(sequence, model, config, folder, provider=provider, replace=True, progress=progress)
+    _delete_damaged_record(folder / RECORD)
+    write_label_folder(
+        sequence,
+        model,
+        config,
+        folder,
+        provider=provider,
+        replace=True,
+        waiting=waiting or (lambda _: None),
+        progress=progress,
+    )
     return dataclasses.replace(sequence, labels=folder)
 
 
-def _claim(folder: Path, record: dict[str, Any], replace: bool) -> None:
-    """Write the detector's record if missing; `replace` deletes the labels of another detector."""
-    path, labels = folder / RECORD, list(folder.glob("*.txt"))
-    with suppress(DataError):  # a missing or damaged record counts as another detector's
-        if read_mapping(path, "the record of a detector") == record:
+def require_label_folder(folder: Path) -> None:
+    """Raise `DataError` if a folder for labels is the folder of a sequence or of a run."""
+    for name in FILES_OF_OTHER_FOLDERS:
+        if os.path.lexists(folder / name):
+            raise DataError(
+                f"contains {name}, so it is the folder of a sequence or a run: choose another folder",
+                folder,
+            )
+
+
+def _claim(folder: Path, record: dict[str, Any], sequence: Sequence, replace: bool) -> None:
+    """Write the detector's record if it is missing; `replace` deletes the frames' labels of another detector.
+
+    Every other file is kept. Raises `DataError` for a file that would then seem to be this detector's.
+    """
+    path = folder / RECORD
+    labels = sorted(file for file in folder.glob("*.txt") if file.stem.isdecimal())
+    if path.exists():
+        present = read_mapping(path, EXPECTED_RECORD)
+        if present == record:
             return
+        if not record.keys() <= present.keys():
+            raise DataError(f"expected {EXPECTED_RECORD}: choose another folder for labels", path)
     if labels and not replace:
         raise DataError(
             "contains labels that this detector did not write: choose another folder or add --replace", folder
         )
+    frames = set(list_frames(sequence.folder))
+    for file in labels:
+        if file.stem not in frames:
+            raise DataError(
+                f"is another detector's label, and {sequence.name} has no such frame: choose another folder",
+                file,
+            )
     # The record is deleted first: a folder never has labels of one detector and the record of another.
     for file in (path, *labels):
         file.unlink(missing_ok=True)
     write_atomic(path, json.dumps(record, indent=1) + "\n")
+
+
+def _delete_damaged_record(path: Path) -> None:
+    """Delete a record that is not JSON from the cache, whose files are the kit's own."""
+    try:
+        if path.exists():
+            read_mapping(path, EXPECTED_RECORD)
+    except DataError:
+        path.unlink(missing_ok=True)
 
 
 def _is_current(label: Path, image: Path) -> bool:
