@@ -71,8 +71,10 @@ def read_paper_table() -> PaperTable:
     table = PaperTable({})
     for name, *cells in printed_cells():
         numbers = [None if cell == "-" else float(cell) for cell in cells]
-        for method, pair in zip(PAPER_METHODS, zip(numbers[::2], numbers[1::2], strict=True), strict=True):
-            table.numbers[name, method] = pair
+        for place, method in enumerate(PAPER_METHODS):
+            te = numbers[2 * place]
+            re_degrees = numbers[2 * place + 1]
+            table.numbers[name, method] = (te, re_degrees)
     return table
 
 
@@ -159,9 +161,11 @@ class Group:
 
     def mean(self, method: str) -> Array:
         """Unweighted mean of TE and RE over the averaged sequences, for each seed, (2, S)."""
-        entries = [e for e in self.of_method(method) if e.sequence in self.averaged]
-        by_seed = [te_and_re(part for part in parts if len(part)) for parts in _by_seed(entries)]
-        means = [part.mean(axis=1) if part.size else (np.nan, np.nan) for part in by_seed]
+        entries = [entry for entry in self.of_method(method) if entry.sequence in self.averaged]
+        means = []
+        for of_seed in _by_seed(entries):
+            errors = te_and_re(errors for errors in of_seed if len(errors))
+            means.append(errors.mean(axis=1) if errors.size else np.full(2, np.nan))
         return np.reshape(means, (-1, 2)).T
 
     def pooled(self, method: str) -> Array:
@@ -171,8 +175,10 @@ class Group:
 
 def _by_seed(entries: list[Entry]) -> list[list[KittiErrors]]:
     """For each seed that all entries have, the errors on every sequence."""
-    common = set.intersection(*(set(entry.seeds) for entry in entries)) if entries else set()
-    return [[e.results[e.seeds.index(seed)].kitti for e in entries] for seed in sorted(common)]
+    if not entries:
+        return []
+    common = set.intersection(*(set(entry.seeds) for entry in entries))
+    return [[entry.results[entry.seeds.index(seed)].kitti for entry in entries] for seed in sorted(common)]
 
 
 def te_and_re(parts: Iterable[KittiErrors]) -> Array:
@@ -238,24 +244,29 @@ class Reproduction:
     @property
     def problems(self) -> list[str]:
         """Sentences on missing sequences, on sequences without truth, and on each cause of failed runs."""
-        sentences = [f"Not found, so not run: {', '.join(self.missing)}."] if self.missing else []
-        if bare := sorted({name for (_, name), (truth, _) in self.paths.items() if truth is None}):
+        sentences = []
+        if self.missing:
+            sentences.append(f"Not found, so not run: {', '.join(self.missing)}.")
+        bare = sorted({name for (_, name), (truth, _) in self.paths.items() if truth is None})
+        if bare:
             sentences.append(
                 f"No ground truth, so no errors: {', '.join(bare)}; the poses are in the folder runs."
             )
-        if short := dict.fromkeys(e.sequence for e in self.entries if not np.isfinite(e.errors).any()):
+        without_errors = [entry for entry in self.entries if not np.isfinite(entry.errors).any()]
+        short = dict.fromkeys(entry.sequence for entry in without_errors)
+        if short:
             sentences.append(f"Shorter than every sub-sequence, so no errors: {', '.join(short)}.")
         for cause, (job, *others) in self.failed.items():
-            sentences.append(f"Failed: {job}{f' and {len(others)} more' if others else ''}: {cause}")
+            more = f" and {len(others)} more" if others else ""
+            sentences.append(f"Failed: {job}{more}: {cause}")
         return sentences
 
 
 def default_sequences() -> list[str]:
     """The benchmark's sequences on this machine or, if there are none, drawn scenes."""
     names = available()
-    return [name for name in BENCHMARK_FRAMES if name in names] or [
-        f"{SYNTHETIC}{name}" for name in TABLE_SCENES
-    ]
+    of_benchmark = [name for name in BENCHMARK_FRAMES if name in names]
+    return of_benchmark or [f"{SYNTHETIC}{name}" for name in TABLE_SCENES]
 
 
 def split_missing(names: list[str]) -> tuple[list[str], list[str]]:
@@ -308,15 +319,17 @@ def collect(
     """Errors and paths of finished jobs, read from their folders."""
     table = Reproduction(missing, {})
     jobs_of: dict[tuple[str, str, str], list[Job]] = {}
-    for job, error in ((outcome.job, outcome.error) for outcome in outcomes):
-        if error is not None:
-            table.failed.setdefault(error, []).append(job.name)
-        else:
-            jobs_of.setdefault((job.config.variant, job.sequence.name, job.method), []).append(job)
+    for outcome in outcomes:
+        job = outcome.job
+        if outcome.error is not None:
+            table.failed.setdefault(outcome.error, []).append(job.name)
+            continue
+        jobs_of.setdefault((job.config.variant, job.sequence.name, job.method), []).append(job)
     for (variant, name, method), jobs in jobs_of.items():
         runs = [read_run(job.folder, job.sequence) for job in jobs]
         truth = runs[0].sequence.truth
-        table.paths.setdefault((variant, name), (truth, {}))[1][method] = runs[0].poses
+        _, path_of_method = table.paths.setdefault((variant, name), (truth, {}))
+        path_of_method[method] = runs[0].poses
         if truth is not None:
             table.entries.append(measure_runs(method, runs, measure))
     return table
@@ -332,10 +345,15 @@ def table_records(groups: list[Group], paper: PaperTable) -> list[dict[str, Any]
 
 
 def group_records(group: Group, paper: PaperTable) -> list[dict[str, Any]]:
-    left_out, several = f"{KITTI}{LEFT_OUT}", len(group.sequences) > 1
-    mean = AVERAGE if group.is_papers else f"mean of {len(group.averaged)}"
-    records = [_record(group, paper, mean, method, group.mean(method)) for method in group.methods if several]
-    for (sequence, method), entry in sorted(group.entries.items(), key=lambda item: item[0][0] == left_out):
+    """The records of one group, as in `table_records`."""
+    records = []
+    several = len(group.sequences) > 1
+    if several:
+        row = AVERAGE if group.is_papers else f"mean of {len(group.averaged)}"
+        records += [_record(group, paper, row, method, group.mean(method)) for method in group.methods]
+    highway = f"{KITTI}{LEFT_OUT}"
+    highway_last = sorted(group.entries.items(), key=lambda item: item[0][0] == highway)
+    for (sequence, method), entry in highway_last:
         records.append(_record(group, paper, sequence, method, entry.errors))
     if several:
         records += [_record(group, paper, "pooled", name, group.pooled(name)) for name in group.methods]
@@ -346,9 +364,15 @@ def _record(group: Group, paper: PaperTable, row: str, method: str, errors: Arra
     entry = group.entries.get((row, method))
     whole = group.is_papers if entry is None else entry.is_whole
     printed = paper.value(row.removeprefix(KITTI), method) if whole else (None, None)
-    record: dict[str, Any] = {"variant": group.variant, "sequence": row, "method": method}
-    record |= {"sub_sequences": group.measure.words, "seeds": errors.shape[1]}
-    record |= {f"paper_{kind}": value for kind, value in zip(ERROR_KINDS, printed, strict=True)}
+    record: dict[str, Any] = {
+        "variant": group.variant,
+        "sequence": row,
+        "method": method,
+        "sub_sequences": group.measure.words,
+        "seeds": errors.shape[1],
+    }
+    for kind, value in zip(ERROR_KINDS, printed, strict=True):
+        record[f"paper_{kind}"] = value
     return record | number_fields(errors, entry)
 
 
@@ -356,7 +380,9 @@ def number_fields(errors: Array, entry: Entry | None) -> dict[str, float | None]
     """Fields of a record: mean and deviation of TE and RE (2, S) over seeds, and numbers from the entry."""
     fields: dict[str, float | None] = {}
     for kind, values in zip(ERROR_KINDS, errors, strict=True):
-        fields[kind], fields[f"{kind}_std"] = map(finite_or_none, mean_and_spread(values))
+        mean, deviation = mean_and_spread(values)
+        fields[kind] = finite_or_none(mean)
+        fields[f"{kind}_std"] = finite_or_none(deviation)
     for name in ("removed_share", "back_end_ms"):
         fields[name] = getattr(entry, name, None)
     return fields

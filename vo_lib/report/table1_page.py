@@ -11,6 +11,7 @@ import numpy as np
 from ..data.catalogue import KITTI
 from ..evaluation.kitti_errors import KITTI_PROTOCOL
 from ..files import write_atomic
+from ..geometry.types import Array
 from .film import FILM_ENDING
 from .page import (
     NO_CHANGE,
@@ -46,6 +47,8 @@ from .table1 import (
 
 VARIANT_WORDS = {"published": "variant published", "kit": "variant kit"}
 FIGURE_4_SEQUENCES = (f"{KITTI}02", f"{KITTI}07")
+# The truth (N, 4, 4) of a sequence or None, and each method's path.
+Panel = tuple[Array | None, dict[str, Array]]
 REMARKS = (
     "The paper calls its numbers RMSE of 11 sequences. The numbers are means; Avg is the mean of ten rows.",
     "The paper's VISO2 average is shown as printed, 2.43 / 1.106; the mean of its rows is 2.10 / 1.247.",
@@ -72,50 +75,85 @@ def layout_tables(group: Group, paper: PaperTable) -> list[ReportTable]:
     records = [record for record in group_records(group, paper) if record["te_percent"] is not None]
     if not records:
         return []
-    several = len(group.sequences) > 1
-    printed = any(record["paper_te_percent"] is not None for record in records)
-    name = "KITTI" if group.kitti else f"{len(group.sequences)} sequences"
-    title = f"{name if several else group.sequences[0]}, {VARIANT_WORDS[group.variant]}"
-    tables = []
-    for kinds in [[kind] for kind in ERROR_KINDS] if printed else [list(ERROR_KINDS)]:
-        units = [ERROR_KINDS[kind][0] for kind in kinds]
-        errors = [f"{units[0]}, ours", "paper", "difference"] if printed else units
-        columns = ["method", *errors, "removed %"]
-        rows = [
-            [
-                f"{record['sequence'].removeprefix(KITTI)} " * several + record["method"],
-                *(cell for kind in kinds for cell in _cells(record, kind)[: 3 if printed else 1]),
-                "" if record["removed_share"] is None else f"{100 * record['removed_share']:.1f}",
-            ]
-            for record in records
-        ]
-        heading = f"{title}, {units[0].split()[0]}" if printed else title
-        tables.append(ReportTable(f"{heading}: sub-sequences of {group.measure.words}", columns, rows, []))
+    if any(record["paper_te_percent"] is not None for record in records):
+        tables = [_table_beside_paper(group, records, kind) for kind in ERROR_KINDS]
+    else:
+        tables = [_table_of_ours(group, records)]
     tables[0].head.extend(caveats(group))
     seeds = seeds_text(max(record["seeds"] for record in records)).capitalize()
-    notes = [f"{seeds}; removed %: share of the features that the box rule removes."]
-    mean = "Avg and mean, without 01" if group.kitti else "mean"
-    weights = f"{mean}: all sequences have equal weight; pooled: all sub-sequences, as on KITTI's server."
-    tables[-1].notes.extend([*notes, *[weights] * several])
+    tables[-1].notes.append(f"{seeds}; removed %: share of the features that the box rule removes.")
+    if _has_several(group):
+        mean = "Avg and mean, without 01" if group.kitti else "mean"
+        tables[-1].notes.append(
+            f"{mean}: all sequences have equal weight; pooled: all sub-sequences, as on KITTI's server."
+        )
     return tables
 
 
-def _cells(record: dict[str, Any], kind: str) -> list[str]:
-    """Our mean ± deviation over the seeds, the paper's number, and the difference."""
-    ours, printed, digits = record[kind], record[f"paper_{kind}"], ERROR_KINDS[kind][1]
-    theirs = ["", ""] if printed is None else [format_number(printed, digits), signed(ours - printed, digits)]
-    return [plus_minus(ours, record[f"{kind}_std"]), *theirs]
+def _has_several(group: Group) -> bool:
+    """Whether the rows of a group name their sequence."""
+    return len(group.sequences) > 1
+
+
+def _title(group: Group) -> str:
+    """The sequences of a group and its variant."""
+    if not _has_several(group):
+        sequences = group.sequences[0]
+    elif group.kitti:
+        sequences = "KITTI"
+    else:
+        sequences = f"{len(group.sequences)} sequences"
+    return f"{sequences}, {VARIANT_WORDS[group.variant]}"
+
+
+def _table_of_ours(group: Group, records: list[dict[str, Any]]) -> ReportTable:
+    """TE and RE of a group's records, side by side."""
+    units = [unit for unit, _ in ERROR_KINDS.values()]
+    rows = []
+    for record in records:
+        errors = [plus_minus(record[kind], record[f"{kind}_std"]) for kind in ERROR_KINDS]
+        rows.append([_row_name(group, record), *errors, _removed(record)])
+    title = f"{_title(group)}: sub-sequences of {group.measure.words}"
+    return ReportTable(title, ["method", *units, "removed %"], rows, [])
+
+
+def _table_beside_paper(group: Group, records: list[dict[str, Any]], kind: str) -> ReportTable:
+    """One kind of error, ours beside the paper's, with the difference where the paper has a number."""
+    unit, digits = ERROR_KINDS[kind]
+    rows = []
+    for record in records:
+        ours = plus_minus(record[kind], record[f"{kind}_std"])
+        theirs = record[f"paper_{kind}"]
+        if theirs is None:
+            beside = ["", ""]
+        else:
+            beside = [format_number(theirs, digits), signed(record[kind] - theirs, digits)]
+        rows.append([_row_name(group, record), ours, *beside, _removed(record)])
+    title = f"{_title(group)}, {unit.split()[0]}: sub-sequences of {group.measure.words}"
+    return ReportTable(title, ["method", f"{unit}, ours", "paper", "difference", "removed %"], rows, [])
+
+
+def _row_name(group: Group, record: dict[str, Any]) -> str:
+    method = str(record["method"])
+    return f"{record['sequence'].removeprefix(KITTI)} {method}" if _has_several(group) else method
+
+
+def _removed(record: dict[str, Any]) -> str:
+    share = record["removed_share"]
+    return "" if share is None else f"{100 * share:.1f}"
 
 
 def caveats(group: Group) -> list[str]:
     """Warnings above a table: incomplete sequences, non-standard sub-sequences."""
+    if not group.kitti:
+        return []
     notes = []
-    frames = {entry.sequence: len(entry.truth) for entry in group.entries.values() if group.kitti}
-    parts = {name: n for name, n in frames.items() if n != BENCHMARK_FRAMES[name]}
+    frames = {entry.sequence: len(entry.truth) for entry in group.entries.values()}
+    parts = {name: count for name, count in frames.items() if count != BENCHMARK_FRAMES[name]}
     if parts:
         words = ", ".join(f"{name} ({n} of {BENCHMARK_FRAMES[name]} frames)" for name, n in parts.items())
         notes.append(f"Parts of sequences, not comparable with whole sequences: {words}.")
-    if group.kitti and group.measure != KITTI_PROTOCOL:
+    if group.measure != KITTI_PROTOCOL:
         notes.append(f"Sub-sequences of {group.measure.words}: not comparable with the benchmark.")
     return notes
 
@@ -125,36 +163,60 @@ def results(groups: list[Group]) -> list[str]:
 
     The other method is `solution_selection` and, in a group with the paper's sequences, also `mesvo_f`.
     """
-    compared = ((group, other) for group in groups for other in list(CLAIMS)[: 2 if group.is_papers else 1])
-    return [sentence for group, other in compared for sentence in _comparison(group, other)]
+    sentences = []
+    for group in groups:
+        others = list(CLAIMS) if group.is_papers else list(CLAIMS)[:1]
+        for other in others:
+            sentences += _comparison(group, other)
+    return sentences
 
 
 def _comparison(group: Group, other: str) -> list[str]:
     """A sentence on the mean errors of the proposal and of another method; none without boxes or errors."""
-    by_seed = [group.mean(method) for method in (other, PROPOSAL)]
-    if not all(np.isfinite(errors).all() and errors.size for errors in by_seed):
-        return []
+    errors_of_other = group.mean(other)
+    errors_of_proposal = group.mean(PROPOSAL)
+    for errors in (errors_of_other, errors_of_proposal):
+        if errors.size == 0 or not np.isfinite(errors).all():
+            return []
     if not any(entry.labels for entry in group.of_method(PROPOSAL)):
         return []
-    parts = []
-    for (kind, _), claim, *errors in zip(ERROR_KINDS.values(), CLAIMS[other], *by_seed, strict=True):
-        (before, deviation), (after, new_deviation) = map(mean_and_spread, errors)
-        if before == after:
-            continue
-        (name, unit), less = kind.split(" ", 1), float(gain(before, after))
-        verb, change = "lowers" if less > 0 else "raises", f"{signed(-less, 1)} %"
-        if abs(after - before) <= change_limit(before, deviation, new_deviation):
-            verb, change = "changes", NO_CHANGE
-        change += f", in the paper −{claim:g} %" if group.is_papers else ""
-        parts.append(
-            f"{verb} {name} from {format_number(before)} to {format_number(after)} {unit} ({change})"
-        )
-    rows, changes = group.averaged, " and ".join(parts) or "changes neither TE nor RE"
+    changes = []
+    for place, (unit, _) in enumerate(ERROR_KINDS.values()):
+        claim = CLAIMS[other][place] if group.is_papers else None
+        changes.append(_change(unit, errors_of_other[place], errors_of_proposal[place], claim))
+    words = " and ".join(change for change in changes if change) or "changes neither TE nor RE"
+    rows = group.averaged
     where = rows[0] if len(rows) == 1 else f"Mean of {len(rows)} sequences"
-    result = f"{PROPOSAL}, which removes the features in vehicle boxes, {changes}"
-    few = {1: "one seed", 2: "two seeds"}.get(by_seed[1].shape[1])
-    seeds = f"; with {few}, a change may be due to chance" if few else ""
-    return [f"{where}, {VARIANT_WORDS[group.variant]}: {result} compared with {other}{seeds}."]
+    sentence = (
+        f"{where}, {VARIANT_WORDS[group.variant]}: {PROPOSAL}, which removes the features in vehicle boxes, "
+        f"{words} compared with {other}"
+    )
+    few = {1: "one seed", 2: "two seeds"}.get(errors_of_proposal.shape[1])
+    if few:
+        sentence += f"; with {few}, a change may be due to chance"
+    return [f"{sentence}."]
+
+
+def _change(unit: str, before: Array, after: Array, claim: float | None) -> str:
+    """Words on the change of an error (S,) over seeds, such as "lowers TE from 1.6 to 0.5 % (−69.2 %)".
+
+    unit : name and unit of the error; claim : the paper's gain in %. Empty for equal means.
+    """
+    name, sign = unit.split(" ", 1)
+    mean, deviation = mean_and_spread(before)
+    new_mean, new_deviation = mean_and_spread(after)
+    if mean == new_mean:
+        return ""
+    less = float(gain(mean, new_mean))
+    if abs(new_mean - mean) <= change_limit(mean, deviation, new_deviation):
+        verb = "changes"
+        change = NO_CHANGE
+    else:
+        verb = "lowers" if less > 0 else "raises"
+        change = f"{signed(-less, 1)} %"
+    if claim is not None:
+        change += f", in the paper −{claim:g} %"
+    return f"{verb} {name} from {format_number(mean)} to {format_number(new_mean)} {sign} ({change})"
 
 
 def write_table_files(
@@ -168,9 +230,10 @@ def write_table_files(
 ) -> None:
     """Write tables, report and figures; `conclusions` : sentences; `origin` : command and duration."""
     printed = [printed_table()] if any(group.kitti for group in groups) else []
-    pictures, films = _pictures(folder, result, groups), _films(folder, result)
-    sentences = "".join(f"{line}\n\n" for line in [*conclusions, *result.problems])
+    pictures = _pictures(folder, result, groups)
+    films = _films(folder, result)
     page = render_report(conclusions, tables, printed, pictures, origin, result.problems, films)
+    sentences = "".join(f"{line}\n\n" for line in [*conclusions, *result.problems])
     write_atomic(folder / "table1.md", sentences + "\n".join(map(markdown, [*tables, *printed])))
     write_atomic(folder / "table1.csv", records_csv(table_records(groups, paper)))
     write_atomic(folder / "report.html", page)
@@ -178,25 +241,43 @@ def write_table_files(
 
 def _pictures(folder: Path, result: Reproduction, groups: list[Group]) -> list[Picture]:
     """Pictures: the first path, errors, the other paths, and Figure 4 if one of its sequences was run."""
-    bars, paths = list[Picture](), list[Picture]()
+    bars = []
+    paths = []
     for variant in dict.fromkeys(variant for variant, _ in result.paths):
-        words = VARIANT_WORDS[variant]
-        for group in (group for group in groups if group.variant == variant):
-            errors = {key: e.errors for key, e in group.entries.items() if np.isfinite(e.errors).all()}
-            if errors:
-                figure = errors_figure(f"sub-sequences of {group.measure.words}", errors)
-                bars.append(Picture(png(figure), f"Errors, one bar per method; {words}."))
+        bars += _error_bars([group for group in groups if group.variant == variant])
         panels = {name: panel for (key, name), panel in result.paths.items() if key == variant}
+        for name, panel in panels.items():
+            picture = _path_picture(variant, {name: panel})
+            write_atomic(folder / f"trajectory_{variant}_{slug(name)}.png", picture.data)
+            paths.append(picture)
         figure_4 = {name: panels[name] for name in FIGURE_4_SEQUENCES if name in panels}
-        figures = {f"trajectory_{variant}_{slug(name)}": {name: panel} for name, panel in panels.items()}
-        figures |= {f"figure4_{variant}": figure_4} if figure_4 else {}
-        for file, rows in figures.items():
-            caption = f"{'Figure 4: ' * (rows is figure_4)}{' and '.join(rows)}, paths from above"
-            has_truth = any(truth is not None for truth, _ in rows.values())
-            caption += f"{', and distances from the truth' * has_truth}; {words}, first seed."
-            paths.append(Picture(png(trajectories_figure(rows)), caption))
-            write_atomic(folder / f"{file}.png", paths[-1].data)
+        if figure_4:
+            picture = _path_picture(variant, figure_4, "Figure 4: ")
+            write_atomic(folder / f"figure4_{variant}.png", picture.data)
+            paths.append(picture)
     return [*paths[:1], *bars, *paths[1:]]
+
+
+def _error_bars(groups: list[Group]) -> list[Picture]:
+    """A picture of the errors of each group that has errors."""
+    pictures = []
+    for group in groups:
+        errors = {key: entry.errors for key, entry in group.entries.items()}
+        finite = {key: values for key, values in errors.items() if np.isfinite(values).all()}
+        if finite:
+            figure = errors_figure(f"sub-sequences of {group.measure.words}", finite)
+            caption = f"Errors, one bar per method; {VARIANT_WORDS[group.variant]}."
+            pictures.append(Picture(png(figure), caption))
+    return pictures
+
+
+def _path_picture(variant: str, panels: dict[str, Panel], heading: str = "") -> Picture:
+    """The paths of the sequences in `panels` from above, with distances where there is truth."""
+    caption = f"{heading}{' and '.join(panels)}, paths from above"
+    if any(truth is not None for truth, _ in panels.values()):
+        caption += ", and distances from the truth"
+    caption += f"; {VARIANT_WORDS[variant]}, first seed."
+    return Picture(png(trajectories_figure(panels)), caption)
 
 
 def _films(folder: Path, result: Reproduction) -> list[tuple[str, str]]:
@@ -204,7 +285,8 @@ def _films(folder: Path, result: Reproduction) -> list[tuple[str, str]]:
     films = []
     for (variant, name), (_, methods) in result.paths.items():
         for method in methods:
-            for film in sorted(job_folder(folder, variant, name, method, 0).glob(f"*{FILM_ENDING}")):
+            run_folder = job_folder(folder, variant, name, method, 0)
+            for film in sorted(run_folder.glob(f"*{FILM_ENDING}")):
                 caption = f"{name}, {method}; {VARIANT_WORDS[variant]}, first seed."
                 films.append((quote(film.relative_to(folder).as_posix()), caption))
     return films
