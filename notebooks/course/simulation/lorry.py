@@ -54,30 +54,34 @@ def with_lorry(
     """
     rng = np.random.default_rng(seed)
     start = np.array([-SIDE[0] / 2, CAMERA_HEIGHT - SIDE[1], config.distance])
-    points, strength = start + SIDE * rng.random((POINTS, 3)), rng.gamma(2.0, 20.0, POINTS)
-    way = SIDE[0] + config.distance * camera.width / camera.f  # from one lorry to the next
+    points = start + SIDE * rng.random((POINTS, 3))
+    strength = rng.gamma(2.0, 20.0, POINTS)
+    spacing = SIDE[0] + config.distance * camera.width / camera.f  # from one lorry to the next, metres
     age = np.zeros(POINTS, np.int64)
     for index, matches in enumerate(frames):
-        number, along = divmod(STEP * index + way / 2, way)
-        place = np.array([along - way / 2, 0.0, 0.0])
+        number, along = divmod(STEP * index + spacing / 2, spacing)
+        place = np.array([along - spacing / 2, 0.0, 0.0])
         # Left and right image: u and v of the ends of the side, and measured u and v of its points.
         rims = np.stack(camera.project(start + place + SIDE * [[0.0], [1.0]])).reshape(2, 4)
         pixels = np.stack(camera.project(points + place)) + NOISE * rng.standard_normal((2, POINTS, 2))
         if index == 0:
-            rims_p, pixels_p = rims, pixels
+            rims_p = rims
+            pixels_p = pixels
         corner = (camera.width - 1, camera.height - 1)
-        a, b, c, d = images = np.concatenate([pixels_p, pixels])
+        images = np.concatenate([pixels_p, pixels])  # previous left, previous right, left, right
         visible = ((images >= 0) & (images <= corner)).all(axis=(0, 2))
         kept = matches[~_hidden(camera, matches, [*rims_p, *rims], config.distance)]
         wanted = round(config.share / (1 - config.share) * len(kept))
         chosen = np.flatnonzero(visible)[:wanted]
         age = np.where(np.isin(np.arange(POINTS), chosen), age + 1, 0)
         ids = -1 - POINTS * int(number) - chosen
-        added = StereoMatches(a[chosen], b[chosen], c[chosen], d[chosen], age[chosen], strength[chosen], ids)
+        prev_left, prev_right, cur_left, cur_right = images[:, chosen]
+        added = StereoMatches(prev_left, prev_right, cur_left, cur_right, age[chosen], strength[chosen], ids)
         xyxy = np.clip(rims[:1], 0, corner * 2)
         box = Boxes(xyxy, np.array([TRUCK]), np.ones(1))
         yield joined([kept, added]), box[xyxy[:, 2] > xyxy[:, 0]]
-        rims_p, pixels_p = rims, pixels
+        rims_p = rims
+        pixels_p = pixels
 
 
 def _hidden(camera: StereoCamera, matches: StereoMatches, rims: list[Array], distance: float) -> BoolArray:

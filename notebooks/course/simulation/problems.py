@@ -76,9 +76,10 @@ def random_problems(
     X_c = X_p @ np.swapaxes(R_cp, 1, 2) + t_cp[:, None]
     E = essential_from_motion(R_cp, t_cp)
     norm = np.linalg.norm(E, axis=(1, 2), keepdims=True)
-    x_p, x_c = (X[..., :2] / X[..., 2:] for X in (X_p, X_c))
     noise_p, noise_c = rng.normal(0.0, noise_px / FOCAL, (2, count, points, 2))
-    return PoseProblems(R_cp, t_cp, E / np.where(norm > 0.0, norm, 1.0), x_p + noise_p, x_c + noise_c, X_p)
+    x_p = X_p[..., :2] / X_p[..., 2:] + noise_p
+    x_c = X_c[..., :2] / X_c[..., 2:] + noise_c
+    return PoseProblems(R_cp, t_cp, E / np.where(norm > 0.0, norm, 1.0), x_p, x_c, X_p)
 
 
 def _directions(rng: np.random.Generator, count: int) -> Array:

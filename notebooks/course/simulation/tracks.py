@@ -96,7 +96,10 @@ class _Street:
     """State of the simulation: tracked features and poses of the objects."""
 
     def __init__(self, poses: Array, camera: StereoCamera, config: TrackConfig, rng: np.random.Generator):
-        self.poses, self.camera, self.config, self.rng = poses, camera, config, rng
+        self.poses = poses
+        self.camera = camera
+        self.config = config
+        self.rng = rng
         self.from_world = inverse(poses)
         # Poses T_w_o of the objects in the current pair; far away until they are placed.
         self.objects = np.tile(rigid(np.eye(3), np.array([0.0, 0.0, -1e6])), (config.objects, 1, 1))
@@ -107,9 +110,9 @@ class _Street:
 
     def step(self, frame: int) -> SimulatedFrame:
         """Remaining and new features, measured in the current pair."""
-        config, rng = self.config, self.rng
+        config = self.config
         self._move_objects(frame)
-        kept = self.alive[rng.random(len(self.alive)) < config.survival]
+        kept = self.alive[self.rng.random(len(self.alive)) < config.survival]
         kept = kept[self._visible(kept.point, kept.body)]
         on_objects = round(config.moving * config.points)
         parts = []
@@ -120,36 +123,49 @@ class _Street:
 
     def _measure(self, frame: int, features: _Features) -> SimulatedFrame:
         """Measure the features in the current pair, some of them at wrong positions."""
-        config, rng, count = self.config, self.rng, len(features)
-        left, right = (uv + self._noise(count) for uv in self._project(1, features.point, features.body))
-        moving, wrong = features.body >= 0, np.zeros(count, bool)
-        wrong[rng.permutation(np.flatnonzero(~moving))[: round(config.wrong * count)]] = True
+        rng = self.rng
+        count = len(features)
+        left, right = self._project(1, features.point, features.body)
+        left = left + self._noise(count)
+        right = right + self._noise(count)
+        moving = features.body >= 0
+        wrong = np.zeros(count, bool)
+        wrong[rng.permutation(np.flatnonzero(~moving))[: round(self.config.wrong * count)]] = True
         # A wrong match has the position of another feature that is near in the image.
         mismatches = np.flatnonzero(wrong)
-        way, angle = rng.uniform(4.0, 40.0, len(mismatches)), rng.uniform(0, 2 * np.pi, len(mismatches))
+        distance = rng.uniform(4.0, 40.0, len(mismatches))
+        angle = rng.uniform(0, 2 * np.pi, len(mismatches))
         disparity = (left - right)[mismatches, 0] * rng.uniform(0.6, 1.6, len(mismatches))
-        left[mismatches] += way[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        left[mismatches] += distance[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
         right[mismatches, 0] = left[mismatches, 0] - disparity
         right[mismatches, 1] = left[mismatches, 1] + self._noise(len(mismatches))[:, 1]
-        pairs = features.left, features.right, left, right
-        matches = StereoMatches(*pairs, features.age, features.strength, features.id)
+        matches = StereoMatches(
+            features.left, features.right, left, right, features.age, features.strength, features.id
+        )
         self.alive = replace(features, left=left, right=right, age=features.age + 1)[~wrong]
         return SimulatedFrame(frame, matches, wrong, moving, self.from_world[frame] @ self.poses[frame - 1])
 
     def _new(self, frame: int, wanted: int, moving: bool) -> _Features:
         """New features that are visible in the previous and in the current pair."""
-        point, body = np.zeros((0, 3)), np.zeros(0, np.int64)
+        point = np.zeros((0, 3))
+        body = np.zeros(0, np.int64)
         for _ in range(ROUNDS):
-            if (lacking := wanted - len(body)) <= 0:
+            lacking = wanted - len(body)
+            if lacking <= 0:
                 break
-            more, its = self._sample(frame, 2 * lacking + 20, moving)
-            good = np.flatnonzero(self._visible(more, its))[:lacking]
-            point, body = np.concatenate([point, more[good]]), np.concatenate([body, its[good]])
+            more, bodies = self._sample(frame, 2 * lacking + 20, moving)
+            good = np.flatnonzero(self._visible(more, bodies))[:lacking]
+            point = np.concatenate([point, more[good]])
+            body = np.concatenate([body, bodies[good]])
         count = len(body)
-        left, right = (uv + self._noise(count) for uv in self._project(0, point, body))
+        left, right = self._project(0, point, body)
+        left = left + self._noise(count)
+        right = right + self._noise(count)
+        age = np.ones(count, np.int64)
+        strength = self.rng.gamma(2.0, 20.0, count)
+        ids = np.arange(self.next_id, self.next_id + count)
         self.next_id += count
-        ages, ids = np.ones(count, np.int64), np.arange(self.next_id - count, self.next_id)
-        return _Features(point, body, left, right, ages, self.rng.gamma(2.0, 20.0, count), ids)
+        return _Features(point, body, left, right, age, strength, ids)
 
     def _sample(self, frame: int, count: int, moving: bool) -> tuple[Array, IntArray]:
         """Random points in the axes of their body: on road or house fronts near the camera, or on objects."""
@@ -161,9 +177,10 @@ class _Street:
             return point, body
         z = NEAREST * (FARTHEST / NEAREST) ** rng.random(count)
         ground = rng.random(count) < 0.4
-        x = rng.uniform(5.0, 14.0, count) * rng.choice([-1.0, 1.0], count)
-        y = CAMERA_HEIGHT - rng.uniform(0.0, 8.0, count)
-        x, y = np.where(ground, rng.uniform(-7.0, 7.0, count), x), np.where(ground, CAMERA_HEIGHT, y)
+        x_of_front = rng.uniform(5.0, 14.0, count) * rng.choice([-1.0, 1.0], count)
+        y_of_front = CAMERA_HEIGHT - rng.uniform(0.0, 8.0, count)
+        x = np.where(ground, rng.uniform(-7.0, 7.0, count), x_of_front)
+        y = np.where(ground, CAMERA_HEIGHT, y_of_front)
         return transform(self.poses[frame - 1], np.stack([x, y, z], axis=1)), np.full(count, -1)
 
     def _project(self, pair: int, point: Array, body: IntArray) -> tuple[Array, Array]:
@@ -179,7 +196,8 @@ class _Street:
 
     def _move_objects(self, frame: int) -> None:
         """Objects drive along their heading; an object that leaves the view reappears elsewhere."""
-        before, T_c_w = self.objects, self.from_world[[frame - 1, frame], None]
+        before = self.objects
+        T_c_w = self.from_world[[frame - 1, frame], None]
         x, _, z = np.moveaxis((T_c_w @ np.stack([before, before @ AHEAD]))[..., :3, 3], -1, 0)
         visible = ((z > 7.0) & (z < 45.0) & (np.abs(x) < 0.6 * z)).all(axis=0)
         for k in np.flatnonzero(~visible):

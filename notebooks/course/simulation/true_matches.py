@@ -30,7 +30,8 @@ def predict(truth: Truth, frame_p: int, frame_c: int, uv: Array) -> tuple[Array,
     valid : (N,) mask of the points that have a depth (no sky) and are inside both images of frame_c. A
         nearer surface may hide a valid point.
     """
-    uv, camera = np.asarray(uv, np.float64).reshape(-1, 2), truth.config.camera
+    uv = np.asarray(uv, np.float64).reshape(-1, 2)
+    camera = truth.config.camera
     z = _depth_at(truth, frame_p, uv)
     has_depth = np.isfinite(z)
     z = np.where(has_depth, z, 1.0)
@@ -61,12 +62,14 @@ def _depth_at(truth: Truth, frame: int, uv: Array) -> Array:
 
     At an outline, the result is the depth of the nearest pixel.
     """
-    near, numbers = 1.0 / depth(truth, frame), truth.instances(frame)
+    near = 1.0 / depth(truth, frame)
+    numbers = truth.instances(frame)
     height, width = near.shape
     uv = np.nan_to_num(uv)
     column = np.clip(np.floor(uv[:, 0]), 0, width - 2).astype(np.intp)
     row = np.clip(np.floor(uv[:, 1]), 0, height - 2).astype(np.intp)
-    a, b = np.clip(uv[:, 0] - column, 0, 1), np.clip(uv[:, 1] - row, 0, 1)
+    a = np.clip(uv[:, 0] - column, 0, 1)
+    b = np.clip(uv[:, 1] - row, 0, 1)
     around = np.stack([near[row + j, column + i] for j in (0, 1) for i in (0, 1)])
     things = np.stack([numbers[row + j, column + i] for j in (0, 1) for i in (0, 1)])
     mixed = (1 - b) * ((1 - a) * around[0] + a * around[1]) + b * ((1 - a) * around[2] + a * around[3])
