@@ -38,6 +38,7 @@ def clean_matches(cache: Path | None = None) -> int:
 
 def run(options: argparse.Namespace) -> int:
     """Delete the old matches and print the number of bytes deleted."""
-    removed, folder = clean_matches(options.cache), match_folder(options.cache)
+    removed = clean_matches(options.cache)
+    folder = match_folder(options.cache)
     print_lines(f"{folder}: {format_bytes(removed)} deleted, {format_bytes(folder_size(folder))} remain")
     return 0

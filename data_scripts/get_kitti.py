@@ -94,7 +94,8 @@ def fetch_missing(root: Path, sequences: set[str], options: argparse.Namespace) 
         members, marks = select_frames(members, root, partial(parse_frames, options.frames), options.raw)
         with reporting("checking the files present") as report:
             todo = absent(members, root, report)
-        packed, size = sum(m.info.compress_size for m in todo), sum(m.info.file_size for m in todo)
+        packed = sum(m.info.compress_size for m in todo)
+        size = sum(m.info.file_size for m in todo)
         print_lines(f"{len(members) - len(todo)} of {len(members)} files are already complete in {root}")
         if todo:
             require_space(root, size)

@@ -47,7 +47,8 @@ def run(options: argparse.Namespace) -> int:
     sequence = sequence.part(0, max(2, min(frames, len(sequence))))
     with reporting(f"measuring {sequence.name}") as report:
         figures = measure(sequence, config, report)
-    machine, camera = describe_machine(), sequence.camera
+    machine = describe_machine()
+    camera = sequence.camera
     print_lines(", ".join(f"{name} {value}" for name, value in machine.items()))
     wall, processor, decoding = (figures[f"{name}_ms_a_frame"] for name in ("wall", "processor", "decoding"))
     rows = [[name, f"{ms:.2f} ms"] for name, ms in figures["stages_ms_a_frame"].items()]
@@ -68,9 +69,11 @@ def measure(sequence: Sequence, config: MethodConfig, progress: Progress | None 
     """
     count = len(sequence)
     run_sequence(sequence.part(0, 2), config)  # excludes work that a process does only once
-    wall, processor = time.perf_counter(), time.process_time()
+    wall = time.perf_counter()
+    processor = time.process_time()
     result = run_sequence(sequence, config, progress)
-    wall, processor = time.perf_counter() - wall, time.process_time() - processor
+    wall = time.perf_counter() - wall
+    processor = time.process_time() - processor
     decoding = time.process_time()
     for index in range(count):
         sequence.stereo(index)

@@ -34,7 +34,8 @@ Targets = dict[str, str]
 
 def sequence_archives(host: str, sequences: Iterable[str], color: bool = False) -> tuple[list[str], Targets]:
     """Addresses of the benchmark's archives, and path patterns of the files of sequences "00" … "21"."""
-    kinds, names = [GRAY, *([COLOR] if color else []), CALIB, POSES], f"(?:{'|'.join(sequences)})"
+    kinds = [GRAY, *([COLOR] if color else []), CALIB, POSES]
+    names = f"(?:{'|'.join(sequences)})"
     inside = rf"(sequences/{names}/(?:image_[0-3]/\d+\.png|calib\.txt|times\.txt)|poses/{names}\.txt)"
     return [f"{host.rstrip('/')}/{kind}" for kind in kinds], {inside: r"\1"}
 
@@ -85,7 +86,8 @@ def fetch(
 
     progress : called with (bytes done, total bytes).
     """
-    total, done = sum(member.info.compress_size for member in members), 0
+    total = sum(member.info.compress_size for member in members)
+    done = 0
 
     def take(member: Member) -> None:
         write_file(root / member.target, archives.read(member))

@@ -65,7 +65,8 @@ def check_tree(
         raise DataError("not a KITTI folder: expected a folder 'sequences' with the folders 00 … 21", root)
     if names is None:
         names = sorted(p.name for p in (root / "sequences").iterdir() if p.is_dir())
-    reports, names = list[SequenceReport](), list(names)
+    reports = list[SequenceReport]()
+    names = list(names)
     for name in names:
         reports.append(_check_sequence(root, root / "sequences" / name, deep))
         if progress is not None:
@@ -76,13 +77,15 @@ def check_tree(
 def _check_sequence(root: Path, folder: Path, deep: bool) -> SequenceReport:
     colour = any((folder / side).is_dir() for side in ("image_2", "image_3"))
     sides = {f"image_{side}": _by_number(folder / f"image_{side}") for side in range(4 if colour else 2)}
-    part, numbers = kitti.read_part(folder), kitti.wanted_frames(folder)
+    part = kitti.read_part(folder)
+    numbers = kitti.wanted_frames(folder)
     expected = None if numbers is None else len(numbers)
     if numbers is None:  # a user's own clip may start with any number
         everything = set().union(*sides.values())
         numbers = range(min(everything, default=0), max(everything, default=-1) + 1)
     mark = "" if part is None else part[0]
-    complete, problems = [f"a part: {mark}"] if mark else [], list[str]()
+    complete = [f"a part: {mark}"] if mark else []
+    problems = list[str]()
     for side, images in sides.items():
         missing = [number for number in numbers if number not in images]
         if not images:

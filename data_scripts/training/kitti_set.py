@@ -152,7 +152,8 @@ def split(images: list[Labelled], share: float, seed: int) -> dict[str, list[Lab
 
 def write_set(parts: dict[str, list[Labelled]], folder: Path, progress: Progress | None = None) -> None:
     """Write a data set. Images are hard links if possible, otherwise copies."""
-    total, done = sum(len(part) for part in parts.values()), 0
+    total = sum(len(part) for part in parts.values())
+    done = 0
     for name, part in parts.items():
         for kind in ("images", "labels"):
             (folder / name / kind).mkdir(parents=True, exist_ok=True)

@@ -26,7 +26,9 @@ from vo_street.world import make_world
 NAMES = ("car", "bus", "truck")
 CLASS_OF = {2: 0, 5: 1, 7: 2}  # index in NAMES by COCO number
 # Seeds of the splits; far apart, so that no street is in two of them.
-TRAIN_SEED, VALID_SEED, TEST_SEED = 100_000, 200_000, 300_000
+TRAIN_SEED = 100_000
+VALID_SEED = 200_000
+TEST_SEED = 300_000
 TEST_SEEDS = 2  # seeds per named scene
 MIN_PIXELS, MIN_HEIGHT = 40, 8  # smallest visible vehicle with a label
 JPEG_QUALITY = 92
@@ -118,7 +120,8 @@ def draw_street(street: Street, folder: Path) -> int:
         return street.frames
     cv2.setNumThreads(1)  # each process draws different streets
     world = make_world(street.scene)
-    renderer, exposure = Renderer(world), exposures(street.scene, world.drive.times)
+    renderer = Renderer(world)
+    exposure = exposures(street.scene, world.drive.times)
     frame_numbers = np.linspace(0, len(world.drive.times) - 1, street.frames).round().astype(int)
     for k in missing:
         frame = int(frame_numbers[k])
@@ -146,7 +149,8 @@ def write_street_set(
         for kind in ("images", "labels"):
             (folder / split / kind).mkdir(parents=True, exist_ok=True)
     write_atomic(folder / "data.yaml", data_yaml(NAMES))
-    total, done = sum(street.frames for street in everything), 0
+    total = sum(street.frames for street in everything)
+    done = 0
     with local_pool(jobs) as pool:
         for future in as_completed([pool.submit(draw_street, street, folder) for street in everything]):
             done += future.result()

@@ -32,7 +32,9 @@ def soften_edges(
     height, width = faces.shape
     change = np.zeros(light.size, np.float32)
     total = np.zeros(light.size, np.float32)
-    flat, face, inverse = light.ravel(), faces.ravel(), inverse_depth.ravel()
+    flat = light.ravel()
+    face = faces.ravel()
+    inverse = inverse_depth.ravel()
     x: Array = (np.arange(width, dtype=np.float64) - camera.cx) / camera.f
     y: Array = (np.arange(height, dtype=np.float64) - camera.cy) / camera.f
     for axis, stride in ((0, 1), (1, width)):
@@ -52,7 +54,9 @@ def soften_edges(
         cross = np.where(first, leave_one, leave_two)
         for target, other, share in ((one, two, 0.5 - cross), (two, one, cross - 0.5)):
             use = (share > 0) & (share <= 0.5)
-            target, other, weight = target[use], other[use], share[use].astype(np.float32)
+            target = target[use]
+            other = other[use]
+            weight = share[use].astype(np.float32)
             change[target] += weight * (flat[other] - flat[target])
             total[target] += weight
     return np.asarray((flat + change / np.maximum(total, 1.0)).reshape(light.shape))

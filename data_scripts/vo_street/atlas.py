@@ -74,11 +74,15 @@ class TextureSet:
         x = y = shelf = 0
         corner = np.zeros((count, 2), np.int64)
         for k in sorted(range(count), key=lambda k: (-starts[k][1][-1], k)):
-            w, h = starts[k][0][-1], starts[k][1][-1]
+            w = starts[k][0][-1]
+            h = starts[k][1][-1]
             if x + w > ATLAS_WIDTH:
-                x, y, shelf = 0, y + shelf, 0
+                x = 0
+                y = y + shelf
+                shelf = 0
             corner[k] = x, y
-            x, shelf = x + w, max(shelf, h)
+            x = x + w
+            shelf = max(shelf, h)
         texels = np.zeros((y + shelf, ATLAS_WIDTH), np.float32)
         for k, image in enumerate(self.images):
             # Sharp painted edges would shimmer: details finer than a texel are removed.
@@ -87,7 +91,8 @@ class TextureSet:
             for i in range(top[k, 0] + 1):
                 level = across
                 for j in range(top[k, 1] + 1):
-                    x0, y0 = corner[k, 0] + starts[k][0][i], corner[k, 1] + starts[k][1][j]
+                    x0 = corner[k, 0] + starts[k][0][i]
+                    y0 = corner[k, 1] + starts[k][1][j]
                     padded = _pad(level, self.wraps[k])
                     texels[y0 : y0 + padded.shape[0], x0 : x0 + padded.shape[1]] = padded
                     if j < top[k, 1]:
@@ -117,5 +122,6 @@ def _halve(image: Float32, wrap: bool) -> Float32:
     """The texture with half as many columns, low-passed by (1, 3, 3, 1)/8, without a shift."""
     border = cv2.BORDER_WRAP if wrap else cv2.BORDER_REPLICATE
     wide = cv2.copyMakeBorder(np.ascontiguousarray(image), 0, 0, 1, 1, border)
-    outer, inner = wide[:, 0:-2:2] + wide[:, 3::2], wide[:, 1:-1:2] + wide[:, 2:-1:2]
+    outer = wide[:, 0:-2:2] + wide[:, 3::2]
+    inner = wide[:, 1:-1:2] + wide[:, 2:-1:2]
     return np.asarray(0.125 * outer + 0.375 * inner, np.float32)

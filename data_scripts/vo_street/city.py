@@ -31,8 +31,11 @@ def build_city(site: Site) -> None:
 
 def build_houses(site: Site, side: float, first: float, last: float) -> None:
     """Houses along one side: terraces, and single houses with gardens between them."""
-    rng, line = site.rng, site.profile.pavement
-    s, terrace, back = first + 10.0, True, 1.0
+    rng = site.rng
+    line = site.profile.pavement
+    s = first + 10.0
+    terrace = True
+    back = 1.0
     while s < last - 20.0:
         width = float(rng.uniform(9.0, 14.0))
         if rng.random() < 0.22:
@@ -51,7 +54,8 @@ def build_houses(site: Site, side: float, first: float, last: float) -> None:
 def add_house(site: Site, s: float, side: float, width: float, offset: float) -> None:
     """Add a house whose front faces the street, unless a bend of the street would intersect the house."""
     rng = site.rng
-    height, depth = float(rng.uniform(6.5, 11.0)), float(rng.uniform(8.0, 10.0))
+    height = float(rng.uniform(6.5, 11.0))
+    depth = float(rng.uniform(8.0, 10.0))
     ridge = height + float(rng.uniform(1.8, 3.6))
     faces = house_faces(side, width, height, depth, ridge)
     plan = site.place(faces["plan"], s, side * offset)
@@ -78,7 +82,8 @@ def add_house(site: Site, s: float, side: float, width: float, offset: float) ->
 
 def house_faces(side: float, width: float, height: float, depth: float, ridge: float) -> dict[str, Array]:
     """Faces of a house, metres. The front is at x = 0; inside the house, x has the sign of `side`."""
-    w, d = width / 2, side * depth
+    w = width / 2
+    d = side * depth
     plan = np.array([[0, 0, -w], [0, 0, w], [d, 0, w], [d, 0, -w]])
     tall = plan - (0.0, height, 0.0)
     top = np.array([[d / 2, -ridge, -w], [d / 2, -ridge, w]])
@@ -88,7 +93,10 @@ def house_faces(side: float, width: float, height: float, depth: float, ridge: f
     roof = np.array([[eaves[0], top[0], top[1], eaves[1]], [eaves[2], top[1], top[0], eaves[3]]])
     gables = np.array([[tall[1], top[1], tall[2], tall[2]], [tall[3], top[0], tall[0], tall[0]]])
     if side > 0:  # mirrored, so that faces still run clockwise
-        front, ends, roof, gables = front[::-1], ends[:, ::-1], roof[:, ::-1], gables[:, [2, 1, 0, 0]]
+        front = front[::-1]
+        ends = ends[:, ::-1]
+        roof = roof[:, ::-1]
+        gables = gables[:, [2, 1, 0, 0]]
     return {"plan": plan, "front": front, "ends": ends, "roof": roof, "gables": gables}
 
 
@@ -110,7 +118,8 @@ def add_garden_edge(site: Site, first: float, last: float, side: float) -> None:
 
 def build_pavement(site: Site, side: float) -> None:
     """Lamp posts, street trees, signs, bollards and bins along one kerb."""
-    rng, line = site.rng, side * (site.profile.road + 0.45)
+    rng = site.rng
+    line = side * (site.profile.road + 0.45)
     s = site.first + float(rng.uniform(5, 20))
     while s < site.last - 10:
         kind = rng.random()

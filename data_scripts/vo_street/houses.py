@@ -7,7 +7,8 @@ import numpy as np
 
 from .textures import Image, Rng, box, fractal, letters, masonry, plain, smeared
 
-ROWS, COLUMNS = 512, 512
+ROWS = 512
+COLUMNS = 512
 STOREYS = (2, 3, 3, 4)
 
 
@@ -74,7 +75,8 @@ def gable(rng: Rng, kind: str) -> Image:
     """Texture of a side wall with a few small windows."""
     image = wall(rng, kind)
     for _ in range(int(rng.integers(1, 5))):
-        x, y = rng.uniform(0.1, 0.75) * COLUMNS, rng.uniform(0.1, 0.7) * ROWS
+        x = rng.uniform(0.1, 0.75) * COLUMNS
+        y = rng.uniform(0.1, 0.7) * ROWS
         _window(image, rng, x, y, 40.0, 62.0, 190.0, (2, 1))
     box(image, 12, 0, 17, ROWS, 75.0)
     return image
@@ -88,8 +90,10 @@ def _window(
     glass = float(rng.uniform(22, 70))
     for i in range(panes[0]):
         for j in range(panes[1]):
-            x0, y0 = x + 3 + i * w / panes[0], y + 3 + j * h / panes[1]
-            x1, y1 = x0 + w / panes[0] - 5, y0 + h / panes[1] - 5
+            x0 = x + 3 + i * w / panes[0]
+            y0 = y + 3 + j * h / panes[1]
+            x1 = x0 + w / panes[0] - 5
+            y1 = y0 + h / panes[1] - 5
             box(image, x0, y0, x1, y1, glass + rng.normal(0, 6))
             if rng.random() < 0.6:  # a mirrored patch of sky or of the house opposite
                 lower = y0 + 0.4 * (y1 - y0)
@@ -113,13 +117,15 @@ def _shutters(image: Image, rng: Rng, x: float, y: float, w: float, h: float) ->
 
 
 def _door(image: Image, rng: Rng, x: float, height: float, trim: float) -> None:
-    w, h = 46.0, 0.74 * height
+    w = 46.0
+    h = 0.74 * height
     box(image, x - w / 2 - 7, ROWS - h - 7, x + w / 2 + 7, ROWS, trim)
     grey = float(rng.choice([45.0, 70.0, 110.0, 150.0]))
     box(image, x - w / 2, ROWS - h, x + w / 2, ROWS, grey)
     for j in range(3):
         for i in range(2):
-            x0, y0 = x - w / 2 + 5 + i * 20, ROWS - h + 6 + j * h / 3.1
+            x0 = x - w / 2 + 5 + i * 20
+            y0 = ROWS - h + 6 + j * h / 3.1
             box(image, x0, y0, x0 + 15, y0 + h / 3.8, grey * 0.7 if j else 35.0)
     cv2.circle(image, (round(x + w / 2 - 5), round(ROWS - h / 2)), 3, 220.0, -1, cv2.LINE_AA)
     number = str(int(rng.integers(1, 99)))
@@ -148,5 +154,6 @@ def _shop(image: Image, rng: Rng, height: float) -> None:
         box(image, x0, y0, x1, ROWS - (26 if x1 - x0 > 100 else 4), 190.0)
         box(image, x0 + 5, y0 + 5, x1 - 5, ROWS - 32 if x1 - x0 > 100 else ROWS - 8, 38.0)
         for _ in range(9):
-            x, y = rng.uniform(x0 + 8, x1 - 26), rng.uniform(y0 + 8, ROWS - 60)
+            x = rng.uniform(x0 + 8, x1 - 26)
+            y = rng.uniform(y0 + 8, ROWS - 60)
             box(image, x, y, x + rng.uniform(6, 24), y + rng.uniform(6, 30), rng.uniform(60, 230))

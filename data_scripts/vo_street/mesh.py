@@ -91,7 +91,8 @@ class MeshBuilder:
         uv = np.concatenate([p[1] * self.sizes[p[2]] for p in self.parts])
         texture = np.concatenate([np.full(len(p[0]), p[2], np.int32) for p in self.parts])
         gain = np.concatenate([p[3] for p in self.parts])
-        a, b = corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0]
+        a = corners[:, 1] - corners[:, 0]
+        b = corners[:, 3] - corners[:, 0]
         frame = np.stack([a, b, np.cross(a, b)], axis=1)
         # The texture coordinate is linear over the face and constant along its normal.
         rise = np.stack([uv[:, 1] - uv[:, 0], uv[:, 3] - uv[:, 0], np.zeros_like(uv[:, 0])], axis=1)
@@ -112,7 +113,8 @@ def ring(centre: Array, radius: float, count: int) -> Array:
 
 def box(low: Array, high: Array) -> Array:
     """The six faces (6, 4, 3) of a box: front (low z), right, back, left, top, bottom; y is down."""
-    (x0, y0, z0), (x1, y1, z1) = low, high
+    (x0, y0, z0) = low
+    (x1, y1, z1) = high
     f = [[x0, y1, z0], [x0, y0, z0], [x1, y0, z0], [x1, y1, z0]]
     b = [[x1, y1, z1], [x1, y0, z1], [x0, y0, z1], [x0, y1, z1]]
     r = [f[3], f[2], b[1], b[0]]

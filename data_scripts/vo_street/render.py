@@ -130,7 +130,8 @@ class Renderer:
 
     def _shade(self, faces: Int, table: FaceTable) -> tuple[Float32, Float32]:
         """Brightness and 1/Z of every pixel (H, W), from its face and its position in the texture."""
-        camera, atlas = self.camera, self.world.atlas
+        camera = self.camera
+        atlas = self.world.atlas
         light = np.empty(faces.shape, np.float32)
         inverse_depth = np.empty(faces.shape, np.float32)
         x = ((np.arange(camera.width) - camera.cx) / camera.f).astype(np.float32)[None]
@@ -146,7 +147,8 @@ class Renderer:
             below = taps[1][0] + shares[0] * (taps[1][1] - taps[1][0])
             light[rows] = (upper + shares[1] * (below - upper)) * look_up(table.gain, face)
         # Towards the horizon, the sky is brighter and the clouds have less contrast.
-        clear, haze = np.float32(HORIZON), np.clip(-y / np.float32(0.1), 0.0, 1.0)
+        clear = np.float32(HORIZON)
+        haze = np.clip(-y / np.float32(0.1), 0.0, 1.0)
         sky = clear + haze * (light - clear) + np.float32(60.0) * np.clip(y, -0.6, 0.0) + np.float32(30.0)
         light = np.where(faces == 0, sky, light)
         return light, inverse_depth
@@ -159,12 +161,14 @@ class Renderer:
         Returns, for s and t: positions in the finer and in the coarser level; the share of the coarser level.
         The third result is 1/Z.
         """
-        atlas, pixel = self.world.atlas, np.float32(1.0 / self.camera.f)
+        atlas = self.world.atlas
+        pixel = np.float32(1.0 / self.camera.f)
         line = [look_up(coefficients, face) for coefficients in table.lines]
         inverse_depth = line[6] * x + line[7] * y + line[8]
         z = 1.0 / inverse_depth
         texture = look_up(table.texture, face)
-        positions, shares = [], []
+        positions = []
+        shares = []
         for axis, begins in ((0, atlas.column), (1, atlas.row)):
             a, b, c = line[3 * axis : 3 * axis + 3]
             at = (a * x + b * y + c) * z

@@ -18,7 +18,9 @@ LANE_WIDTH = 3.3
 STEP = 0.25  # metres between samples of the centre line
 BEHIND, BEYOND = 60.0, 320.0  # metres of street before the start and after the end of the drive
 # A block: one round of the street, the starts of the corners of its first half, and their length, metres.
-LAP, CORNERS, CORNER = 324.0, (63.0, 129.0), 30.0
+LAP = 324.0
+CORNERS = (63.0, 129.0)
+CORNER = 30.0
 
 
 @dataclass(frozen=True)
@@ -91,7 +93,8 @@ def make_route(config: SceneConfig) -> Route:
     curvature = np.zeros_like(s)
     highway = config.layout == "highway"
     corner = 0.5 * config.length if config.sharp_turn else np.inf
-    at, heading = 15.0 if not highway else 40.0, 0.0
+    at = 15.0 if not highway else 40.0
+    heading = 0.0
     while at < s[-1]:
         size = rng.uniform(40.0, 80.0) * (3.0 if highway else 1.0)
         turn = np.radians(rng.uniform(0.3, 1.0) * config.bends) * rng.choice([-1.0, 1.0])

@@ -29,7 +29,8 @@ def exposures(config: SceneConfig, times: Array) -> Array:
 
 def photograph(renderer: Renderer, frame: int, right: bool = False) -> tuple[View, NDArray[np.uint8]]:
     """The view of a camera in a frame, and the 8-bit image (H, W)."""
-    world, view = renderer.world, renderer.view(frame, right)
+    world = renderer.world
+    view = renderer.view(frame, right)
     exposure = float(exposures(world.config, world.drive.times)[frame])
     return view, expose(smear(world, frame, view, right), world.config, exposure, frame, right)
 
@@ -74,7 +75,8 @@ def smear(world: World, frame: int, view: View, right: bool) -> Float32:
     u, v = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
     total = np.zeros_like(view.light)
     for share in np.linspace(-0.5, 0.5, count).astype(np.float32):
-        map_u, map_v = u + share * flow[0], v + share * flow[1]
+        map_u = u + share * flow[0]
+        map_v = v + share * flow[1]
         total += cv2.remap(view.light, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(total / np.float32(count), np.float32)
 
@@ -85,8 +87,10 @@ def image_velocity(world: World, frame: int, view: View, right: bool) -> Float32
     A point X in the camera frame has the velocity X' = -v - w × X + o: v and w are velocity and angular
     velocity of the camera, o is the velocity of the point's object.
     """
-    camera, poses = world.config.camera, world.drive.poses
-    first, last = max(frame - 1, 0), min(frame + 1, len(poses) - 1)
+    camera = world.config.camera
+    poses = world.drive.poses
+    first = max(frame - 1, 0)
+    last = min(frame + 1, len(poses) - 1)
     elapsed = world.drive.times[last] - world.drive.times[first]
     R_c_s = poses[frame, :3, :3].T
     turn = rotation_vector(R_c_s @ poses[last, :3, :3] @ poses[first, :3, :3].T @ R_c_s.T) / elapsed
@@ -101,7 +105,8 @@ def image_velocity(world: World, frame: int, view: View, right: bool) -> Float32
     relative -= go
     x = ((np.arange(camera.width) - camera.cx) / camera.f).astype(np.float32)[None]
     y = ((np.arange(camera.height) - camera.cy) / camera.f).astype(np.float32)[:, None]
-    w, velocity = view.inverse_depth, relative.astype(np.float32)[view.instance]
+    w = view.inverse_depth
+    velocity = relative.astype(np.float32)[view.instance]
     wx, wy, wz = turn.astype(np.float32)
     along_u = (velocity[..., 0] - x * velocity[..., 2]) * w + (x * y * wx - (1 + x * x) * wy + y * wz)
     along_v = (velocity[..., 1] - y * velocity[..., 2]) * w + ((1 + y * y) * wx - x * y * wy - x * wz)

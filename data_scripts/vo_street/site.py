@@ -49,11 +49,16 @@ class Site:
     """Builder that adds faces at positions on the street to a mesh. `names` : texture numbers by name."""
 
     def __init__(self, mesh: MeshBuilder, names: dict[str, int], route: Route, config: SceneConfig):
-        self.mesh, self.names, self.route, self.config = mesh, names, route, config
+        self.mesh = mesh
+        self.names = names
+        self.route = route
+        self.config = config
         self.profile = Profile.of(config)
-        self.first, self.last = -BEHIND + 5.0, float(route.s[-1]) - 5.0
+        self.first = -BEHIND + 5.0
+        self.last = float(route.s[-1]) - 5.0
         if route.lap is not None:
-            self.first, self.last = 0.0, route.lap
+            self.first = 0.0
+            self.last = route.lap
         self.rng = np.random.default_rng([config.seed, 4])
 
     def samples(self) -> Array:
@@ -96,9 +101,11 @@ class Site:
         flip : whether the visible side has the first line on the right instead of on the left.
         """
         left, right = (np.broadcast_to(value, s.shape).astype(float) for value in offset)
-        a, b = self.route.point(s, left, up[0]), self.route.point(s, right, up[1])
+        a = self.route.point(s, left, up[0])
+        b = self.route.point(s, right, up[1])
         corners = np.stack([a[:-1], a[1:], b[1:], b[:-1]], axis=1)
-        u, step = np.mod(s[:-1], period) / period, np.diff(s) / period
+        u = np.mod(s[:-1], period) / period
+        step = np.diff(s) / period
         # The second line is the reference, so that a wall keeps its courses where its top goes up and down.
         wide = np.linalg.norm(b - a, axis=1) / across if across else np.ones(len(s))
         zero = np.zeros_like(u)

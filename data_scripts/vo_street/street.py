@@ -32,7 +32,8 @@ def build_street(site: Site) -> None:
 
 def paint_street(store: TextureSet, config: SceneConfig, rng: Rng) -> None:
     """Paint the textures of a street, and store them by name for the builders."""
-    both, along = (True, True), (True, False)
+    both = (True, True)
+    along = (True, False)
     width = 2 * Profile.of(config).road
     for k in range(ROADS):
         road = textures.asphalt(rng, config.lanes, width, TILE, solid_centre=config.lanes > 1)
@@ -73,7 +74,8 @@ def paint_city(store: TextureSet, rng: Rng) -> None:
 
 def build_ground(site: Site) -> None:
     """Ground: road, kerbs, pavements, lawns, and flat land up to the woods on the horizon."""
-    road, out = site.profile.road, site.profile.pavement
+    road = site.profile.road
+    out = site.profile.pavement
     for start in np.arange(np.floor(site.first / TILE) * TILE, site.last, TILE):
         s = start + np.arange(0.0, TILE + 0.1, SEGMENT)
         site.ribbon(f"road {int(site.rng.integers(ROADS))}", s, (-road, road), period=TILE)
@@ -104,7 +106,8 @@ def _build_woods(site: Site, middle: Array, radius: float) -> None:
     top = base - height[:, None] * (0.0, 1.0, 0.0)
     uv = np.tile([[0.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.0, 0.0]], (count, 1, 1))
     uv[:, :, 0] *= 2 * np.pi * radius / count / 20.0
-    uv[:, 1, 1], uv[:, 2, 1] = height / 20.0, np.roll(height, -1) / 20.0
+    uv[:, 1, 1] = height / 20.0
+    uv[:, 2, 1] = np.roll(height, -1) / 20.0
     site.add("far wood", prism(base, top)[:, ::-1], uv[:, ::-1], 0.95)
 
 
@@ -122,7 +125,8 @@ def _strongest_curvature(site: Site, s: Array) -> Array:
 
 def build_highway(site: Site) -> None:
     """Add the objects beside and between the two carriageways."""
-    rng, edge = site.rng, site.profile.road + 0.4
+    rng = site.rng
+    edge = site.profile.road + 0.4
     for offset in (-edge, -0.25, 0.25, edge):
         add_barrier(site, offset)
     for side in (-1.0, 1.0):

@@ -79,7 +79,8 @@ def asphalt(rng: Rng, lanes: int, width: float, length: float, solid_centre: boo
     lanes : number of lanes per direction. width, length : size of the stretch, metres.
     solid_centre : whether the centre line is solid.
     """
-    rows, columns = 1024, 1024
+    rows = 1024
+    columns = 1024
     per_m = np.array([columns / length, rows / width])
     rough = 0.6 + 0.4 * (fractal(rng, rows, columns, 1.0) > 0)
     image = plain(96.0, rows, columns, rng, 5.0) + 9.0 * fractal(rng, rows, columns, 0.0, 20.0) * rough
@@ -87,14 +88,16 @@ def asphalt(rng: Rng, lanes: int, width: float, length: float, solid_centre: boo
     _crack(image, rng, per_m, width, length)
     for _ in range(int(rng.integers(30, 60))):  # stones, leaves, spots
         x, y, a, b = (rng.uniform(0.02, 0.98, 4) * (columns, rows, 6, 6)).astype(int).tolist()
-        grey, turn = float(rng.choice([45.0, 60.0, 140.0, 165.0])), float(rng.uniform(0, 180))
+        grey = float(rng.choice([45.0, 60.0, 140.0, 165.0]))
+        turn = float(rng.uniform(0, 180))
         cv2.ellipse(image, (x, y), (a + 1, b + 1), turn, 0, 360, grey, -1)
     if rng.random() < 0.7:
         at = np.array([rng.uniform(2, length - 2), width / 2 + rng.choice([-1.4, 1.7])])
         _manhole(image, at * per_m, per_m)
     lines = np.zeros_like(image)
     for k in range(-lanes, lanes + 1):
-        y, half = (width / 2 + k * 3.3) * per_m[1], 0.07 * per_m[1]
+        y = (width / 2 + k * 3.3) * per_m[1]
+        half = 0.07 * per_m[1]
         broken = abs(k) < lanes and not (k == 0 and solid_centre)
         first, last = (0.25, 0.6) if broken else (0.0, 1.0)
         box(lines, first * columns, y - half, last * columns, y + half, 1.0)
@@ -129,14 +132,16 @@ def _manhole(image: Image, at: Array, per_m: Array) -> None:
     cv2.ellipse(image, (x, y), (a, b), 0, 0, 360, 62.0, -1)
     cv2.ellipse(image, (x, y), (a, b), 0, 0, 360, 130.0, 2)
     for k in (-0.55, -0.18, 0.18, 0.55):
-        rib, reach = x + round(k * a), round(0.6 * b)
+        rib = x + round(k * a)
+        reach = round(0.6 * b)
         cv2.line(image, (rib, y - reach), (rib, y + reach), 118.0, 3)
 
 
 def slabs(rng: Rng) -> Image:
     """Pavement slabs with different grey values; periodic along the pavement."""
     image = plain(138.0, 256, 512, rng, 4.0)
-    ys, xs = np.linspace(0, 256, 6), np.linspace(0, 512, 11)
+    ys = np.linspace(0, 256, 6)
+    xs = np.linspace(0, 512, 11)
     for y0, y1 in itertools.pairwise(ys.astype(int)):
         for x0, x1 in itertools.pairwise(xs.astype(int)):
             image[y0:y1, x0:x1] += rng.normal(0, 9.0)
@@ -199,7 +204,8 @@ def masonry(
     rng: Rng, rows: int, columns: int, course: int, stone: int, grey: float, spread: float, joint: float
 ) -> Image:
     """Staggered rows of bricks or blocks of `stone` × `course` texels with different grey values."""
-    lines, across = rows // course + 1, columns // stone + 2
+    lines = rows // course + 1
+    across = columns // stone + 2
     greys = (grey + spread * rng.standard_normal((lines, across))).astype(np.float32)
     y, x = np.mgrid[0:rows, 0:columns]
     line = y // course
@@ -232,7 +238,8 @@ def rail(rng: Rng) -> Image:
     """A crash barrier's beam: two bright waves, bolts at every post; periodic along the beam."""
     y = np.linspace(0, 2 * np.pi, 32)[:, None]
     image = 150.0 + 45.0 * np.sin(y + 0.6) + plain(0.0, 32, 512, rng, 4.0)
-    image[:2], image[-2:] = 80.0, 70.0
+    image[:2] = 80.0
+    image[-2:] = 70.0
     for x in (64, 320):
         cv2.circle(image, (x, 16), 4, 70.0, -1, cv2.LINE_AA)
         cv2.rectangle(image, (x + 20, 3), (x + 22, 28), 95.0, -1)
@@ -242,7 +249,8 @@ def rail(rng: Rng) -> Image:
 def sign(rng: Rng, kind: int) -> Image:
     """Face of a traffic sign: 0 limit, 1 warning, 2 crossing, 3 place name, 4 chevrons, 5 direction."""
     image = np.full((128, 128), 150.0, np.float32)
-    dark, light = 40.0, 235.0
+    dark = 40.0
+    light = 235.0
     if kind == 0:
         cv2.circle(image, (64, 64), 60, 90.0, -1, cv2.LINE_AA)
         cv2.circle(image, (64, 64), 46, light, -1, cv2.LINE_AA)

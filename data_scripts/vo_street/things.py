@@ -17,7 +17,8 @@ def add_tree(site: Site, s: float, offset: float, size: float = 1.0) -> None:
     foot = site.route.point(s, offset)
     if not site.is_clear(foot[None], site.profile.road + 0.3):
         return
-    lower, upper = ring(foot, 0.17 * size, 7), ring(foot - (0, tall, 0), 0.12 * size, 7)
+    lower = ring(foot, 0.17 * size, 7)
+    upper = ring(foot - (0, tall, 0), 0.12 * size, 7)
     site.add("bark", prism(lower, upper), np.array([[0, 2.0], [0, 0], [0.3, 0], [0.3, 2.0]]))
     for _ in range(int(rng.integers(4, 6))):
         centre = foot - (0, tall + 0.9 * size, 0) + rng.normal(0, 0.6, 3) * size * (1.0, 0.7, 1.0)
@@ -26,7 +27,8 @@ def add_tree(site: Site, s: float, offset: float, size: float = 1.0) -> None:
 
 def add_leaves(site: Site, centre: Array, radius: float, gain: float) -> None:
     """A rough ball of leaves: triangles in 4 rings of 6 faces."""
-    around, down = 6, 4
+    around = 6
+    down = 4
     lat = np.linspace(-np.pi / 2, np.pi / 2, down + 1)[:, None]
     lon = 2 * np.pi * (np.arange(around) + 0.5 * (np.arange(down + 1) % 2)[:, None]) / around
     rough = radius * site.rng.uniform(0.8, 1.2, (down + 1, around))
@@ -38,7 +40,8 @@ def add_leaves(site: Site, centre: Array, radius: float, gain: float) -> None:
     triangles = np.concatenate([quads[:, [0, 1, 3, 3]], quads[:, [1, 2, 3, 3]]])
     normal = np.cross(triangles[:, 2] - triangles[:, 0], triangles[:, 1] - triangles[:, 0])
     size = np.linalg.norm(normal, axis=1)
-    triangles, normal = triangles[size > 1e-6], (normal / np.maximum(size, 1e-9)[:, None])[size > 1e-6]
+    triangles = triangles[size > 1e-6]
+    normal = (normal / np.maximum(size, 1e-9)[:, None])[size > 1e-6]
     # The pattern of leaves is three-dimensional; a triangle shows a section along an axis.
     plane = np.array([[1, 2], [0, 2], [0, 1]])[np.abs(normal).argmax(axis=1)]
     uv = np.take_along_axis(triangles, plane[:, None, :].repeat(4, axis=1), axis=2) / 1.7

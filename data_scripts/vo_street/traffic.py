@@ -40,7 +40,9 @@ class Traffic:
     """The builder of traffic; `vehicles` has all vehicles, moving vehicles first."""
 
     def __init__(self, config: SceneConfig, route: Route, drive: Drive, models: list[Model]):
-        self.config, self.route, self.drive = config, route, drive
+        self.config = config
+        self.route = route
+        self.drive = drive
         self.rng = np.random.default_rng([config.seed, 5])
         self.cars = [m for m in models if m.shape.kind == CAR]
         self.large = [m for m in models if m.shape.kind != CAR]
@@ -58,7 +60,9 @@ class Traffic:
 
     def ahead(self) -> None:
         """Vehicles that drive in front of the camera, with short headways."""
-        config, rng, times = self.config, self.rng, self.drive.times
+        config = self.config
+        rng = self.rng
+        times = self.drive.times
         trucks = [m for m in self.large if m.shape.kind == TRUCK]
         clear = 0.0
         for k in range(config.ahead):
@@ -74,7 +78,9 @@ class Traffic:
 
     def overtaking(self) -> None:
         """Vehicles in the next lane to the left, faster than the camera."""
-        config, rng, times = self.config, self.rng, self.drive.times
+        config = self.config
+        rng = self.rng
+        times = self.drive.times
         if config.lanes < 2 or not config.overtaking:
             return
         faster = max(0.25 * config.speed, 2.0)
@@ -88,7 +94,9 @@ class Traffic:
 
     def oncoming(self) -> None:
         """Vehicles in the lanes of the other direction, all at the same constant speed."""
-        config, rng, times = self.config, self.rng, self.drive.times
+        config = self.config
+        rng = self.rng
+        times = self.drive.times
         if not config.oncoming:
             return
         speed = 0.9 * config.speed
@@ -107,12 +115,15 @@ class Traffic:
 
     def parked(self) -> None:
         """Cars at both kerbs; a few face the wrong way."""
-        config, rng = self.config, self.rng
+        config = self.config
+        rng = self.rng
         if not config.parked or config.layout == "highway":
             return
-        first, last = -25.0, self.drive.s[-1] + 110.0
+        first = -25.0
+        last = self.drive.s[-1] + 110.0
         if self.route.lap is not None:
-            first, last = 0.0, self.route.lap - 6.0
+            first = 0.0
+            last = self.route.lap - 6.0
         middle = Profile.of(config).lanes + PARKING / 2
         for side in (-1.0, 1.0):
             s = first

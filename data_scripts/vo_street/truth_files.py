@@ -23,7 +23,9 @@ from .world import World
 
 MIN_CODED_DEPTH_M, MAX_CODED_DEPTH_M = 0.25, 3000.0  # of the first and the last code
 LOG_DEPTH_RANGE = np.log(MAX_CODED_DEPTH_M / MIN_CODED_DEPTH_M)
-MIN_PIXELS, MIN_HEIGHT, MIN_SHARE = 100, 12, 0.2
+MIN_PIXELS = 100
+MIN_HEIGHT = 12
+MIN_SHARE = 0.2
 
 
 def encode_depth(inverse_depth: NDArray[np.float32]) -> NDArray[np.uint16]:
@@ -53,8 +55,10 @@ class Box:
 
     def yolo(self, camera: StereoCamera) -> str:
         """Line of a YOLO label file: class, centre and size in units of the image size."""
-        w, h = self.right - self.left + 1, self.bottom - self.top + 1
-        x, y = self.left + w / 2, self.top + h / 2
+        w = self.right - self.left + 1
+        h = self.bottom - self.top + 1
+        x = self.left + w / 2
+        y = self.top + h / 2
         shares = (x / camera.width, y / camera.height, w / camera.width, h / camera.height)
         return f"{self.kind} " + " ".join(f"{share:.6f}" for share in shares)
 
@@ -79,7 +83,8 @@ def visible_boxes(
         if area < min_pixels:
             continue
         mask = view.instance == number
-        rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+        rows = np.flatnonzero(mask.any(axis=1))
+        columns = np.flatnonzero(mask.any(axis=0))
         kind = world.vehicles[number - 1].model.shape.kind
         box = Box(number - 1, kind, *map(int, (columns[0], rows[0], columns[-1], rows[-1])))
         tall_enough = box.bottom - box.top + 1 >= min_height
@@ -98,7 +103,8 @@ def outline_area(world: World, vehicle: int, frame: int) -> float:
     if len(corners) < 3:
         return 0.0
     hull = cv2.convexHull(camera.project(corners)[0].astype(np.float32))
-    w, h = camera.width, camera.height
+    w = camera.width
+    h = camera.height
     frame_corners = np.array([[0, 0], [w, 0], [w, h], [0, h]], np.float32) - np.float32(0.5)
     area, _ = cv2.intersectConvexConvex(hull, frame_corners)
     return float(area)

@@ -35,7 +35,8 @@ class _Canvas:
     def __init__(self, rows: int, columns: int, width: float, height: float, grey: float):
         self.image: Image = np.full((2 * rows, 2 * columns), grey, np.float32)
         self.scale = np.array([2 * columns / width, 2 * rows / height])
-        self.width, self.height = width, height
+        self.width = width
+        self.height = height
 
     def at(self, points: object) -> NDArray[np.int32]:
         """Texels of points (distance from the left edge, height above the ground) in metres."""
@@ -64,7 +65,8 @@ class _Canvas:
         )
 
     def done(self, rng: Rng) -> Image:
-        rows, columns = self.image.shape[0] // 2, self.image.shape[1] // 2
+        rows = self.image.shape[0] // 2
+        columns = self.image.shape[1] // 2
         small = cv2.resize(self.image, (columns, rows), interpolation=cv2.INTER_AREA)
         return np.asarray(small + plain(0.0, rows, columns, rng, 1.6), np.float32)
 
@@ -89,7 +91,8 @@ def _paint_side(shape: Shape, paint: float, rng: Rng, mirror: bool) -> Image:
         zb0, zr0, zr1, zb1, low, high = shape.cabin
         c.rect(0, 0.62, shape.length, 0.66, paint * 0.8 + 6)  # a crease is darker
         c.rect(0, 0.2, shape.length, 0.34, paint * 0.45)
-        base, roof = low + 0.05, high - 0.07
+        base = low + 0.05
+        roof = high - 0.07
         share = (roof - base) / (high - low)
         glass = [
             [mid + zb0 + 0.12, base], [mid + zb0 + (zr0 - zb0) * share + 0.12, roof],
@@ -144,7 +147,9 @@ def _paint_flat_side(c: _Canvas, shape: Shape, paint: float) -> None:
 def _paint_car_end(shape: Shape, paint: float, rng: Rng, front: bool) -> Image:
     """Front or rear of a car: window, lamps, grille or boot lid, number plate."""
     assert shape.cabin
-    w, low, high = shape.width, shape.cabin[4] + 0.04, shape.cabin[5] - 0.05
+    w = shape.width
+    low = shape.cabin[4] + 0.04
+    high = shape.cabin[5] - 0.05
     c = _Canvas(128, 128, w, shape.height, paint)
     c.fill([[0.13, low], [0.27, high], [w - 0.27, high], [w - 0.13, low]], GLASS)
     c.fill([[0.3, high - 0.05], [0.8, high - 0.05], [0.5, low + 0.1], [0.22, low + 0.1]], 70.0)
@@ -165,7 +170,8 @@ def _paint_car_end(shape: Shape, paint: float, rng: Rng, front: bool) -> Image:
 
 def _paint_large_end(shape: Shape, paint: float, rng: Rng, front: bool) -> Image:
     """Front or rear of a bus or a truck: windscreen and lamps, or doors with bars and a striped bumper."""
-    w, h = shape.width, shape.height
+    w = shape.width
+    h = shape.height
     c = _Canvas(128, 128, w, h, paint)
     if front:
         c.rect(0.12, 1.5, w - 0.12, 2.6, GLASS)

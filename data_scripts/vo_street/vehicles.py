@@ -41,9 +41,11 @@ def make_models(textures: TextureSet, rng: Rng, names: tuple[str, ...]) -> list[
     models = []
     for (name, _), views_of in painted.items():
         shape = SHAPES[name]
-        body, ground = MeshBuilder(sizes), MeshBuilder(sizes)
+        body = MeshBuilder(sizes)
+        ground = MeshBuilder(sizes)
         _build(body, shape, views_of, dark, wheel, lamp)
-        w, z = shape.width / 2 + 0.12, shape.length / 2 + 0.15
+        w = shape.width / 2 + 0.12
+        z = shape.length / 2 + 0.15
         flat = np.array([[-w, -0.015, -z], [-w, -0.015, z], [w, -0.015, z], [w, -0.015, -z]])
         ground.add(flat, shade)
         models.append(Model(name, shape, body.build(), ground.build()))
@@ -53,11 +55,15 @@ def make_models(textures: TextureSet, rng: Rng, names: tuple[str, ...]) -> list[
 def _build(mesh: MeshBuilder, shape: Shape, views: list[int], dark: int, wheel: int, lamp: int) -> None:
     """Faces of one vehicle; the texture of a painted face is a view along an axis."""
     right_side, left_side, front, rear, top = views
-    half, length, height = shape.width / 2, shape.length, shape.height
+    half = shape.width / 2
+    length = shape.length
+    height = shape.height
 
     def project(corners: Array, view: int) -> Array:
         """Texture coordinates of each corner, in units of the size of the view."""
-        x, y, z = corners[..., 0], -corners[..., 1], corners[..., 2]
+        x = corners[..., 0]
+        y = -corners[..., 1]
+        z = corners[..., 2]
         if view in (right_side, left_side):
             along = z / length if view == right_side else -z / length
             return np.stack([along + 0.5, 1.0 - y / height], axis=-1)
@@ -83,7 +89,8 @@ def _build(mesh: MeshBuilder, shape: Shape, views: list[int], dark: int, wheel: 
                 mesh.add(corners, view, project(corners, view))
     if shape.cabin:
         zb0, zr0, zr1, zb1, low, high = shape.cabin
-        wide, narrow = half, (0.78 if high < 1.7 else 0.88) * half
+        wide = half
+        narrow = (0.78 if high < 1.7 else 0.88) * half
         strip(zb0, low, zr0, high, wide, narrow)
         strip(zr0, high, zr1, high, narrow, narrow)
         strip(zr1, high, zb1, low, narrow, wide)
@@ -112,7 +119,8 @@ def _add_wheel(mesh: MeshBuilder, hub: Array, radius: float, dark: int, wheel: i
     out = np.sign(hub[0])
     angle = 2 * np.pi * np.arange(12) / 12
     circle = np.stack([np.zeros(12), np.sin(angle), out * np.cos(angle)], axis=1) * radius
-    outer, inner = hub + circle + (0.02 * out, 0, 0), hub + circle - (0.2 * out, 0, 0)
+    outer = hub + circle + (0.02 * out, 0, 0)
+    inner = hub + circle - (0.2 * out, 0, 0)
     mesh.add(prism(inner, outer), dark)
     for k in range(1, 11, 2):
         quad = outer[[0, k, k + 1, min(k + 2, 11)]]

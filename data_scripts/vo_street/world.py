@@ -117,7 +117,8 @@ def make_world(config: SceneConfig) -> World:
     for k, vehicle in enumerate(vehicles):
         if vehicle.parked:
             parts.append(place_vehicle(vehicle, k + 1, len(vehicles) + k + 1, 0))
-    still, shade = joined(parts), make_shade(config, route)
+    still = joined(parts)
+    shade = make_shade(config, route)
     light = light_at(shade, route, still.corners.mean(axis=1))
     still = dataclasses.replace(still, gain=still.gain * light)
     return World(config, route, drive, textures.build(), textures.names["clouds"], still, vehicles, shade)

@@ -189,7 +189,8 @@ class Exercise:
         first = self._agreed(got, right)
         if first == len(got):
             return self._passed(got, right, len(cases), changed)
-        wrong, expected = got[first], right[first]
+        wrong = got[first]
+        expected = right[first]
         if isinstance(expected, Unusable):
             return expected
         if self.parts and all(map(self._same, got, [*right[len(cases) :], *right[: len(cases)]])):
@@ -274,8 +275,10 @@ class Exercise:
         if not (isinstance(got, np.ndarray) and isinstance(expected, np.ndarray)):
             return type(got) is type(expected) and bool(got == expected)
         if got.shape == expected.shape or is_list(expected):
-            got, expected = self.form(got), self.form(expected)
-        rtol, atol = self.rtol, self.atol
+            got = self.form(got)
+            expected = self.form(expected)
+        rtol = self.rtol
+        atol = self.atol
         if got.dtype == np.float32:
             rtol = max(rtol, FLOAT32)
             atol = max(atol, FLOAT32 * float(np.abs(expected).max(initial=0.0, where=np.isfinite(expected))))

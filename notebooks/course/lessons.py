@@ -83,7 +83,9 @@ def motion_of(
     E: Array, points: Points | Pair, config: SelectionConfig, focal: float
 ) -> tuple[Array, Array, BoolArray]:
     """From a winner E (3, 3): R_cp (3, 3), the essential vector (9,) to store, and the inlier mask (N,)."""
-    x_p, x_c, X_p = points.x_p, points.x_c, points.X_p
+    x_p = points.x_p
+    x_c = points.x_c
+    X_p = points.X_p
     if isinstance(config, KitSelectionConfig):
         R, _, E, inliers = motion_of_winner(E, x_p, x_c, X_p, config, focal)
     else:
@@ -113,7 +115,9 @@ def drive(frames: int) -> Array:
 def frames_of(scene: Scene, frames: int, seed: int) -> Iterator[Pair]:
     """Matches of a scene, frame by frame."""
     if scene.plane:
-        rng, count, noise = np.random.default_rng(seed), scene.tracks.points, scene.tracks.noise
+        rng = np.random.default_rng(seed)
+        count = scene.tracks.points
+        noise = scene.tracks.noise
         problems = random_problems(rng, frames, count, "planar_forward", noise_px=noise)
         yield from map(Pair, problems.x_p, problems.x_c, problems.X_p, problems.R_cp)
         return
@@ -129,7 +133,8 @@ def pair_of(frame: SimulatedFrame) -> Pair:
     """The matches of a simulated frame that have a depth."""
     X_p = CAMERA.triangulate(frame.matches.prev_left, frame.matches.prev_right)
     matches = frame.matches[np.isfinite(X_p[:, 2])]
-    x_p, x_c = CAMERA.normalise(matches.prev_left), CAMERA.normalise(matches.cur_left)
+    x_p = CAMERA.normalise(matches.prev_left)
+    x_c = CAMERA.normalise(matches.cur_left)
     return Pair(x_p, x_c, X_p[np.isfinite(X_p[:, 2])], frame.T_cp[:3, :3])
 
 

@@ -31,7 +31,8 @@ CHECK = re.compile(r"^(ch\d\d)\.(\w+)\((\w+)\)$", re.MULTILINE)
 @functools.cache
 def tasks() -> dict[str, tuple[str, Exercise]]:
     """Number and check of each exercise whose answer is a function, by the name of the function."""
-    checks, number = {}, ""
+    checks = {}
+    number = ""
     for path in sorted(NOTEBOOKS.glob("0*.ipynb")):
         for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
             text = "".join(cell["source"])

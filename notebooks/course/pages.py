@@ -66,7 +66,8 @@ def write_pages(source: Path, target: Path) -> int:
     for path in source.glob("*.csv"):  # the pages have links to these tables
         write_atomic(target / path.name, path.read_bytes())
     for path in sorted([*source.glob("*.ipynb"), *source.glob("solutions/*.ipynb"), *source.glob("*.md")]):
-        name, notebook = path.relative_to(source), read(path)
+        name = path.relative_to(source)
+        notebook = read(path)
         print(f"{name} …")
         if path.suffix == ".ipynb":
             execute(notebook, source)
@@ -159,7 +160,8 @@ def _announced(markdown: str) -> str:
 def _shown(state: dict[str, Any], model: str) -> list[str]:
     """Pictures and words of a widget and its children, without controls, as HTML."""
     widget = state.get(model, {"state": {}})
-    values, name = widget["state"], widget.get("model_name")
+    values = widget["state"]
+    name = widget.get("model_name")
     if name == "ImageModel":
         data = next(each["data"] for each in widget["buffers"] if each["path"] == ["value"])
         return [f'<img {PANEL_ALT} src="data:image/{values["format"]};base64,{data}">']

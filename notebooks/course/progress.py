@@ -21,7 +21,8 @@ def with_bar(words: str, work: Callable[[Progress], Value]) -> Value:
     def report(done: int, total: int) -> None:
         if bar.value == 0:
             display(bar)  # type: ignore[no-untyped-call]
-        bar.max, bar.value = total, max(done, 1)
+        bar.max = total
+        bar.value = max(done, 1)
 
     try:
         return work(report)
@@ -67,13 +68,15 @@ class Job:
         self.stop()
         self.wait()
         stop = self._stop = threading.Event()
-        self._bar.value, self._words.value = 0, label
+        self._bar.value = 0
+        self._words.value = label
         self.box.layout.display = ""
 
         def report(count: int, total: int) -> None:
             if stop.is_set():
                 raise Stopped
-            self._bar.max, self._bar.value = max(total, 1), count
+            self._bar.max = max(total, 1)
+            self._bar.value = count
             self._words.value = f"{label}: {count} of {total}"
 
         def body() -> None:

@@ -15,7 +15,9 @@ import numpy as np
 import vo_lib
 from vo_lib.errors import DataError
 
-RIGHT, NOT_YET, UNANSWERED = "#009E73", "#D55E00", "#999999"
+RIGHT = "#009E73"
+NOT_YET = "#D55E00"
+UNANSWERED = "#999999"
 RIGHT_CLASS, NOT_YET_CLASS = "vo-right", "vo-not-yet"  # of CSS; tests search for both
 SHORT = 6  # maximal size of an array whose numbers are all shown
 DIGITS = 5, 7, 9  # of two numbers: the first choice that distinguishes the numbers
@@ -38,11 +40,16 @@ class Verdict:
         return f"{word}: {self.message}" + (f" Hint: {self.hint}" if self.hint else "")
 
     def _repr_html_(self) -> str:
-        colour, word, name = NOT_YET, "✗ Not yet:", NOT_YET_CLASS
+        colour = NOT_YET
+        word = "✗ Not yet:"
+        name = NOT_YET_CLASS
         if self.passed:
-            colour, word, name = RIGHT, "✓ Right:", RIGHT_CLASS
+            colour = RIGHT
+            word = "✓ Right:"
+            name = RIGHT_CLASS
         elif not self.tried:
-            colour, word = UNANSWERED, "Not yet:"
+            colour = UNANSWERED
+            word = "Not yet:"
         hint = f"<br><i>Hint: {marked(self.hint)}</i>" if self.hint else ""
         style = f"border-left:4px solid {colour};padding:4px 10px;max-width:940px"
         return f'<div class="{name}" style="{style}"><b>{word}</b> {marked(self.message)}{hint}</div>'

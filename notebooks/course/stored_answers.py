@@ -41,7 +41,8 @@ def store_answer(function: Any, grade: Callable[[Any], Any] | None = None) -> st
         _source(function)
     except (OSError, SyntaxError, ValueError):
         return ""
-    path, name = Path(NAME), function.__name__
+    path = Path(NAME)
+    name = function.__name__
     try:
         load(path)  # or say that the file cannot be run
         text = path.read_bytes().decode("utf-8") if path.exists() else HEAD
@@ -65,7 +66,8 @@ def load(path: Path) -> dict[str, Any]:
     if not path.is_file():
         return {}
     common: dict[str, Any] = {"__name__": path.stem}
-    definitions, named = dict[str, Any](), dict[str, Any]()
+    definitions = dict[str, Any]()
+    named = dict[str, Any]()
     try:
         head, *parts = SECTION.split(path.read_bytes().decode("utf-8"))
         above = ""  # empty lines in place of the parts before, so that errors have the lines of the file
@@ -94,10 +96,13 @@ def _source(thing: Any) -> str:
 
 def _section(function: Any) -> str:
     """Imports of a function, its dependencies in the notebook, and its source."""
-    definitions, imports, around = dict[str, str](), set[str](), function.__globals__
+    definitions = dict[str, str]()
+    imports = set[str]()
+    around = function.__globals__
 
     def add(name: str, value: Any) -> None:
-        source, definitions[name] = _source(value), ""  # for recursive functions
+        source = _source(value)
+        definitions[name] = ""  # so that a recursive function is not added again
         for used in _names(source):
             if used not in around or used in definitions:
                 continue
@@ -127,9 +132,11 @@ def _names(source: str) -> list[str]:
 def _import_of(name: str, value: Any, home: str) -> str:
     """The import line of a module, or of a definition outside the student's module `home`; else ""."""
     if isinstance(value, ModuleType):
-        own, line = value.__name__, f"import {value.__name__}"
+        own = value.__name__
+        line = f"import {value.__name__}"
     else:
-        module, own = str(getattr(value, "__module__", "")), str(getattr(value, "__name__", ""))
+        module = str(getattr(value, "__module__", ""))
+        own = str(getattr(value, "__name__", ""))
         if module == home or getattr(sys.modules.get(module), own, ...) is not value:
             return ""
         line = f"from {module} import {own}"

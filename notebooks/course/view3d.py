@@ -69,7 +69,10 @@ class View:
     """
 
     def __init__(self, *shapes: Shape, title: str, height: int = 420, times: Any = ()):
-        self.shapes, self.height, self.times, self.title = shapes, height, times, title
+        self.shapes = shapes
+        self.height = height
+        self.times = times
+        self.title = title
 
     def page(self) -> str:
         """The complete page as one string."""
@@ -111,7 +114,8 @@ class View:
 
 def view_of_run(run: Run) -> View:
     """The path of a run, the points of its matches, and the true path if there is one."""
-    sequence, points = run.sequence, points_of(run)
+    sequence = run.sequence
+    points = points_of(run)
     frames = np.arange(len(run.poses))
     grey, first = np.array([each[1:] for each in points], int).reshape(-1, 2).T
     shapes = [Shape(np.array([X for X, _, _ in points]).reshape(-1, 3), grey, "dots", width=1.5, first=first)]
@@ -125,7 +129,8 @@ def view_of_run(run: Run) -> View:
 
 def points_of(run: Run) -> list[tuple[Array, int, int]]:
     """Place (3,), metres, grey level and frame of the last observation of each point outside all boxes."""
-    sequence, camera = run.sequence, run.sequence.camera
+    sequence = run.sequence
+    camera = run.sequence.camera
     points: dict[int, tuple[Array, int, int]] = {}
     for index, (matches, _) in enumerate(CachedMatches(sequence, run.config)):
         X_c = camera.triangulate(matches.cur_left, matches.cur_right)

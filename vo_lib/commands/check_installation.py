@@ -72,7 +72,8 @@ def _detectors() -> Finding:
 
 
 def _cache() -> Finding:
-    folder, matches = cache_folder().parent, folder_size(match_folder(None))
+    folder = cache_folder().parent
+    matches = folder_size(match_folder(None))
     stale = matches - sum(folder_size(code_folder(variant)) for variant in FRONT_END_CODE)
     facts = f"{folder}: {folder_size(folder) / 1e6:.1f} MB\nmatches of other versions: {stale / 1e6:.1f} MB"
     remedy = "to free space" + steps({"vo data clean_cache": "deletes the matches of other versions"})

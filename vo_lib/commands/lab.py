@@ -76,7 +76,8 @@ def copy_course(source: Path, target: Path, teacher: bool) -> None:
     student's copy, the address in a link to a file for teachers is replaced by the command that copies the
     file. Raises `DataError` if a file cannot be read or written.
     """
-    digests_file, copied = target / DIGESTS_FILE, dict[str, Any]()
+    digests_file = target / DIGESTS_FILE
+    copied = dict[str, Any]()
     with suppress(DataError):  # without digests, every file that differs from the source counts as changed
         copied = read_mapping(digests_file, "digests of copied files by name")
     left_out = NOT_COPIED if teacher else NOT_COPIED | FOR_TEACHERS

@@ -11,8 +11,11 @@ from ..geometry.camera import StereoCamera
 from ..settings import Checked, setting
 
 # Intrinsics of KITTI odometry sequence 00, for an image of 1241×376 pixels.
-KITTI_WIDTH, KITTI_HEIGHT = 1241, 376
-KITTI_F, KITTI_CX, KITTI_CY = 718.856, 607.1928, 185.2157
+KITTI_WIDTH = 1241
+KITTI_HEIGHT = 376
+KITTI_F = 718.856
+KITTI_CX = 607.1928
+KITTI_CY = 185.2157
 
 
 @dataclass(frozen=True)

@@ -71,7 +71,8 @@ def matches_on_moving(sequence: Sequence, index: int, matches: StereoMatches) ->
             f"{sequence.name} has no truth about moving vehicles: the box rule `truth` is for drawn scenes",
             sequence.folder,
         ) from None
-    before, now = int(sequence.frames[index - 1]), int(sequence.frames[index])
+    before = int(sequence.frames[index - 1])
+    now = int(sequence.frames[index])
     previous = truth.is_moving(before, matches.prev_left, now)
     return np.asarray(previous | truth.is_moving(now, matches.cur_left, before))
 
@@ -81,7 +82,8 @@ def open_truth(folder: Path | str) -> Truth:
     folder = Path(folder)
     try:
         scene = read_mapping(folder / "truth" / "scene.json", "a scene's settings")
-        config, poses = from_dict(SceneConfig, scene["config"]), read_kitti_poses(folder / "poses.txt")
+        config = from_dict(SceneConfig, scene["config"])
+        poses = read_kitti_poses(folder / "poses.txt")
         vehicles = io.BytesIO(read_bytes(folder / "truth" / "objects.npz"))
         with np.load(vehicles, allow_pickle=False) as file:
             return Truth(folder, config, poses, objects=file["poses"])

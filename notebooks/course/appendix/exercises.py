@@ -46,8 +46,10 @@ def shrunk(estimate: Array, covariance: Array, spare: float = 0.0) -> Array:
 
 def estimates() -> list[Case]:
     """Two or four estimated errors in pixels, above, near or below the noise; one case has correlated noise."""
-    alike, different = 0.04 * np.eye(4), np.diag([0.01, 0.04, 0.09, 0.25])
-    clear, doubtful = np.array([1.0, -0.5, 0.3, 0.2]), np.array([0.2, -0.5, 0.3, 0.2])
+    alike = 0.04 * np.eye(4)
+    different = np.diag([0.01, 0.04, 0.09, 0.25])
+    clear = np.array([1.0, -0.5, 0.3, 0.2])
+    doubtful = np.array([0.2, -0.5, 0.3, 0.2])
     two = clear[:2], alike[:2, :2]
     return [(clear, alike), (doubtful, different), (doubtful, 0.02 + different), (0.3 * doubtful, alike), two]
 

@@ -47,7 +47,8 @@ def apart(T: Array, turned: bool = True) -> Array:
 
 def paths() -> list[Case]:
     """Cases with poses (N, 4, 4) of a turning camera on a rising, widening spiral, with one or more steps."""
-    turn, places = np.array([0.0, 0.5, 0.0]), [(np.cos(k / 2), -0.4, np.sin(k / 2)) for k in range(6)]
+    turn = np.array([0.0, 0.5, 0.0])
+    places = [(np.cos(k / 2), -0.4, np.sin(k / 2)) for k in range(6)]
     path = [rigid(rotation_from_vector(k * turn), k * np.array(places[k])) for k in range(6)]
     return [(np.array(path[:2]),), (np.array(path),)]
 

@@ -66,7 +66,8 @@ def chains() -> list[Case]:
 
 def follow(*steps: Index) -> tuple[Index, Any]:
     """The end of each feature's chain of matches, and whether the chain is complete."""
-    at, complete = np.arange(len(steps[0])), np.ones(len(steps[0]), np.bool_)
+    at = np.arange(len(steps[0]))
+    complete = np.ones(len(steps[0]), np.bool_)
     for step in steps:
         at = step[at]
         complete &= at >= 0

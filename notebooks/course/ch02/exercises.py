@@ -71,7 +71,8 @@ def up_to_scale(values: Array) -> Array:
     """Ones if the values are a case's ten constraints in any order and scale; else the values."""
     for nine, last in ((values[:9], values[9]), (values[1:], values[0])):  # the determinant is last, or first
         for constraints in (ten(E) for (E,) in essentials()[5:]):
-            given, right = np.sort(np.abs(nine)), np.sort(np.abs(constraints[:9]))
+            given = np.sort(np.abs(nine))
+            right = np.sort(np.abs(constraints[:9]))
             scale = given[-1] / right[-1]
             determinant = np.isclose(abs(last), abs(constraints[9]) * np.array([0.5, 1.0, 2.0, scale])).any()
             if determinant and scale > 1e-9 and np.allclose(given, scale * right) and values.min() < 0.0:

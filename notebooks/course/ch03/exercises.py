@@ -71,7 +71,8 @@ def frames() -> list[Case]:
     for seed in range(8):
         rng = np.random.default_rng(seed)
         given = random_problems(rng, 1, 120, "forward", noise_px=0.5)
-        x_p, x_c = given.x_p[0], given.x_c[0]
+        x_p = given.x_p[0]
+        x_c = given.x_c[0]
         x_c[:60] += rng.normal(0.0, 0.02, (60, 2))
         sets = draw_sets(rng, 120, 40)
         E, set_index = five_point(x_p[sets], x_c[sets])

@@ -70,7 +70,8 @@ def field_figure(field: Field, result: float | None = None, height: int = 260) -
     """
     with_truth = bool(np.isfinite(field.rotation_error).any())
     made, axes = figure(height, 1 + with_truth)
-    by_angle, named = axes[0], axes[-1]  # one legend is enough
+    by_angle = axes[0]
+    named = axes[-1]  # one legend is enough
     nearest = "every solution" if field.kept.all() else "nearest k of a set"
     places = field.angle, np.clip(field.rotation_error, LEAST, MOST)
     for axis, x in zip(axes, places, strict=False):
@@ -117,7 +118,8 @@ def errors_figure(
     styles = zip(curves, (DARK, GOOD, BAD), ("-o", "--s", "-^"), strict=False)
     for (names, values, middle), colour, style in styles:
         label = " / ".join(names) + (f": median {np.median(values):.3f}" if x is None else "")
-        at, rows = np.arange(1, len(middle) + 1) if x is None else x, np.atleast_2d(values)
+        at = np.arange(1, len(middle) + 1) if x is None else x
+        rows = np.atleast_2d(values)
         if len(rows) > 1:
             axis.fill_between(at, rows.min(axis=0), rows.max(axis=0), color=colour, alpha=0.2, linewidth=0)
         axis.plot(at, middle, style[:-1] if x is None else style, color=colour, markersize=5, label=label)
@@ -139,7 +141,8 @@ def turns_figure(angle: Array, turn: Array) -> Figure:
     axis.plot(1 + np.arange(len(turn)), turn, color=DARK, linewidth=1, label="rotation of a step")
     axis.plot(frames, angle, color=GOOD, label="angle between successive vectors")
     everywhere = axis.get_xaxis_transform()  # from the bottom of the axis to its top
-    still, words = np.isnan(angle), "standstill, no E"
+    still = np.isnan(angle)
+    words = "standstill, no E"
     axis.fill_between(frames, 0, 1, where=still, color=PALE, alpha=0.5, transform=everywhere, label=words)
     finish(axis, "angles [deg]", "frame", "", "above")
     return made

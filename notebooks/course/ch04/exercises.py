@@ -37,7 +37,8 @@ def eight_rows(
     x_pl: Array, x_pr: Array, x_cl: Array, x_cr: Array, R_cp: Array, b: float
 ) -> tuple[Array, Array]:
     """M (8, 6) and c (8,) of one feature; rows: x, y of previous left and right, current left and right."""
-    M, c = np.zeros((8, 6)), np.array([0.0, 0, -b, 0, 0, 0, -b, 0])
+    M = np.zeros((8, 6))
+    c = np.array([0.0, 0, -b, 0, 0, 0, -b, 0])
     for view, x in enumerate((x_pl, x_pr, x_cl, x_cr)):
         rows = np.outer(x, [0, 0, 1]) - np.eye(3)[:2]
         M[2 * view : 2 * view + 2] = np.hstack([rows @ R_cp, rows] if view > 1 else [rows, 0.0 * rows])

@@ -17,10 +17,14 @@ from vo_lib.paper.settings import TranslationConfig, TranslationLimits
 from ..lessons import CAMERA, consensus_rotation, drive, pair_of
 
 # How the rows of all features are combined: by the configuration's own method, or in a plain way.
-METHOD, PIXELS, METRES = "the method's own", "rows in pixels", "rows in metres"
-MEDIAN, MEAN = "median of features", "mean of features"
+METHOD = "the method's own"
+PIXELS = "rows in pixels"
+METRES = "rows in metres"
+MEDIAN = "median of features"
+MEAN = "mean of features"
 WEIGHTINGS = (METHOD, PIXELS, METRES, MEDIAN, MEAN)
-PUBLISHED, ROBUST = "published", "robust (kit)"
+PUBLISHED = "published"
+ROBUST = "robust (kit)"
 
 
 def spread_points(count: int, seed: int, nearest: float, farthest: float) -> Array:
@@ -79,7 +83,8 @@ def solve_by(
         solution = paper.solve_translation(camera, matches[used], R_cp, config)
         if solution is None:
             return None
-        t, weight = solution[0], solution[1].astype(np.float64)
+        t = solution[0]
+        weight = solution[1].astype(np.float64)
     elif weighting in (MEDIAN, MEAN):
         t = (np.median if weighting == MEDIAN else np.mean)(alone(*rows), axis=0)
     else:

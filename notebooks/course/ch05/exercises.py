@@ -18,17 +18,21 @@ from ..checker import Case, Condition, Exercise
 SIZE, NET = (1241, 376), (640, 640)  # width and height of an image, and of a network's with wide borders
 WIDTH, HEIGHT = 800, 256  # of the network whose cells are counted
 # Box 2 overlaps box 1 much, box 3 overlaps both a little, box 4 overlaps none; the last box is inside box 1.
-A, B, SIDE = [100.0, 100.0, 200.0, 180.0], [110.0, 104.0, 212.0, 184.0], [185.0, 110.0, 290.0, 190.0]
+A = [100.0, 100.0, 200.0, 180.0]
+B = [110.0, 104.0, 212.0, 184.0]
+SIDE = [185.0, 110.0, 290.0, 190.0]
 CORNERS = np.array([A, B, SIDE, [400.0, 90.0, 450.0, 130.0], [130.0, 120.0, 160.0, 150.0]])
 SCORES = np.array([0.7, 0.9, 0.6, 0.3, 0.8])
 LEAST = 0.3  # metres; a shorter step is none
-KEPT, LOST = "on moving things, kept", "on standing things, removed"
+KEPT = "on moving things, kept"
+LOST = "on standing things, removed"
 
 
 def net_boxes() -> list[Case]:
     """Cases: boxes inside the image, over its lower right corner, over its upper left corner; all boxes."""
     inner = [[10.0, 240, 90.5, 300], [320, 280, 470, 360]]
-    low, high = [[600.0, 250, 655, 420]], [[-9.0, 200, 60, 300]]
+    low = [[600.0, 250, 655, 420]]
+    high = [[-9.0, 200, 60, 300]]
     letterbox = fit_letterbox(*SIZE, *NET)
     parts = inner, low, high, [*inner, *low, *high]
     return [(np.array(boxes), letterbox.scale, letterbox.left, letterbox.top, *SIZE) for boxes in parts]
@@ -61,7 +65,8 @@ def suppressed(corners: Array, scores: Array, most: float, rivals: slice | None 
 
     A box is compared with the kept boxes in the slice `rivals`, or with all better boxes if `rivals` is None.
     """
-    order, shares = np.argsort(-scores, kind="stable").tolist(), overlap(corners, corners)
+    order = np.argsort(-scores, kind="stable").tolist()
+    shares = overlap(corners, corners)
     kept: list[int] = []
     for place, k in enumerate(order):
         if not np.any(shares[k, order[:place] if rivals is None else kept[rivals]] > most):

@@ -80,7 +80,9 @@ def turns_figure(
     matches, distances : matches of the frames 1 … N - 1, and their distances (`line_distances`), pixels.
     """
     made, (turns, shares) = figure(250, 2)
-    frames, in_boxes, accepted = np.arange(1, len(sequence)), [], []
+    frames = np.arange(1, len(sequence))
+    in_boxes = []
+    accepted = []
     for (name, poses), (colour, width) in zip(runs.items(), LINES, strict=False):
         turns.plot(frames, step_errors(sequence, poses)[0], color=colour, linewidth=width, label=name)
     for frame, each, far in zip(frames.tolist(), matches, distances, strict=True):

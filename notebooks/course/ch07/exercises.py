@@ -24,7 +24,9 @@ from ..frames import true_poses
 from ..lessons import CAMERA, drive
 
 USED, TRUE = 5555.6, 100.0 * 180.0 / np.pi  # factors from rad/m to deg/100 m
-FRAMES, LENGTHS, VALUES = 30, (20.0,), (8, 16, 100)
+FRAMES = 30
+LENGTHS = (20.0,)
+VALUES = (8, 16, 100)
 
 
 def rows(te: dict[str, Any], without: str = "01", none: Any = None) -> list[float]:

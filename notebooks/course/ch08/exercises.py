@@ -118,7 +118,8 @@ def better(drive: Any, sequence: Sequence) -> Verdict:
         return Verdict(False, f"expected your function `drive`, got {type(drive).__name__}.")
     if name := handed_back(drive, ("run", "run_methods", "make_odometry")):
         return Verdict(False, f"this hands the work to `{name}`.", "change the loop of this chapter.")
-    kit, unseen = preset("feature_selection", variant="kit"), replace(sequence, truth=None)
+    kit = preset("feature_selection", variant="kit")
+    unseen = replace(sequence, truth=None)
     matches = list(CachedMatches(sequence, kit))
     with single_threaded():
         paths = [outcome(partial(drive, seed=seed), (unseen, matches)) for seed in SEEDS]

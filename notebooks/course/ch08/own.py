@@ -82,10 +82,14 @@ class StudentOdometry:
 
 def join(**given: Any) -> StudentOdometry:
     """Each stage from `given` or `my_vo.py` if the function passes its check, otherwise from the library."""
-    written, exercises = {**load(Path(NAME)), **given}, tasks()
-    functions, whose, slow = {}, {}, dict[str, float]()
+    written = {**load(Path(NAME)), **given}
+    exercises = tasks()
+    functions = {}
+    whose = {}
+    slow = dict[str, float]()
     for name in STAGES:
-        own, (_, exercise) = written.get(name), exercises[name]
+        own = written.get(name)
+        _, exercise = exercises[name]
         start = time.perf_counter()
         verdict = exercise.grade(own) if callable(own) else None
         seconds = time.perf_counter() - start
@@ -136,7 +140,8 @@ def mixed(rotations: Array, translations: Array) -> Array:
 
 def residuals(M: Array, c: Array, t: Array) -> Array:
     """Residuals (N,) of the rows M (N, 8, 6) and c (N, 8) of N features for t (3,), with the best point Q."""
-    A, d = M[..., :3], c - M[..., 3:] @ t
+    A = M[..., :3]
+    d = c - M[..., 3:] @ t
     rest = d[..., None] - A @ (np.linalg.pinv(A) @ d[..., None])
     return np.asarray(np.linalg.norm(rest[..., 0], axis=1))
 
@@ -158,7 +163,8 @@ def film(
         for index, (pair, _) in enumerate(matches):
             if index == 0 or index % every:
                 continue
-            before, boxes = sequence.boxes(index - 1), sequence.boxes(index)
+            before = sequence.boxes(index - 1)
+            boxes = sequence.boxes(index)
             keep = mine.keep_outside(pair.prev_left, pair.cur_left, before.xyxy, boxes.xyxy)
             used = pair[keep]
             used = used[mine.buckets(used.cur_left, used.age, used.strength, 50, 3)]

@@ -38,7 +38,8 @@ def is_true(loops: Loops, truth: Array) -> BoolArray:
 
 def second_visits(truth: Array, frames: IntArray, gap: int, near: float = 3.0) -> IntArray:
     """Pairs (M, 2) of frames: the first and the second visit of a place, in the same direction."""
-    place, forward = truth[frames, :3, 3], truth[frames, :3, 2]
+    place = truth[frames, :3, 3]
+    forward = truth[frames, :3, 2]
     apart = np.linalg.norm(place[:, None] - place, axis=2)
     apart[(forward @ forward.T < 0.9) | (frames[:, None] - frames < gap)] = np.inf
     later = np.flatnonzero(apart.min(axis=1) < near)
@@ -47,7 +48,8 @@ def second_visits(truth: Array, frames: IntArray, gap: int, near: float = 3.0) -
 
 def made_up_loops(truth: Array, pairs: IntArray, config: LoopConfig, false: int, seed: int) -> Loops:
     """Loops with the true motion between pairs (M, 2) of frames, then false loops; every motion has noise."""
-    rng, frames = np.random.default_rng([9, seed]), place_frames(len(truth), config)
+    rng = np.random.default_rng([9, seed])
+    frames = place_frames(len(truth), config)
     place = truth[frames, :3, 3]
     apart = np.argwhere(np.triu(np.linalg.norm(place[:, None] - place, axis=2) > 10.0))  # metres
     wrong = frames[rng.choice(apart, false if len(apart) else 0)]
@@ -56,5 +58,6 @@ def made_up_loops(truth: Array, pairs: IntArray, config: LoopConfig, false: int,
     motion = inverse(truth[first]) @ truth[second]
     motion[len(pairs) :] = np.eye(4)  # "this is the same place"
     motion = motion @ motion_from_twist(rng.normal(size=(len(motion), 6)) * sigma)
-    whole, real = np.full(len(first), 100), np.ones(len(first))
+    whole = np.full(len(first), 100)
+    real = np.ones(len(first))
     return Loops(first, second, real, whole, whole, 0.0 * real, motion)

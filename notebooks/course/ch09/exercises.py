@@ -19,7 +19,8 @@ def nearest_earlier(S: Array, gap: int) -> IntArray:
 
 def similar_places() -> list[Case]:
     """Cases with a similarity matrix (N, N) and a gap."""
-    rng, cases = np.random.default_rng(4), []
+    rng = np.random.default_rng(4)
+    cases = []
     for count, gap in ((5, 3), (12, 4)):
         S = rng.uniform(0.0, 0.6, (count, count))
         near = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
@@ -60,7 +61,8 @@ def gauss_newton(J: Array, r: Array) -> Array:
 
 def linear_problems() -> list[Case]:
     """Cases with derivatives (3M, 3N) and residuals (3M,) of a small graph in the plane with a free gauge."""
-    rng, cases = np.random.default_rng(2), []
+    rng = np.random.default_rng(2)
+    cases = []
     axes = np.eye(3) + rng.normal(0.0, 0.2, (5, 3, 3))  # the gauge changes each pose in a different way
     for edges in ([(0, 1), (1, 2), (0, 2)], [(0, 1), (1, 2), (2, 3), (3, 4), (0, 4)]):
         J = np.zeros((3 * len(edges), 3 * (1 + max(max(edge) for edge in edges))))

@@ -16,7 +16,8 @@ Motion = Literal[
 MOTIONS: tuple[Motion, ...] = get_args(Motion)
 
 # Half the field of view as tan(angle): the 1241×376 px image of KITTI at f = 718.856 px.
-HALF_WIDTH, HALF_HEIGHT = 0.863, 0.262
+HALF_WIDTH = 0.863
+HALF_HEIGHT = 0.262
 FOCAL = 718.856  # pixels; turns noise into normalised coordinates
 NEAREST, FARTHEST = 4.0, 40.0  # depth of the points in the previous camera, metres
 IN_FRONT = 0.5  # least depth in the current camera, metres
