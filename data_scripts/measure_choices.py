@@ -34,6 +34,7 @@ from vo_lib.geometry.motion import essential_vector
 from vo_lib.geometry.types import Array
 from vo_lib.paper.box_removal import in_boxes
 from vo_lib.paper.matching import subpixel_matches
+from vo_lib.paper.odometry import Winner
 from vo_lib.paper.selection import candidates_near_prior, truncated_errors
 from vo_lib.paper.translation import (
     SOLVING_ROUNDS,
@@ -45,7 +46,7 @@ from vo_lib.paper.translation import (
 from vo_lib.runs.drive import run_methods
 from vo_lib.runs.match_cache import CachedMatches
 
-BOXES = "vo_lib.paper.odometry.on_vehicles"
+BOXES = "vo_lib.paper.box_removal.on_vehicles"
 EARLIER = "vo_lib.paper.translation.earlier_rows"
 
 
@@ -85,7 +86,7 @@ def with_shifted_places(camera: Any, matches: Any, before: Any) -> Any:
     return earlier_rows(camera, matches, PairBefore(shifted, before.T_cp))
 
 
-def mean_of_best_tenth(odometry: Any, E: Array, set_index: Any, x_p: Array, x_c: Array) -> int:
+def mean_of_best_tenth(odometry: Any, E: Array, set_index: Any, x_p: Array, x_c: Array) -> Winner:
     """Replacement for `Odometry.select`: the principal vector of the best tenth of the candidates wins."""
     errors = truncated_errors(E, x_p, x_c, odometry.threshold)
     compete = candidates_near_prior(E, set_index, odometry.e_prev, odometry.config.selection)
@@ -96,7 +97,7 @@ def mean_of_best_tenth(odometry: Any, E: Array, set_index: Any, x_p: Array, x_c:
     vectors = essential_vector(E[best])
     U, _, Vt = np.linalg.svd(np.linalg.svd(vectors, full_matrices=False)[2][0].reshape(3, 3))
     E[best[0]] = U[:, :2] @ Vt[:2] / np.sqrt(2)
-    return int(best[0])
+    return Winner(int(best[0]))
 
 
 # Each choice with its setting (or the full name of a function) and its alternatives.

@@ -50,8 +50,8 @@ def test_features_of_moving_boxes_are_removed() -> None:
         assert min(np.count_nonzero(now & ~was), np.count_nonzero(was & ~now)) >= 3
         assert judgement.state.tolist() == [MOVING]
         # The box in the first frame has no state.
-        assert judgement.removed[now | (was & (number > 0))].all()
-        assert not judgement.removed[~(was | now)].any()
+        assert not judgement.kept[now | (was & (number > 0))].any()
+        assert judgement.kept[~(was | now)].all()
         before = boxes
 
 

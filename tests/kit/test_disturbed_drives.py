@@ -13,14 +13,12 @@ from numpy.typing import NDArray
 
 from vo_lib import Sequence, preset, run
 from vo_lib.config import change
-from vo_lib.geometry.boxes import no_boxes
 from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.motion import inverse
 from vo_lib.geometry.result import Flag
 from vo_lib.geometry.types import Image
 from vo_lib.kit.kit_odometry import SelfCalibratingOdometry
-from vo_lib.runs.drive import MethodRun, Run, run_methods
-from vo_lib.runs.front_end import find_matches
+from vo_lib.runs.drive import MethodRun, Run, frames, run_methods
 
 FIRST, FRAMES, AT = 100, 14, 6  # first frame in the street, number of frames, first frame with the fault
 OMITTED = 5  # frames
@@ -154,13 +152,16 @@ def test_repeated_pair_changes_no_state(street: Sequence) -> None:
     method = MethodRun(street, config)
     assert isinstance(method.odometry, SelfCalibratingOdometry)
     sequence = shown(street, [street.stereo(i) for i in index])
-    for number, frame in enumerate(find_matches(sequence, config)):
+    for frame in frames(sequence, config):
         rig = method.odometry.rig
         before = method.odometry.e_prev, rig.estimate, rig.covariance
-        method.step(number, frame, no_boxes())
+        if frame.index == 0:
+            method.start(frame)
+        else:
+            method.step(frame)
         after = method.odometry.e_prev, rig.estimate, rig.covariance
         equal = [a is b or np.array_equal(a, b) for a, b in zip(before, after, strict=True)]  # type: ignore[arg-type]
-        assert all(equal) == (number in (0, 4))
+        assert all(equal) == (frame.index in (0, 4))
     step = method.motions[3]
     assert step.flags == (Flag.STANDSTILL,)
     assert np.linalg.norm(step.T_cp[:3, 3]) < 0.01  # metres

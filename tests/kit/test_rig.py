@@ -147,7 +147,7 @@ def test_camera_at_rest_in_cross_traffic_learns_nothing(method: str) -> None:
             cur_left=matches.prev_left + aside,
             cur_right=matches.prev_right + aside,
         )
-        assert odometry.step(crossed, over).still
+        assert odometry.step(crossed, over).motion.still
     np.testing.assert_array_equal(odometry.calibration.estimate, before.estimate)
     np.testing.assert_array_equal(odometry.calibration.covariance, before.covariance)
 

@@ -58,10 +58,10 @@ def test_standstill_keeps_position_and_prior() -> None:
     frames = list(simulate_tracks(poses, CAMERA, replace(TRACKS, noise=0.1), seed=2))
     eager = settings.replace(config, "selection.standstill_flow", 0.0)
     usual, careless = make_odometry(CAMERA, config), make_odometry(CAMERA, eager)
-    result = [usual.step(frame.matches, no_boxes()) for frame in frames]
+    result = [usual.step(frame.matches, no_boxes()).motion for frame in frames]
     assert [motion.flags for motion in result[5:10]] == [("standstill",)] * 5
     turns = np.array([motion.T_cp[:3, :3] for motion in result[5:10]])
     assert np.degrees(rotation_angle(turns)).max() < 0.02
     assert result[10].prior_angle < 5.0
-    angles = [careless.step(frame.matches, no_boxes()).prior_angle for frame in frames]
+    angles = [careless.step(frame.matches, no_boxes()).motion.prior_angle for frame in frames]
     assert max(angles[5:11]) > 20.0

@@ -80,7 +80,7 @@ def odometry(method: str = "solution_selection") -> Odometry:
 
 @pytest.mark.parametrize("method", PUBLISHED)
 def test_exact_matches_give_the_exact_motion(method: str) -> None:
-    motion = odometry(method).step(scene(), no_boxes())
+    motion = odometry(method).step(scene(), no_boxes()).motion
     np.testing.assert_allclose(motion.T_cp, T_CP, atol=1e-6)
     assert float(rotation_angle(motion.T_cp[:3, :3] @ R_CP.T)) < 1e-7
     assert motion.flags == ()
@@ -88,14 +88,14 @@ def test_exact_matches_give_the_exact_motion(method: str) -> None:
 
 def test_winner_becomes_e_prev() -> None:
     system = odometry()
-    first = system.step(scene(noise=0.3), no_boxes())
+    first = system.step(scene(noise=0.3), no_boxes()).motion
     assert np.isnan(first.prior_angle)
     assert system.e_prev is not None
     before = system.e_prev
     # The winner fits five noisy matches, so it is near the truth.
     truth = essential_vector(essential_from_motion(R_CP, T_CP[:3, 3]))
     assert 1e-6 < float(essential_angle(before, truth)) < 0.05
-    second = system.step(scene(seed=1, noise=0.3), no_boxes())
+    second = system.step(scene(seed=1, noise=0.3), no_boxes()).motion
     assert second.prior_angle == pytest.approx(
         float(np.degrees(essential_angle(system.e_prev, before))), abs=1e-9
     )
@@ -111,7 +111,7 @@ def test_prior_selects_before_the_error() -> None:
     for method in ("mesvo_f", "solution_selection"):
         system = make_odometry(CAMERA, change(preset(method, variant="published"), "selection.top_k", 1))
         system.e_prev = essential_vector(before)
-        chosen[method] = system.select(E, np.array([0, 0, 1]), x_p, x_c)
+        chosen[method] = system.select(E, np.array([0, 0, 1]), x_p, x_c).candidate
     # Consensus selects the truth. The prior keeps one solution per set, and the better kept solution wins.
     assert chosen == {"mesvo_f": 0, "solution_selection": 2}
 
@@ -126,7 +126,8 @@ def test_standstill_is_the_identity_and_keeps_e_prev() -> None:
     system = odometry()
     system.step(scene(), no_boxes())
     before = system.e_prev
-    motion = system.step(scene(seed=4, T_cp=rigid(np.eye(3), np.array([0.0, 0.0, -0.005]))), no_boxes())
+    hardly = scene(seed=4, T_cp=rigid(np.eye(3), np.array([0.0, 0.0, -0.005])))
+    motion = system.step(hardly, no_boxes()).motion
     np.testing.assert_array_equal(motion.T_cp, np.eye(4))
     assert motion.flags == ("standstill",)
     assert system.e_prev is before
@@ -134,8 +135,8 @@ def test_standstill_is_the_identity_and_keeps_e_prev() -> None:
 
 def test_few_matches_repeat_the_last_motion() -> None:
     system = odometry()
-    first = system.step(scene(), no_boxes())
-    again = system.step(empty_matches(), no_boxes())
+    first = system.step(scene(), no_boxes()).motion
+    again = system.step(empty_matches(), no_boxes()).motion
     np.testing.assert_array_equal(again.T_cp, first.T_cp)
     assert again.flags == ("few_matches",)
 
@@ -146,7 +147,7 @@ def test_features_in_boxes_are_removed_before_buckets() -> None:
     right = Boxes(np.array([[800.0, -1e3, 1e4, 1e3]]), np.array([2]), np.ones(1))
     matches = scene(2000)
     system.start(left)
-    motion = system.step(matches, right)
+    motion = system.step(matches, right).motion
     missing_part = (matches.prev_left[:, 0] <= 400) | (matches.cur_left[:, 0] >= 800)
     assert motion.removed == np.count_nonzero(missing_part)
     assert motion.used > 100
@@ -198,9 +199,11 @@ def test_frames_without_motion_are_no_previous_pair() -> None:
     for matches in (still, empty_matches()):
         frames = moving, moving, matches, moving
         systems = odometry(), make_odometry(CAMERA, two)
-        motions = [[system.step(each, no_boxes()).T_cp.tobytes() for each in frames] for system in systems]
-        assert motions[0][1] != motions[1][1]
-        assert motions[0][3] == motions[1][3]
+        three_pairs, two_pairs = (
+            [system.step(each, no_boxes()).motion.T_cp.tobytes() for each in frames] for system in systems
+        )
+        assert three_pairs[1] != two_pairs[1]
+        assert three_pairs[3] == two_pairs[3]
 
 
 def test_stacked_rows_equal_the_pseudo_inverse() -> None:

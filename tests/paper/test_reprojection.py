@@ -107,10 +107,10 @@ def test_few_or_random_matches_have_no_motion() -> None:
 def test_frame_without_motion_repeats_the_last_one() -> None:
     odometry = make_odometry(CAMERA, preset("viso2", variant="kit"))
     first, second = (frame.matches for frame in frames(noise=0.0, n=2))
-    motion = odometry.step(first, no_boxes())
+    motion = odometry.step(first, no_boxes()).motion
     mixed = second[np.random.default_rng(3).permutation(len(second))]
     shuffled = dataclasses.replace(second, cur_left=mixed.cur_left, cur_right=mixed.cur_right)
-    lost = odometry.step(shuffled, no_boxes())
+    lost = odometry.step(shuffled, no_boxes()).motion
     assert (motion.flags, lost.flags) == ((), ("no_motion",))
     np.testing.assert_array_equal(lost.T_cp, motion.T_cp)
 

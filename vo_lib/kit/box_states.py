@@ -10,7 +10,7 @@ from ..geometry.boxes import MOVING, PARKED, UNKNOWN, Boxes, no_boxes
 from ..geometry.camera import StereoCamera
 from ..geometry.matches import StereoMatches
 from ..geometry.types import Array, BoolArray, IntArray
-from ..paper.box_removal import inside, vehicles
+from ..paper.box_removal import Removal, inside, vehicles
 from .moving import (
     BoxSteps,
     background_motion,
@@ -24,25 +24,23 @@ from .settings import KitFilterConfig, MovingConfig
 MIN_CAMERA_FEATURES = 12  # smallest number of features outside boxes for an estimate of the camera's motion
 
 
-@dataclass(frozen=True)
-class BoxStates:
-    """The states of the K vehicle boxes of a frame.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BoxStates(Removal):
+    """The states of the K vehicle boxes of a frame, and the removal that follows from them.
+
+    Removed are matches with a previous or current left point in a moving box and, in other boxes, matches
+    that do not agree with the background, for example on outlines, windows or other cars.
 
     Attributes
     ----------
-    boxes : the vehicle boxes, with the margin.
     state : (K,) PARKED, UNKNOWN or MOVING.
     step : (K, 3) displacement in this frame, metres, in the current left camera's axes; NaN if unknown.
     matches : (K,) number of features that may be on the vehicle.
-    removed : (N,) mask of matches with a previous or current left point in a moving box and, in other boxes,
-        of matches that do not agree with the background, for example on outlines, windows or other cars.
     """
 
-    boxes: Boxes
     state: IntArray
     step: Array
     matches: IntArray
-    removed: BoolArray
 
 
 def states(steps: BoxSteps, config: MovingConfig) -> IntArray:
@@ -66,7 +64,9 @@ class BoxMotionClassifier:
     def __init__(self, camera: StereoCamera, config: KitFilterConfig):
         self.camera = camera
         self.config = config
-        self._boxes, self._moved = no_boxes(), np.zeros(0, np.bool_)  # of the previous frame
+        # Of the previous frame: its boxes, which of them were moving, and the camera's motion.
+        self._boxes = no_boxes()
+        self._moved: BoolArray = np.zeros(0, np.bool_)
         self._motion: Array | None = None
 
     def step(self, matches: StereoMatches, boxes: Boxes) -> BoxStates:
@@ -75,35 +75,37 @@ class BoxMotionClassifier:
         in_previous = inside(matches.prev_left, self._boxes.xyxy)
         in_current = inside(matches.cur_left, current.xyxy)
         outside = np.asarray(~in_previous.any(axis=1) & ~in_current.any(axis=1))
-        self._estimate_motion(matches[outside])
-        steps, disagrees = self._measure_steps(matches, current, outside)
+        motion = self._camera_motion(matches[outside])
+        steps, disagrees = self._measure_steps(matches, current, outside, motion)
         state = states(steps, self.config.moving)
         moves = state == MOVING
         removed = in_current[:, moves].any(axis=1) | in_previous[:, self._moved].any(axis=1) | disagrees
-        self._boxes, self._moved = current, moves
+        self._boxes = current
+        self._moved = moves
+        self._motion = motion
         step = np.where(steps.information.any(axis=1), steps.step, np.nan)
-        return BoxStates(current, state, step, steps.matches, removed)
+        return BoxStates(~removed, current, state=state, step=step, matches=steps.matches)
 
     def _measure_steps(
-        self, matches: StereoMatches, current: Boxes, outside: BoolArray
+        self, matches: StereoMatches, current: Boxes, outside: BoolArray, motion: Array | None
     ) -> tuple[BoxSteps, BoolArray]:
         """Displacements of the boxes, and a mask (N,) of the non-static matches inside boxes."""
         disagrees = np.zeros(len(matches), np.bool_)
-        if self._motion is None:
+        if motion is None:
             return no_steps(len(current)), disagrees
         config = self.config.moving
         in_boxes = matches[np.asarray(~outside)]
         owner = owner_of(self.camera, in_boxes.cur_left, in_boxes.cur_right, current)
-        points = point_steps(self.camera, in_boxes, self._motion)
+        points = point_steps(self.camera, in_boxes, motion)
         # NaN fails the comparison and counts as disagreement.
         limit = (config.agreement * config.noise) ** 2
         disagrees[~outside] = ~(points.squared_error(np.zeros(3)) <= limit)
         return box_steps(points, owner, len(current), config.noise**2), disagrees
 
-    def _estimate_motion(self, background: StereoMatches) -> None:
-        """Set the camera's motion from features outside boxes; None with too few features."""
+    def _camera_motion(self, background: StereoMatches) -> Array | None:
+        """The camera's motion T_cp (4, 4) from features outside boxes; None with too few features."""
         if len(background) < MIN_CAMERA_FEATURES:
-            self._motion = None
-        else:
-            start, steps = (np.eye(4), 10) if self._motion is None else (self._motion, 3)
-            self._motion = background_motion(self.camera, background, start, steps)
+            return None
+        if self._motion is None:
+            return background_motion(self.camera, background, np.eye(4), iterations=10)
+        return background_motion(self.camera, background, self._motion, iterations=3)

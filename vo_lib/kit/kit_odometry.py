@@ -7,7 +7,6 @@ translation; `KitViso2` is VISO2 on the same matches.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -15,13 +14,12 @@ import numpy as np
 from ..geometry.boxes import Boxes
 from ..geometry.camera import StereoCamera
 from ..geometry.matches import StereoMatches
-from ..geometry.result import Flag, FrameResult
-from ..geometry.types import Array, BoolArray, Index
-from ..paper.odometry import Odometry, Rotation
+from ..geometry.result import Flag
+from ..geometry.types import Array, Index
+from ..paper.odometry import Odometry, Rotation, StepResult, Winner
 from ..paper.selection import sampson_inliers
-from ..paper.settings import MethodConfig
 from ..paper.viso2 import Viso2
-from .box_rules import BoxFilter, Filtered
+from .box_rules import KitBoxFilter, OnMoving
 from .calibration import Calibration
 from .refined_selection import choose_candidate, motion_of_winner, sample_sets
 from .rig import Rig
@@ -33,8 +31,6 @@ from .weighted_translation import robust_translation
 CLEAN_SETS = 50
 # Largest Sampson distance of an inlier of the previous essential matrix, as a multiple of the threshold.
 PREVIOUS_INLIER_THRESHOLDS = 3.0
-# Function of a frame's number and M matches; returns a mask (M,) of the matches on moving objects.
-OnMoving = Callable[[int, StereoMatches], BoolArray]
 
 
 class SelfCalibratingOdometry(Odometry):
@@ -49,7 +45,6 @@ class SelfCalibratingOdometry(Odometry):
     Attributes
     ----------
     rig : the estimated calibration errors.
-    filtered : effect of the box rule on the last frame.
     """
 
     config: KitConfig
@@ -62,14 +57,12 @@ class SelfCalibratingOdometry(Odometry):
         times: Array | None = None,
         on_moving: OnMoving | None = None,
     ):
-        super().__init__(camera, config)
-        self.filtered: Filtered | None = None
+        super().__init__(camera, config, KitBoxFilter(camera, config.filter, on_moving))
         self.rig = Rig(camera, config.calibration)
         if calibration is not None:
             calibration.check(camera)
             self.rig.set_estimate(calibration.estimate, calibration.covariance_on_another_drive())
-        self._times, self._on_moving = times, on_moving
-        self._filter = BoxFilter(camera, config.filter)
+        self._intervals = None if times is None else np.diff(times)
         self._vehicle = Vehicle(config.vehicle)
 
     @property
@@ -77,40 +70,29 @@ class SelfCalibratingOdometry(Odometry):
         """The estimated calibration errors."""
         return Calibration(self.camera, self.rig.estimate, self.rig.covariance)
 
-    def start(self, boxes: Boxes) -> None:
-        """Store the boxes of the first frame."""
-        self._filter.start(boxes)
+    def step(self, matches: StereoMatches, boxes: Boxes) -> StepResult:
+        """The paper's step on corrected matches, with the vehicle check; then the calibration is learnt.
 
-    def step(self, matches: StereoMatches, boxes: Boxes) -> FrameResult:
-        """The paper's step on corrected matches, with the vehicle check."""
+        A motion that is in doubt changes neither E_prev nor the calibration.
+        """
         e_prev = self.e_prev
         estimate = self.rig.estimate
         covariance = self.rig.covariance
-        if self.config.calibration.estimate:
+        learns = self.config.calibration.estimate
+        if learns:
             self.rig.update_from_rows(matches)
-        motion = super().step(self.rig.correct(matches), boxes)
-        assert self.filtered is not None
-        motion = replace(motion, flags=(*self.filtered.flags, *motion.flags))
-        seconds = 0.0 if self._times is None else float(np.diff(self._times)[self._frame - 1])
-        motion = self._vehicle.check_vehicle(motion, seconds)
+        result = super().step(self.rig.correct(matches), boxes)
+        seconds = 0.0 if self._intervals is None else float(self._intervals[self._frame - 1])
+        motion = self._vehicle.check_vehicle(result.motion, seconds)
         if motion.in_doubt:
             self.e_prev = e_prev
         # A still camera sees the same errors again and again: that is no new information on the calibration.
         if motion.in_doubt or motion.still:
             self.rig.set_estimate(estimate, covariance)
-        return motion
-
-    def without_boxes(self, matches: StereoMatches, boxes: Boxes) -> StereoMatches:
-        """The matches that the box rule keeps."""
-        on_moving = None if self._on_moving is None else self._on_moving(self._frame, matches)
-        self.filtered = self._filter.step(matches, boxes, on_moving)
-        return matches[self.filtered.keep]
-
-    def learn(self, matches: StereoMatches, R_cp: Array, t_cp: Array) -> None:
-        """Update the calibration errors from a frame's motion, for the correction of the next frame."""
-        if self.config.calibration.estimate:
-            self.rig.update(matches, R_cp, t_cp)
+        elif learns:
+            self.rig.update(result.used, motion.T_cp[:3, :3], motion.T_cp[:3, 3])
             self.clock.stage("calibration")
+        return replace(result, motion=replace(motion, ms=self.clock.ms))
 
 
 class KitOdometry(SelfCalibratingOdometry):
@@ -119,12 +101,6 @@ class KitOdometry(SelfCalibratingOdometry):
     Additional flag: `prior_dropped` (the prior's best candidate is clearly worse than the overall best, as in
     a sharp turn or after a restart).
     """
-
-    _dropped = False
-
-    def finish_frame(self, rotation: Rotation, t_cp: Array) -> FrameResult:
-        """The paper's result, with a flag if the prior was dropped."""
-        return replace(super().finish_frame(rotation, t_cp), flags=(Flag.PRIOR_DROPPED,) * self._dropped)
 
     def draw_sets(self, x_p: Array, x_c: Array) -> Index:
         """Five-point sets: at most n, and only as many as should give `CLEAN_SETS` sets without an outlier.
@@ -140,11 +116,11 @@ class KitOdometry(SelfCalibratingOdometry):
             sets = min(sets, int(CLEAN_SETS / max(float(np.mean(near)), 0.1) ** 5))
         return sample_sets(self.random(), len(x_p), sets)
 
-    def select(self, E: Array, set_index: Index, x_p: Array, x_c: Array) -> int:
+    def select(self, E: Array, set_index: Index, x_p: Array, x_c: Array) -> Winner:
         """The paper's winner, but without the prior if the prior is clearly wrong."""
-        config, f = self.config.selection, self.camera.f
-        winner, self._dropped = choose_candidate(E, set_index, x_p, x_c, self.e_prev, config, f)
-        return winner
+        config = self.config.selection
+        winner, dropped = choose_candidate(E, set_index, x_p, x_c, self.e_prev, config, self.camera.f)
+        return Winner(winner, (Flag.PRIOR_DROPPED,) if dropped else ())
 
     def rotation(self, E: Array, matches: StereoMatches) -> Rotation:
         """The winner refined on its inliers."""
@@ -155,35 +131,25 @@ class KitOdometry(SelfCalibratingOdometry):
 
     def translate(self, matches: StereoMatches, rotation: Rotation) -> Array | None:
         """The robust weighted translation; None with too few inliers."""
-        config, R_cp = self.config.translation, rotation.R_cp
-        solution = robust_translation(self.camera, matches, R_cp, config)
-        self.clock.stage("translation")
-        if solution is None or np.count_nonzero(solution[1] < config.agreement) < self.config.min_matches:
+        config = self.config.translation
+        solution = robust_translation(self.camera, matches, rotation.R_cp, config)
+        if solution is None:
             return None
-        self.learn(matches, R_cp, solution[0])
-        return solution[0]
+        t_cp, residual = solution
+        return t_cp if np.count_nonzero(residual < config.agreement) >= self.config.min_matches else None
 
 
 class KitViso2(SelfCalibratingOdometry, Viso2):
     """VISO2 with estimation of the calibration errors."""
 
-    def fit(self, matches: StereoMatches) -> tuple[Array, Array, BoolArray] | None:
-        """Rotation, translation and inliers (N,); None with too few inliers."""
-        solution = super().fit(matches)
-        self.clock.stage("rotation")
-        if solution is not None:
-            self.learn(matches, *solution[:2])
-        return solution
-
 
 def make_kit_odometry(
     camera: StereoCamera,
-    config: MethodConfig,
+    config: KitConfig,
     calibration: Calibration | None = None,
     times: Array | None = None,
     on_moving: OnMoving | None = None,
 ) -> SelfCalibratingOdometry:
     """The odometry of variant `kit` for a configuration; arguments as in `SelfCalibratingOdometry`."""
-    assert isinstance(config, KitConfig)
     kind = KitViso2 if config.estimator == "reprojection" else KitOdometry
     return kind(camera, config, calibration, times, on_moving)

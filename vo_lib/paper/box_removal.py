@@ -2,22 +2,65 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..geometry.boxes import Boxes
+from ..geometry.boxes import Boxes, no_boxes
 from ..geometry.matches import StereoMatches
-from ..geometry.types import Array, BoolArray
+from ..geometry.result import Flag
+from ..geometry.types import Array, BoolArray, IntArray
 from .settings import FilterConfig
+
+
+@dataclass(frozen=True, eq=False)
+class Removal:
+    """What a box rule does to the N matches of a frame.
+
+    Attributes
+    ----------
+    kept : (N,) mask of the matches that are not removed.
+    boxes : the K vehicle boxes in the current left image, with the margin.
+    state : (K,) PARKED, UNKNOWN or MOVING; None for a rule that treats all vehicles alike.
+    flags : remarks on the frame.
+    """
+
+    kept: BoolArray
+    boxes: Boxes
+    state: IntArray | None = None
+    flags: tuple[Flag, ...] = ()
+
+
+class BoxFilter:
+    """The box rule on a sequence: `start` for the first frame, then `step` for each further frame."""
+
+    def __init__(self, config: FilterConfig):
+        self.config = config
+        self._previous_boxes = no_boxes()
+
+    def start(self, boxes: Boxes) -> None:
+        """Store the boxes in the first frame's left image."""
+        self._previous_boxes = boxes
+
+    def step(self, matches: StereoMatches, boxes: Boxes) -> Removal:
+        """What the rule does to the matches between the previous frame and the frame with these boxes."""
+        previous_boxes = self._previous_boxes
+        self._previous_boxes = boxes
+        if self.config.rule == "none":
+            kept = np.ones(len(matches), np.bool_)
+        else:
+            kept = ~on_vehicles(matches, previous_boxes, boxes, self.config)
+        return Removal(kept, vehicles(boxes, self.config))
 
 
 def vehicles(boxes: Boxes, config: FilterConfig) -> Boxes:
     """The boxes of vehicles with a sufficient score, enlarged by the margin."""
     selection = boxes[np.isin(boxes.class_id, config.classes) & (boxes.score >= config.score)]
-    low, high = selection.xyxy[:, :2], selection.xyxy[:, 2:]
-    grow = config.margin * (high - low)
-    return replace(selection, xyxy=np.concatenate([low - grow, high + grow], axis=1))
+    top_left = selection.xyxy[:, :2]
+    bottom_right = selection.xyxy[:, 2:]
+    margin = config.margin * (bottom_right - top_left)
+    enlarged = np.concatenate([top_left - margin, bottom_right + margin], axis=1)
+    return replace(selection, xyxy=enlarged)
 
 
 def inside(uv: Array, xyxy: Array) -> BoolArray:

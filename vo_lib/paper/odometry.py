@@ -2,23 +2,46 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from ..geometry.boxes import Boxes, no_boxes
+from ..geometry.boxes import Boxes
 from ..geometry.camera import StereoCamera
 from ..geometry.matches import StereoMatches
 from ..geometry.motion import essential_angle, essential_vector, rigid
 from ..geometry.result import Clock, Flag, FrameResult
 from ..geometry.types import Array, BoolArray, Index
-from .box_removal import on_vehicles
+from .box_removal import BoxFilter, Removal
 from .buckets import select_by_bucket
 from .five_point import five_point
 from .selection import WINNER_CRITERIA, candidates_near_prior, draw_sets, resolve_by_depth, sampson_inliers
-from .settings import MethodConfig, TranslationConfig
+from .settings import MethodConfig
 from .translation import PairBefore, solve_translation
+
+
+@dataclass(frozen=True, eq=False)
+class StepResult:
+    """Result of the odometry for one frame.
+
+    Attributes
+    ----------
+    motion : the motion, with counts, flags and times.
+    removal : what the box rule did to the matches.
+    used : the matches from which the motion was computed, after box rule and bucketing.
+    """
+
+    motion: FrameResult
+    removal: Removal
+    used: StereoMatches
+
+
+class Winner(NamedTuple):
+    """Number of a frame's winning candidate, and remarks on the choice."""
+
+    candidate: int
+    flags: tuple[Flag, ...] = ()
 
 
 class Rotation(NamedTuple):
@@ -40,42 +63,50 @@ class Odometry:
     clock : times of the current frame's stages.
     """
 
-    def __init__(self, camera: StereoCamera, config: MethodConfig):
+    def __init__(self, camera: StereoCamera, config: MethodConfig, box_filter: BoxFilter | None = None):
         self.camera = camera
         self.config = config
+        self.box_filter = BoxFilter(config.filter) if box_filter is None else box_filter
         self.e_prev: Array | None = None
         self.clock = Clock()
-        self._boxes = no_boxes()
         self._frame = 0
-        self._last = np.eye(4)
+        self._last_motion = np.eye(4)
         self._before: PairBefore | None = None
 
     def start(self, boxes: Boxes) -> None:
         """Store the boxes of the first frame."""
-        self._boxes = boxes
+        self.box_filter.start(boxes)
 
-    def step(self, matches: StereoMatches, boxes: Boxes) -> FrameResult:
+    def step(self, matches: StereoMatches, boxes: Boxes) -> StepResult:
         """Motion of the next frame from its matches and the boxes in its left image."""
         self._frame += 1
         self.clock = Clock()
-        static = self.without_boxes(matches, boxes)
-        selection = self.bucketed(static)
+        removal = self.box_filter.step(matches, boxes)  # step 1 (section 3)
+        static = matches[removal.kept]
+        used = self.bucketed(static)
         self.clock.stage("filter")
-        if len(selection) < self.config.min_matches:
-            motion = FrameResult(self._last, flags=(Flag.FEW_MATCHES,))
-        elif self.stands_still(selection):
-            motion = replace(self.stationary_motion(selection), still=True)
+        if len(used) < self.config.min_matches:
+            motion = FrameResult(self._last_motion, flags=(Flag.FEW_MATCHES,))
+        elif self.stands_still(used):
+            motion = replace(self.stationary_motion(used), still=True)
         else:
-            motion = self.moving_camera(selection)
-        self._last = motion.T_cp
+            motion = self.moving_camera(used)
+        self._last_motion = motion.T_cp
         # Only a measured motion is precise enough for the rows of a third frame.
         self._before = None if motion.flags else PairBefore(static, motion.T_cp)
-        removed = len(matches) - len(static)
-        return replace(motion, matches=len(matches), removed=removed, used=len(selection), ms=self.clock.ms)
+        motion = replace(
+            motion,
+            matches=len(matches),
+            removed=len(matches) - len(static),
+            used=len(used),
+            flags=(*removal.flags, *motion.flags),
+            ms=self.clock.ms,
+        )
+        return StepResult(motion, removal, used)
 
     def moving_camera(self, matches: StereoMatches) -> FrameResult:
         """The measured motion, or the motion of the previous frame if none can be measured."""
-        return self.motion(matches) or FrameResult(self._last, flags=(Flag.NO_MOTION,))
+        return self.motion(matches) or FrameResult(self._last_motion, flags=(Flag.NO_MOTION,))
 
     def motion(self, matches: StereoMatches) -> FrameResult | None:
         """Rotation from the essential matrix, then the translation; None without a result."""
@@ -84,19 +115,14 @@ class Odometry:
         E, set_index = five_point(x_p[sets], x_c[sets])
         if len(E) == 0:
             return None
-        winner = E[self.select(E, set_index, x_p, x_c)]
-        rotation = self.rotation(winner, matches)
+        winner = self.select(E, set_index, x_p, x_c)
+        rotation = self.rotation(E[winner.candidate], matches)
         self.clock.stage("rotation")
         t_cp = self.translate(matches, rotation)
         self.clock.stage("translation")
-        return None if t_cp is None else self.finish_frame(rotation, t_cp)
-
-    def without_boxes(self, matches: StereoMatches, boxes: Boxes) -> StereoMatches:
-        """Step 1 (section 3): matches outside the vehicle boxes of the previous and the current image."""
-        before, self._boxes = self._boxes, boxes
-        if self.config.filter.rule == "none":
-            return matches
-        return matches[~on_vehicles(matches, before, boxes, self.config.filter)]
+        if t_cp is None:
+            return None
+        return self.finish_frame(rotation, t_cp, winner.flags)
 
     def bucketed(self, matches: StereoMatches) -> StereoMatches:
         """Step 2 (section 1): the selected matches of each bucket."""
@@ -107,11 +133,11 @@ class Odometry:
         """Step 3 (section 2.1): random five-point sets, indices (S, 5) of matches, for `five_point`."""
         return draw_sets(self.random(), len(x_p), self.config.selection.sets)
 
-    def select(self, E: Array, set_index: Index, x_p: Array, x_c: Array) -> int:
-        """Step 4 (section 2.2): index of the best candidate near the previous frame's E."""
+    def select(self, E: Array, set_index: Index, x_p: Array, x_c: Array) -> Winner:
+        """Step 4 (section 2.2): the best candidate near the previous frame's E."""
         errors = WINNER_CRITERIA[self.config.selection.winner](E, x_p, x_c, self.threshold)
         compete = candidates_near_prior(E, set_index, self.e_prev, self.config.selection)
-        return int(np.argmin(np.where(compete, errors, np.inf)))
+        return Winner(int(np.argmin(np.where(compete, errors, np.inf))))
 
     def rotation(self, E: Array, matches: StereoMatches) -> Rotation:
         """Step 5 (section 2.1): of the winner's four motions, the motion that agrees with stereo depth."""
@@ -124,18 +150,24 @@ class Odometry:
     def translate(self, matches: StereoMatches, rotation: Rotation) -> Array | None:
         """Step 6 (equations 2 and 3): t_cp (3,), metres, from the inliers; None with too few inliers."""
         config = self.config.translation
-        assert isinstance(config, TranslationConfig)
         before = self._before if config.pairs == 3 else None
-        solved = solve_translation(self.camera, matches[rotation.inliers], rotation.R_cp, config, before)
-        enough = solved is not None and np.count_nonzero(solved[1]) >= self.config.min_matches
-        return solved[0] if solved is not None and enough else None
+        solution = solve_translation(self.camera, matches[rotation.inliers], rotation.R_cp, config, before)
+        if solution is None:
+            return None
+        t_cp, agrees = solution
+        return t_cp if np.count_nonzero(agrees) >= self.config.min_matches else None
 
-    def finish_frame(self, rotation: Rotation, t_cp: Array) -> FrameResult:
+    def finish_frame(self, rotation: Rotation, t_cp: Array, flags: tuple[Flag, ...]) -> FrameResult:
         """Step 7 (section 2.2): the winner becomes E_prev."""
-        before, self.e_prev = self.e_prev, essential_vector(rotation.E)
-        angle = np.nan if before is None else np.degrees(essential_angle(self.e_prev, before))
-        inliers = int(np.count_nonzero(rotation.inliers))
-        return FrameResult(rigid(rotation.R_cp, t_cp), inliers=inliers, prior_angle=float(angle))
+        e = essential_vector(rotation.E)
+        angle = np.nan if self.e_prev is None else np.degrees(essential_angle(e, self.e_prev))
+        self.e_prev = e
+        return FrameResult(
+            rigid(rotation.R_cp, t_cp),
+            inliers=int(np.count_nonzero(rotation.inliers)),
+            prior_angle=float(angle),
+            flags=flags,
+        )
 
     def stands_still(self, matches: StereoMatches) -> bool:
         """Whether the camera stands still: the selected static features hardly move.

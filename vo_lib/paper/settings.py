@@ -125,6 +125,11 @@ class TranslationLimits(Checked):
         high=50,
     )
 
+    @property
+    def pairs(self) -> int:
+        """Stereo pairs in a feature's equations."""
+        return 2
+
 
 @dataclass(frozen=True)
 class TranslationConfig(TranslationLimits):

@@ -21,7 +21,7 @@ from ..geometry.camera import StereoCamera
 from ..geometry.matches import StereoMatches
 from ..geometry.motion import inverse
 from ..geometry.types import Array, BoolArray
-from .settings import TranslationConfig
+from .settings import TranslationLimits
 
 SOLVING_ROUNDS = 2
 
@@ -109,7 +109,7 @@ def solve_translation(
     camera: StereoCamera,
     matches: StereoMatches,
     R_cp: Array,
-    config: TranslationConfig,
+    config: TranslationLimits,
     before: PairBefore | None = None,
 ) -> tuple[Array, BoolArray] | None:
     """One translation for all features: equation (3) stacked and solved by the pseudo-inverse.

@@ -39,8 +39,10 @@ class Viso2(Odometry):
     def fit(self, matches: StereoMatches) -> tuple[Array, Array, BoolArray] | None:
         """Rotation, translation and inliers (N,); None with too few inliers."""
         solution = ransac_motion(self.camera, matches, self.random(), self.config.reprojection)
-        enough = solution is not None and np.count_nonzero(solution[2]) >= self.config.min_matches
-        return solution if enough else None
+        if solution is None:
+            return None
+        _, _, inliers = solution
+        return solution if np.count_nonzero(inliers) >= self.config.min_matches else None
 
 
 def ransac_motion(

@@ -15,13 +15,12 @@ from ..data.poses import from_first
 from ..errors import DataError
 from ..evaluation.kitti_errors import trajectory_distances
 from ..files import DRAFT
-from ..geometry.boxes import Boxes
 from ..geometry.matches import StereoMatches
 from ..geometry.result import FrameResult
-from ..geometry.types import Array, BoolArray, Image, IntArray
-from ..paper.box_removal import on_vehicles
-from ..runs.drive import MethodRun, Run, single_threaded, unmasked
-from ..runs.front_end import TimedMatches, find_matches
+from ..geometry.types import Array, Image
+from ..paper.box_removal import Removal
+from ..runs.drive import MethodRun, Run, frames
+from ..runs.front_end import TimedMatches
 from . import plots
 from .table1 import PROPOSAL
 
@@ -43,18 +42,13 @@ WHITE, PALE = (255, 255, 255), (200, 200, 200)  # BGR
 TRUE_PATH_COLOUR, LOOP_LINE_COLOUR = plots.bgr(plots.TRUTH_COLOUR), plots.bgr(plots.LOOP_COLOUR)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FilmFrame:
-    """A frame of a film: N matches, the mask `keep` (N,) of the matches that are not removed, and K boxes.
-
-    `state` : (K,) states of the boxes for `match_image`; None for a rule without states.
-    """
+    """A frame of a film: its matches, what the box rule did to them, and the motion."""
 
     index: int
     matches: StereoMatches
-    keep: BoolArray
-    boxes: Boxes
-    state: IntArray | None
+    removal: Removal
     motion: FrameResult
 
 
@@ -62,30 +56,13 @@ def film_frames(
     run: Run, matches: Iterable[TimedMatches] | None = None, calibration: Calibration | None = None
 ) -> Iterator[FilmFrame]:
     """The film frames of a finished run, computed again, without frame 0; arguments as in `run_methods`."""
-    sequence, config = run.sequence, run.config
-    method = MethodRun(sequence, config, calibration)
-    with single_threaded():
-        previous_boxes = sequence.boxes(0)
-        frames = find_matches(sequence, config) if matches is None else matches
-        for index, frame in enumerate(unmasked(sequence, frames)):
-            boxes, state = sequence.boxes(index), None
-            method.step(index, frame, boxes)
-            if index == 0:
-                continue
-            film_boxes, keep = boxes, np.ones(len(frame[0]), np.bool_)
-            if config.variant == "kit":
-                from ..kit.kit_odometry import SelfCalibratingOdometry
-
-                assert isinstance(method.odometry, SelfCalibratingOdometry)
-                filtered = method.odometry.filtered
-                assert filtered is not None
-                keep, judgement = filtered.keep, filtered.judgement
-                if judgement is not None:
-                    film_boxes, state = judgement.boxes, judgement.state
-            elif config.filter.rule != "none":
-                keep = ~on_vehicles(frame[0], previous_boxes, boxes, config.filter)
-            previous_boxes = boxes
-            yield FilmFrame(index, frame[0], keep, film_boxes, state, method.motions[-1])
+    method = MethodRun(run.sequence, run.config, calibration)
+    for frame in frames(run.sequence, run.config, matches):
+        if frame.index == 0:
+            method.start(frame)
+        else:
+            result = method.step(frame)
+            yield FilmFrame(frame.index, frame.matches, result.removal, result.motion)
 
 
 class Film:
@@ -151,7 +128,10 @@ class Film:
         """The picture of a frame, BGR: text (at the top, clear of a player's controls), image and path."""
         page = np.full((*self._shape, 3), WHITE, np.uint8)
         left, _ = self.run.sequence.stereo(frame.index)
-        image = plots.match_image(left, frame.matches, frame.keep, frame.boxes, frame.state, by_age=True)
+        removal = frame.removal
+        image = plots.match_image(
+            left, frame.matches, removal.kept, removal.boxes, removal.state, by_age=True
+        )
         height, width = left.shape
         page[WORDS_HEIGHT_PX : WORDS_HEIGHT_PX + height, :width] = image
         self._draw_paths(page[WORDS_HEIGHT_PX:, width:], frame.index)
@@ -193,7 +173,7 @@ class Film:
         if self.loops:
             closed = sum(second <= index for _, second in self.loops)
             legend.append((f"{closed} loops", LOOP_LINE_COLOUR))
-        if frame.state is not None:
+        if frame.removal.state is not None:
             legend.append(("boxes: solid moving, dashed parked, dotted unknown", WHITE))
         at = 17
         for text, colour in legend:

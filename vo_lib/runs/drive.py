@@ -21,12 +21,13 @@ from ..geometry.matches import StereoMatches
 from ..geometry.motion import inverse, nearest_rotation
 from ..geometry.result import FrameResult
 from ..geometry.types import Array, BoolArray, Image, Progress
-from ..paper.odometry import Odometry
+from ..kit.settings import KitConfig
+from ..paper.odometry import Odometry, StepResult
 from ..paper.settings import MethodConfig
 from ..paper.viso2 import Viso2
 from .front_end import TimedMatches, find_matches
 
-# A published run imports nothing from vo_lib.kit.
+# A published run imports nothing from vo_lib.kit but its settings.
 if TYPE_CHECKING:
     from ..kit.calibration import Calibration
 
@@ -69,6 +70,42 @@ class Run:
         return float(np.median([motion.matches for motion in self.motions]))
 
 
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """What the odometry needs from a frame.
+
+    Attributes
+    ----------
+    index : number of the frame in the sequence, from 0.
+    matches : matches with the previous frame, outside the masks; frame 0 has none.
+    boxes : boxes in the left image.
+    ms : milliseconds of each stage so far.
+    """
+
+    index: int
+    matches: StereoMatches
+    boxes: Boxes
+    ms: dict[str, float]
+
+
+def frames(
+    sequence: Sequence, config: MethodConfig, matches: Iterable[TimedMatches] | None = None
+) -> Iterator[Frame]:
+    """The frames of a sequence, one after the other, for `Odometry.start` and `Odometry.step`.
+
+    matches : matches of every frame with the settings of `config`, such as `CachedMatches`; by default
+        computed here.
+
+    Raises
+    ------
+    DataError : an image or a label file is invalid.
+    """
+    with single_threaded():
+        given = find_matches(sequence, config) if matches is None else matches
+        for index, (unmasked_matches, ms) in enumerate(unmasked(sequence, given)):
+            yield Frame(index, unmasked_matches, sequence.boxes(index), ms)
+
+
 class MethodRun:
     """The odometry of one method on a sequence, and the motions computed so far."""
 
@@ -83,14 +120,15 @@ class MethodRun:
         self.odometry = make_odometry(sequence.camera, config, calibration, sequence.times, on_moving)
         self.motions: list[FrameResult] = []
 
-    def step(self, index: int, frame: TimedMatches, boxes: Boxes) -> None:
-        """Process a frame; frame 0 gives no motion."""
-        if index == 0:
-            self.odometry.start(boxes)
-            return
-        matches, ms = frame
-        motion = self.odometry.step(matches, boxes)
-        self.motions.append(dataclasses.replace(motion, ms={**ms, **motion.ms}))
+    def start(self, frame: Frame) -> None:
+        """Process frame 0, which gives no motion."""
+        self.odometry.start(frame.boxes)
+
+    def step(self, frame: Frame) -> StepResult:
+        """Process the next frame."""
+        result = self.odometry.step(frame.matches, frame.boxes)
+        self.motions.append(dataclasses.replace(result.motion, ms={**frame.ms, **result.motion.ms}))
+        return result
 
     def result(self) -> Run:
         """The result of the run, after all frames."""
@@ -115,20 +153,22 @@ def make_odometry(
     Variant `kit` uses initial calibration errors, the frames' times for the vehicle check, and the truth
     about moving vehicles for the box rule `truth`; see `kit.kit_odometry`.
     """
-    if config.variant == "published":
-        return Viso2(camera, config) if config.estimator == "reprojection" else Odometry(camera, config)
-    from ..kit.kit_odometry import make_kit_odometry
+    if isinstance(config, KitConfig):
+        from ..kit.kit_odometry import make_kit_odometry
 
-    return make_kit_odometry(camera, config, calibration, times, on_moving)
+        return make_kit_odometry(camera, config, calibration, times, on_moving)
+    if config.estimator == "reprojection":
+        return Viso2(camera, config)
+    return Odometry(camera, config)
 
 
-def unmasked(sequence: Sequence, frames: Iterable[TimedMatches]) -> Iterator[TimedMatches]:
+def unmasked(sequence: Sequence, given: Iterable[TimedMatches]) -> Iterator[TimedMatches]:
     """The matches of each frame that are outside the masks of the frame and of the previous frame."""
     if sequence.masks is None:
-        yield from frames
+        yield from given
         return
     before: Image | None = None
-    for (matches, ms), mask in zip(frames, sequence.mask_images(), strict=False):
+    for (matches, ms), mask in zip(given, sequence.mask_images(), strict=False):
         if before is not None:
             covered = at_pixels(before, matches.prev_left) | at_pixels(mask, matches.cur_left)
             matches = matches[covered == 0]
@@ -172,14 +212,15 @@ def run_methods(
     if len(front_ends) != 1:
         raise ValueError("the methods need the same feature and matching settings to share their matches")
     method_runs = {name: MethodRun(sequence, config, calibration) for name, config in configs.items()}
-    with single_threaded():
-        frames = find_matches(sequence, next(iter(configs.values()))) if matches is None else matches
-        for index, frame in enumerate(unmasked(sequence, frames)):
-            boxes = sequence.boxes(index)
-            for method_run in method_runs.values():
-                method_run.step(index, frame, boxes)
-            if progress is not None:
-                progress(index + 1, len(sequence))
+    any_config = next(iter(configs.values()))
+    for frame in frames(sequence, any_config, matches):
+        for method_run in method_runs.values():
+            if frame.index == 0:
+                method_run.start(frame)
+            else:
+                method_run.step(frame)
+        if progress is not None:
+            progress(frame.index + 1, len(sequence))
     return {name: method_run.result() for name, method_run in method_runs.items()}
 
 

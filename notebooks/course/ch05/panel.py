@@ -15,12 +15,11 @@ from vo_lib.detection.settings import DetectorConfig
 from vo_lib.detection.yolo import NetworkOutput, YoloDetector
 from vo_lib.errors import DataError
 from vo_lib.geometry.boxes import Boxes, no_boxes, overlap
-from vo_lib.geometry.matches import empty_matches
+from vo_lib.geometry.matches import StereoMatches, empty_matches
 from vo_lib.geometry.result import Flag, FrameResult
 from vo_lib.geometry.types import Array, BoolArray, Image
-from vo_lib.kit.box_rules import BoxFilter, Filtered
-from vo_lib.kit.settings import KitConfig, KitFilterConfig
-from vo_lib.paper.box_removal import on_vehicles, vehicles
+from vo_lib.kit.settings import KitConfig
+from vo_lib.paper.box_removal import Removal
 from vo_lib.paper.buckets import select_by_bucket
 from vo_lib.paper.selection import sampson_inliers
 from vo_lib.paper.settings import MethodConfig
@@ -33,7 +32,6 @@ from ..panel import Control, Drawing, Fact, Panel, State
 from ..simulation.lorry import LorryConfig, with_lorry
 from .figures import candidates_picture, filter_picture
 
-HISTORY = 4  # frames before the one shown, for the rule `moving`
 LABELS = "labels"  # in place of a model: the boxes of the sequence's own folder
 RULES = {"published": ("none", "all"), "kit": ("none", "all", "moving", "truth")}
 LEAST_SCORE = 0.01  # of a box on the curve of precision and recall
@@ -75,28 +73,26 @@ def frame_boxes(sequence: Sequence, frame: int, model: str, score: float, nms: f
 
 def filtered_frame(
     sequence: Sequence, frame: int, config: MethodConfig, view: FilteringView
-) -> tuple[Filtered, Boxes]:
-    """The matches of a frame >= 1 that a method's rule keeps, and the frame's boxes.
+) -> tuple[Removal, Boxes]:
+    """What a method's box rule does to the matches of a frame >= 1, and the frame's boxes of all classes.
 
-    The rule `moving` starts `HISTORY` frames earlier, since it tracks boxes over several frames.
+    The rule `moving` starts one frame earlier, since a match is also removed if its previous point was in a
+    moving box.
     """
     rule = config.filter
     if rule.rule == "truth" and truth(sequence) is None:
         raise DataError("the rule `truth` needs the true motions of vehicles of a drawn scene")
-    first = max(frame - HISTORY, 1) if rule.rule == "moving" else frame
-    before = frame_boxes(sequence, first - 1, view.model, rule.score, view.nms)
-    if not isinstance(rule, KitFilterConfig):
-        boxes = frame_boxes(sequence, frame, view.model, rule.score, view.nms)
-        gone = on_vehicles(frame_matches(sequence, frame, config), before, boxes, rule)
-        return Filtered(~gone | (rule.rule == "none")), boxes
-    judge = BoxFilter(sequence.camera, rule)
-    judge.start(before)
+    first = max(frame - 1, 1) if rule.rule == "moving" else frame
+
+    def on_moving(number: int, matches: StereoMatches) -> BoolArray:
+        return matches_on_moving(sequence, first - 1 + number, matches)
+
+    box_filter = make_odometry(sequence.camera, config, on_moving=on_moving).box_filter
+    box_filter.start(frame_boxes(sequence, first - 1, view.model, rule.score, view.nms))
     for index in range(first, frame + 1):
-        matches = frame_matches(sequence, index, config)
         boxes = frame_boxes(sequence, index, view.model, rule.score, view.nms)
-        on_moving = matches_on_moving(sequence, index, matches) if rule.rule == "truth" else None
-        result = judge.step(matches, boxes, on_moving)
-    return result, boxes
+        removal = box_filter.step(frame_matches(sequence, index, config), boxes)
+    return removal, boxes
 
 
 def motion_from(sequence: Sequence, frame: int, keep: BoolArray, config: MethodConfig) -> FrameResult:
@@ -109,7 +105,9 @@ def motion_from(sequence: Sequence, frame: int, keep: BoolArray, config: MethodC
         alone = change(alone, "calibration.estimate", False)
     matches = frame_matches(sequence, frame, config)
     key = (*key_of(sequence, frame), keep.tobytes(), alone)
-    return _motions.get(key, lambda: make_odometry(sequence.camera, alone).step(matches[keep], no_boxes()))
+    return _motions.get(
+        key, lambda: make_odometry(sequence.camera, alone).step(matches[keep], no_boxes()).motion
+    )
 
 
 def precision_recall(sequence: Sequence, frames: range, detector: YoloDetector) -> tuple[Array, Array, Array]:
@@ -168,17 +166,17 @@ class FilteringPanel(Panel):
         sequence, frame, rule = state.sequence, state.frame, state.config.filter
         matches = frame_matches(sequence, frame, state.config)
         result, boxes = filtered_frame(sequence, frame, state.config, state.view)
-        judged = result.judgement
-        shown, states = (vehicles(boxes, rule), None) if judged is None else (judged.boxes, judged.state)
-        removed = int(np.sum(~result.keep))
+        removed = int(np.sum(~result.kept))
         words = f"frame {frame}, rule {rule.rule}: kept features blue, removed features orange"
-        picture = filter_picture(stereo(sequence, frame)[0], matches, result.keep, shown, states, words)
+        picture = filter_picture(
+            stereo(sequence, frame)[0], matches, result.kept, result.boxes, result.state, words
+        )
         T_true = true_motion(sequence, frame)
         every = motion_from(sequence, frame, np.ones(len(matches), np.bool_), state.config).T_cp
-        kept = motion_from(sequence, frame, result.keep, state.config).T_cp
+        kept = motion_from(sequence, frame, result.kept, state.config).T_cp
         sentence = f"The rule removes {removed} of {len(matches)} features"
         sentence += "." if T_true is not None else "; the sequence has no ground truth."
-        if judged is not None and removed:
+        if result.state is not None and removed:
             sentence += " Orange in a parked box (dashed): features that do not agree with the background."
         if state.view.model.strip() == "street" and truth(sequence) is None:
             sentence += " `street` was trained on drawn streets, not on real ones."
@@ -192,8 +190,8 @@ class FilteringPanel(Panel):
         ]
         if truth(sequence) is not None:
             moving = matches_on_moving(sequence, frame, matches)
-            facts.append(Fact("on moving things, kept", int(np.sum(moving & result.keep))))
-            facts.append(Fact("on standing things, removed", int(np.sum(~moving & ~result.keep))))
+            facts.append(Fact("on moving things, kept", int(np.sum(moving & result.kept))))
+            facts.append(Fact("on standing things, removed", int(np.sum(~moving & ~result.kept))))
         return Drawing([picture, self._network(state, boxes)], sentence, tuple(facts))
 
     def _network(self, state: State, boxes: Boxes) -> Image:
@@ -230,7 +228,7 @@ class LorryPanel(Panel):
         for method in ("feature_selection", "solution_selection"):
             odometry = make_odometry(sequence.camera, preset(method, variant=config.variant))
             odometry.start(box_p)
-            errors.append(_apart(odometry.step(matches, box_c).T_cp, T_true) / 10)
+            errors.append(_apart(odometry.step(matches, box_c).motion.T_cp, T_true) / 10)
         if odometry.e_prev is not None:  # the winner of all features
             E = odometry.e_prev.reshape(3, 3)
             fits = sampson_inliers(E, *odometry.points(matches), odometry.threshold)

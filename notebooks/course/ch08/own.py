@@ -16,6 +16,7 @@ from vo_lib.data.sequence import Sequence
 from vo_lib.geometry.motion import inverse
 from vo_lib.geometry.result import FrameResult
 from vo_lib.geometry.types import Array, Image, IntArray, Progress
+from vo_lib.paper.box_removal import Removal
 from vo_lib.paper.five_point import five_point
 from vo_lib.report.film import Film, FilmFrame, film_frames
 from vo_lib.runs.drive import Run
@@ -115,7 +116,7 @@ def watched(matches: Iterable[TimedMatches], report: Progress, frames: int) -> I
 def kept_by(run: Run, matches: Iterable[TimedMatches]) -> list[TimedMatches]:
     """The matches of each frame that the box rule kept in a finished run of variant `kit`."""
     given = list(matches)
-    return [given[0], *((shown.matches[shown.keep], {}) for shown in film_frames(run, given))]
+    return [given[0], *((shown.matches[shown.removal.kept], {}) for shown in film_frames(run, given))]
 
 
 def solve_sets(mine: StudentOdometry, x_p: Array, x_c: Array) -> tuple[Array, IntArray]:
@@ -171,6 +172,6 @@ def film(
             T_cp = inverse(poses[index]) @ poses[index - 1]
             near = line_distances(sequence, used, T_cp) < 1.0
             counts = len(pair), int(np.sum(~keep)), len(used), int(np.sum(near))
-            shown = FilmFrame(index, pair, keep, boxes, None, FrameResult(T_cp, *counts))
+            shown = FilmFrame(index, pair, Removal(keep, boxes), FrameResult(T_cp, *counts))
             made.add(shown)
     return made.picture(shown)
