@@ -31,6 +31,6 @@ def test_a_run_and_its_loop_written_out_give_the_same_motions(
     whole, loop = BLOCKS
     motions = run_block(whole, bands, monkeypatch)["result"].motions
     last = run_block(loop, bands, monkeypatch)
-    assert last["frame"] == len(motions) == 5
+    assert last["frame"].index == len(motions) == 5
     np.testing.assert_array_equal(last["motion"].T_cp, motions[-1].T_cp)
     assert len(capsys.readouterr().out.splitlines()) == 4 * len(motions)
