@@ -21,7 +21,7 @@ from .label_files import read_labels
 from .poses import read_kitti_poses
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sequence:
     """A stereo sequence of N frames in a folder in KITTI's layout; images are read on use.
 

@@ -23,7 +23,7 @@ from .sequence import Sequence, at_pixels
 MAX_STANDING_STEP_M = 0.01  # largest displacement of a standing vehicle between two frames
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Truth:
     """Ground truth of a drawn sequence of N frames with K vehicles.
 

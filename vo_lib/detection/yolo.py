@@ -29,7 +29,7 @@ INPUT_TYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
 LOG_FATAL = 4  # log level that hides ONNX Runtime's messages on errors, which the kit reports itself
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class NetworkOutput:
     """Boxes and scores of all cells of a network, before the selection of boxes.
 

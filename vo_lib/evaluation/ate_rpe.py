@@ -30,7 +30,7 @@ class Alignment(Enum):
         return "without alignment" if self is Alignment.NONE else f"with {self.name} alignment"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class AbsoluteError:
     """ATE: distances (N,), metres, between true and estimated positions after the `alignment`."""
 
@@ -55,7 +55,7 @@ class Delta(NamedTuple):
         return "from frame to frame" if self == Delta() else f"over {self.size:g} {self.unit}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RelativeError:
     """RPE over intervals `delta`: translation errors (M,), metres, and rotation errors (M,), radians."""
 

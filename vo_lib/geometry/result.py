@@ -28,7 +28,7 @@ WITHOUT_MOTION = frozenset((Flag.FEW_MATCHES, Flag.NO_MOTION))
 DOUBTFUL = frozenset((Flag.DOUBTFUL_SPEED, Flag.DOUBTFUL_TURN, Flag.DOUBTFUL_TILT))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FrameResult:
     """Motion of a frame, with counts, flags and times.
 

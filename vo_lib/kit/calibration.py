@@ -27,7 +27,7 @@ SPREAD_BETWEEN_DRIVES = 2.0
 UNREPORTED_EDGE = 0.08  # width of the image border without reported errors, as a share of the image
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Calibration:
     """The calibration errors of a stereo camera after a drive.
 

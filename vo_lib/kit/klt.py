@@ -36,7 +36,7 @@ class _Features(Rows):
     id: IntArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PreparedPair:
     """A stereo pair with the results that do not depend on the motion, computed ahead in other threads.
 

@@ -85,7 +85,7 @@ def optimise(poses: Array, edges: Edges, scale: float, tolerance: float = LAST_M
     return poses, size, weight
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LoopClosure:
     """A path with closed loops.
 

@@ -21,7 +21,7 @@ from .settings import FeatureConfig, MatchingConfig, StereoLimits
 MAX_FINISH_MOVE_PX = 2.0  # largest displacement of a position in the sub-pixel refinement
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class DescribedPair:
     """A stereo pair with its features.
 

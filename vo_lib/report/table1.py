@@ -49,7 +49,7 @@ BENCHMARK_FRAMES = {f"{KITTI}{number}": frames for number, frames in EXPECTED_FR
 ERROR_KINDS = {"te_percent": ("TE %", 2), "re_deg_per_100m": ("RE deg/100 m", 3)}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PaperTable:
     """Printed TE in % and RE in deg/100 m by (row, method); None for a dash."""
 
@@ -84,7 +84,7 @@ def printed_cells() -> list[list[str]]:
     return [cells for _, cells in rows]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Entry:
     """Errors of one method on one sequence with truth, over S seeds.
 
@@ -223,7 +223,7 @@ def group_entries(entries: list[Entry]) -> list[Group]:
     return list(groups.values())
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Reproduction:
     """Errors and paths of the runs of a table.
 

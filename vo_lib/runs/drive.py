@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 np.empty(1 << 21)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Run:
     """Result of a run over N frames.
 
