@@ -29,6 +29,7 @@ from vo_lib.config import change, preset
 from vo_lib.data.catalogue import SYNTHETIC
 from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.kitti_errors import SubsequenceProtocol, suitable_protocol, trajectory_distances
+from vo_lib.evaluation.statistics import standard_deviation
 from vo_lib.files import csv_text, write_atomic
 from vo_lib.geometry.motion import essential_vector
 from vo_lib.geometry.types import Array
@@ -180,7 +181,7 @@ def run(options: argparse.Namespace) -> int:
             if name == ABSOLUTE:
                 results, plain = results * [1.0, 1.0, np.nan], np.zeros(3)
             change_of = results - plain
-            pairs = np.stack([change_of.mean(axis=0), change_of.std(axis=0)], axis=1).ravel()
+            pairs = np.stack([change_of.mean(axis=0), standard_deviation(change_of)], axis=1).ravel()
             rows.append([about, words, sequence.name, *(f"{x:.4f}" if np.isfinite(x) else "" for x in pairs)])
             plain = results if name == "seed" else plain
             report(len(rows) - 1, len(tasks))

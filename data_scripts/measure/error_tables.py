@@ -6,8 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from vo_lib.evaluation.statistics import NO_CHANGE, change_limit
 from vo_lib.geometry.types import Array
-from vo_lib.report.page import NO_CHANGE, NO_NUMBER, ReportTable, change_limit, format_number
+from vo_lib.report.page import NO_NUMBER, ReportTable, format_number
 
 # Rows TE and RE, columns mean and standard deviation over the seeds: (2, 2); None without a number.
 Cell = Array | None

@@ -21,6 +21,7 @@ from vo_lib.evaluation.kitti_errors import (
     suitable_protocol,
     trajectory_distances,
 )
+from vo_lib.evaluation.statistics import standard_deviation
 from vo_lib.report.page import ReportTable
 from vo_lib.report.table1 import slug
 from vo_lib.report.table1_page import VARIANT_WORDS
@@ -86,7 +87,9 @@ def _cell(runs: list[Run] | None, measure: SubsequenceProtocol) -> Cell:
         return None
     turned = is_raw_drive(runs[0].sequence)
     errors = np.array([te_and_re(run.sequence, run.poses, measure, turned) for run in runs])
-    return np.stack([errors.mean(axis=0), errors.std(axis=0)], axis=1) if np.isfinite(errors).all() else None
+    if not np.isfinite(errors).all():
+        return None
+    return np.stack([errors.mean(axis=0), standard_deviation(errors)], axis=1)
 
 
 def cells_of_systems(sequences: list[Sequence], runs: dict[Key, list[Run]]) -> dict[str, Cells]:

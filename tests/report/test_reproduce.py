@@ -18,8 +18,9 @@ from vo_lib.commands.cli import main
 from vo_lib.data.kitti import EXPECTED_FRAMES
 from vo_lib.errors import DataError
 from vo_lib.evaluation.kitti_errors import KITTI_LENGTHS, KITTI_PROTOCOL, SHORT_PROTOCOL, SubsequenceProtocol
+from vo_lib.evaluation.statistics import mean_and_deviation
 from vo_lib.files import only_process
-from vo_lib.report.page import ReportTable, markdown, mean_and_spread, plus_minus, records_csv
+from vo_lib.report.page import ReportTable, markdown, plus_minus, records_csv
 from vo_lib.report.table1 import (
     AVERAGE,
     PAPER_METHODS,
@@ -202,9 +203,9 @@ def test_table_as_markdown_and_csv() -> None:
     records = table_records([group, group_of(entry_of("tiny", 5, [1.0]))], table_of_twos())
     first, *_, last = csv.DictReader(io.StringIO(records_csv(records)))
     assert (first["sequence"], last["sequence"], last["te_percent"]) == ("mean of 2", "tiny", "")
-    assert float(first["te_percent_std"]) == pytest.approx(group.mean("viso2")[0].std(), abs=1e-6)
-    assert plus_minus(*mean_and_spread(np.array([1.0, 3.0]))) == "2.000 ± 1.000"
-    assert plus_minus(*mean_and_spread(np.array([1.0]))) == "1.000"
+    assert float(first["te_percent_std"]) == pytest.approx(group.mean("viso2")[0].std(ddof=1), abs=1e-6)
+    assert plus_minus(*mean_and_deviation(np.array([1.0, 3.0]))) == "2.000 ± 1.414"
+    assert plus_minus(*mean_and_deviation(np.array([1.0]))) == "1.000"
 
 
 def test_jobs_have_separate_folders() -> None:

@@ -10,14 +10,9 @@ from datetime import date
 from typing import Any
 
 from ..files import csv_text
-from ..geometry.types import Array
 from ..runs.identity import library_versions, machine_info
 
 NO_NUMBER = "–"
-# A change of an error counts if it exceeds this number of standard deviations over the seeds, and this share
-# of the error.
-SPREADS, SHARE = 2.0, 0.02
-NO_CHANGE = f"within two standard deviations over the seeds or {100 * SHARE:.0f} %"
 
 
 @dataclass(frozen=True)
@@ -54,21 +49,6 @@ def format_number(value: float | None, digits: int = 3) -> str:
 def signed(value: float, digits: int) -> str:
     """A difference as text, with its sign."""
     return f"{value:+.{digits}f}".replace("-", "−")
-
-
-def mean_and_spread(values: Array) -> tuple[float, float]:
-    """Mean and standard deviation of values (S,) over seeds. Without seeds, both are NaN; with one seed,
-    the standard deviation is NaN."""
-    mean = float(values.mean()) if len(values) else math.nan
-    return mean, float(values.std()) if len(values) > 1 else math.nan
-
-
-def change_limit(error: float, *deviations: float) -> float:
-    """Limit above which a change of an error counts; NaN with one seed, for which the deviations are NaN.
-
-    deviations : standard deviations over the seeds of the error before and after the change.
-    """
-    return max(SPREADS * math.hypot(*deviations), SHARE * error)
 
 
 def plus_minus(mean: float | None, deviation: float | None) -> str:

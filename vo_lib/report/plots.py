@@ -17,6 +17,7 @@ import numpy as np
 
 from ..data.poses import from_first
 from ..evaluation.kitti_errors import trajectory_distances
+from ..evaluation.statistics import standard_deviation
 from ..geometry.boxes import MOVING, PARKED, Boxes
 from ..geometry.matches import StereoMatches
 from ..geometry.types import Array, BoolArray, Image, IntArray
@@ -147,8 +148,10 @@ def errors_figure(title: str, errors: Mapping[tuple[str, str], Array]) -> Figure
         for k, method in enumerate(methods):
             values = {n: errors[s, method][kind] for n, s in enumerate(sequences) if (s, method) in errors}
             x = [place + share * (k - (len(methods) - 1) / 2) for place in values]
-            means, spreads = ([function(v) for v in values.values()] for function in (np.mean, np.std))
-            bars = axis.bar(x, means, share, yerr=spreads, color=method_colour(method, k), label=method)
+            means = [each.mean() for each in values.values()]
+            # One seed has no deviation, and no error bar.
+            deviations = [float(np.nan_to_num(standard_deviation(each))) for each in values.values()]
+            bars = axis.bar(x, means, share, yerr=deviations, color=method_colour(method, k), label=method)
             if len(sequences) == 1:
                 axis.bar_label(bars, fmt="%#.3g")
         axis.set(axisbelow=True, xticks=range(len(sequences)), xticklabels=sequences)

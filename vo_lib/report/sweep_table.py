@@ -16,13 +16,13 @@ from ..config import SETTINGS, change
 from ..data.sequence import Sequence
 from ..errors import DataError, did_you_mean
 from ..evaluation.kitti_errors import suitable_protocol
+from ..evaluation.statistics import change_limit
 from ..paper.settings import MethodConfig
 from ..runs.folder import read_run
 from ..runs.jobs import Job, Outcome
 from .page import (
     NO_NUMBER,
     ReportTable,
-    change_limit,
     format_number,
     plus_minus,
     seeds_text,
@@ -153,7 +153,7 @@ def heat_map(sweep: Sweep) -> bytes:
     for axis, (kind, (label, _)) in zip(figure.subplots(2), ERROR_KINDS.items(), strict=True):
         pairs = np.array([(record[kind], record[f"{kind}_std"]) for record in sweep.records], float)
         values = pairs[:, 0].reshape(len(rows), -1)
-        # A difference that does not count has no strong colour.
+        # A difference that one run would not show has no strong colour.
         low, high, deviation = np.nanmin(values), np.nanmax(values), np.nan_to_num(pairs[:, 1]).mean()
         margin = max(0.0, change_limit(low, deviation, deviation) - (high - low)) / 2
         image = axis.imshow(values, "YlGnBu", aspect="auto", vmin=low - margin, vmax=high + margin)

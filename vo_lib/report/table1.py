@@ -20,6 +20,7 @@ from ..data.sequence import Sequence
 from ..errors import DataError
 from ..evaluation.kitti_errors import KITTI_PROTOCOL, KittiErrors, SubsequenceProtocol, suitable_protocol
 from ..evaluation.path_errors import PathErrors, evaluate
+from ..evaluation.statistics import mean_and_deviation
 from ..files import read_csv
 from ..geometry.rows import joined
 from ..geometry.types import Array
@@ -27,7 +28,7 @@ from ..paper.settings import MethodConfig
 from ..runs.drive import Run
 from ..runs.folder import read_run
 from ..runs.jobs import Job, Outcome
-from .page import finite_or_none, mean_and_spread
+from .page import finite_or_none
 
 PAPER_METHODS = ("viso2", "mesvo_f", "solution_selection", "feature_selection")
 PRINTED_NAMES = dict(
@@ -380,7 +381,7 @@ def number_fields(errors: Array, entry: Entry | None) -> dict[str, float | None]
     """Fields of a record: mean and deviation of TE and RE (2, S) over seeds, and numbers from the entry."""
     fields: dict[str, float | None] = {}
     for kind, values in zip(ERROR_KINDS, errors, strict=True):
-        mean, deviation = mean_and_spread(values)
+        mean, deviation = mean_and_deviation(values)
         fields[kind] = finite_or_none(mean)
         fields[f"{kind}_std"] = finite_or_none(deviation)
     for name in ("removed_share", "back_end_ms"):

@@ -10,17 +10,15 @@ import numpy as np
 
 from ..data.catalogue import KITTI
 from ..evaluation.kitti_errors import KITTI_PROTOCOL
+from ..evaluation.statistics import COUNTED, NO_CHANGE, change_limit, mean_and_deviation
 from ..files import write_atomic
 from ..geometry.types import Array
 from .film import FILM_ENDING
 from .page import (
-    NO_CHANGE,
     Picture,
     ReportTable,
-    change_limit,
     format_number,
     markdown,
-    mean_and_spread,
     plus_minus,
     records_csv,
     render_report,
@@ -80,13 +78,16 @@ def layout_tables(group: Group, paper: PaperTable) -> list[ReportTable]:
     else:
         tables = [_table_of_ours(group, records)]
     tables[0].head.extend(caveats(group))
-    seeds = seeds_text(max(record["seeds"] for record in records)).capitalize()
+    count = max(record["seeds"] for record in records)
+    seeds = seeds_text(count).capitalize()
     tables[-1].notes.append(f"{seeds}; removed %: share of the features that the box rule removes.")
     if _has_several(group):
         mean = "Avg and mean, without 01" if group.kitti else "mean"
         tables[-1].notes.append(
             f"{mean}: all sequences have equal weight; pooled: all sub-sequences, as on KITTI's server."
         )
+    if count > 1:
+        tables[-1].notes.append(COUNTED)
     return tables
 
 
@@ -203,8 +204,8 @@ def _change(unit: str, before: Array, after: Array, claim: float | None) -> str:
     unit : name and unit of the error; claim : the paper's gain in %. Empty for equal means.
     """
     name, sign = unit.split(" ", 1)
-    mean, deviation = mean_and_spread(before)
-    new_mean, new_deviation = mean_and_spread(after)
+    mean, deviation = mean_and_deviation(before)
+    new_mean, new_deviation = mean_and_deviation(after)
     if mean == new_mean:
         return ""
     less = float(gain(mean, new_mean))

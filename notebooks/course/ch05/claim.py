@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from vo_lib.data.poses import from_first
 from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.ate_rpe import relative_error
+from vo_lib.evaluation.statistics import standard_deviation
 from vo_lib.geometry.types import Array
 from vo_lib.report.page import ReportTable
 
@@ -42,7 +43,7 @@ def step_errors(sequence: Sequence, poses: Array) -> tuple[Array, Array]:
 def claim_lines(sequence: Sequence, *seeds: Mapping[str, Array]) -> str:
     """A line for each run: mean errors of a step, and the distance of the end of the path from the true end.
 
-    For several seeds, the line has the mean and the standard deviation.
+    For several seeds, the line has the mean and the standard deviation over the seeds: what one run may show.
     """
     lines, end = [], true_path(sequence)[-1]
     for name in seeds[0]:
@@ -53,7 +54,7 @@ def claim_lines(sequence: Sequence, *seeds: Mapping[str, Array]) -> str:
         turn, step, off = np.mean(rows, axis=0)
         lines.append(f"{name:13}: error per step {turn:.4f}° and {step:5.2f} mm, at the end {off:5.2f} cm")
         if len(seeds) > 1:
-            lines[-1] += "; seeds ± {:.4f}°, {:.2f} mm, {:.2f} cm".format(*np.std(rows, axis=0))
+            lines[-1] += "; seeds ± {:.4f}°, {:.2f} mm, {:.2f} cm".format(*standard_deviation(rows))
     return "\n".join(lines)
 
 

@@ -12,6 +12,7 @@ from course.simulation.tracks import TrackConfig, simulate_tracks
 from vo_lib.config import preset
 from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.kitti_errors import kitti_errors
+from vo_lib.evaluation.statistics import paired_change
 from vo_lib.geometry.matches import empty_matches
 from vo_lib.geometry.types import Array
 from vo_lib.report.table1 import te_and_re
@@ -37,7 +38,8 @@ def rows(te: dict[str, Any], without: str = "01", none: Any = None) -> list[floa
 
 def change(before: Array, after: Array, spread: float | None = None) -> tuple[float, float]:
     """Mean of the change, and `spread`; by default, `spread` is the standard deviation of the change."""
-    return float(np.mean(after - before)), float(np.std(after - before) if spread is None else spread)
+    paired = paired_change(before, after)
+    return paired.mean, paired.deviation if spread is None else float(spread)
 
 
 @functools.cache
@@ -118,17 +120,22 @@ gain = Exercise(
         (np.array([1.0, 1.2, 1.4, 1.6, 1.9]), np.array([0.9, 1.05, 1.3, 1.5, 1.7])),
         (np.array([0.7, 0.4, 0.6]), np.array([0.65, 0.5, 0.45])),
     ],
-    also=(lambda before, after: change(before, after, np.std(after - before, ddof=1)),),
+    # A student who leaves out `ddof=1` has understood the exercise, too.
+    also=(lambda before, after: change(before, after, np.std(after - before)),),
     parts=("mean", "spread"),
     praise="{got[0]:+.2f} ± {got[1]:.2f}; each method alone has ± 0.3. Random effects on both methods cancel.",
     hint="compute the change of each seed, then the mean and the standard deviation of these changes.",
-    line="np.mean(after - before), np.std(after - before)",
+    line="np.mean(after - before), np.std(after - before, ddof=1)",
     mistakes={
         "this is the spread of one method; compute the spread of after - before.": (
+            lambda before, after: change(before, after, before.std(ddof=1)),
+            lambda before, after: change(before, after, after.std(ddof=1)),
             lambda before, after: change(before, after, before.std()),
             lambda before, after: change(before, after, after.std()),
         ),
         "the spread comes from the two methods' own spreads: subtract seed by seed first.": (
+            lambda before, after: change(before, after, np.hypot(before.std(ddof=1), after.std(ddof=1))),
+            lambda before, after: change(before, after, abs(after.std(ddof=1) - before.std(ddof=1))),
             lambda before, after: change(before, after, np.hypot(before.std(), after.std())),
             lambda before, after: change(before, after, abs(after.std() - before.std())),
         ),

@@ -15,10 +15,11 @@ from matplotlib.figure import Figure
 from vo_lib.data.catalogue import KITTI
 from vo_lib.data.poses import from_first
 from vo_lib.evaluation.kitti_errors import trajectory_distances
+from vo_lib.evaluation.statistics import SPREADS
 from vo_lib.files import read_csv
 from vo_lib.geometry.types import Array
 from vo_lib.report import table1
-from vo_lib.report.page import SPREADS, ReportTable, format_number, signed
+from vo_lib.report.page import ReportTable, format_number, signed
 from vo_lib.report.plots import draw_drift, draw_trajectories
 from vo_lib.report.table1 import ERROR_KINDS, Entry, group_entries
 from vo_lib.report.table1_page import layout_tables

@@ -1,0 +1,138 @@
+"""Statistics over seeds, against a printed table of Student's t, closed forms and simulation."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from vo_lib.evaluation.statistics import (
+    change_limit,
+    mean_and_deviation,
+    mean_interval,
+    paired_change,
+    prediction_interval,
+    sign_flip_share,
+    standard_deviation,
+    t_quantile,
+)
+
+# Quantiles of Student's distribution at 90, 95, 97.5 and 99.5 %, as printed in statistical tables.
+PRINTED = {
+    1: (3.078, 6.314, 12.706, 63.657),
+    2: (1.886, 2.920, 4.303, 9.925),
+    3: (1.638, 2.353, 3.182, 5.841),
+    4: (1.533, 2.132, 2.776, 4.604),
+    5: (1.476, 2.015, 2.571, 4.032),
+    9: (1.383, 1.833, 2.262, 3.250),
+    10: (1.372, 1.812, 2.228, 3.169),
+    29: (1.311, 1.699, 2.045, 2.756),
+    30: (1.310, 1.697, 2.042, 2.750),
+    120: (1.289, 1.658, 1.980, 2.617),
+    math.inf: (1.282, 1.645, 1.960, 2.576),
+}
+PROBABILITIES = (0.9, 0.95, 0.975, 0.995)
+
+
+@pytest.mark.parametrize("freedom", PRINTED)
+def test_t_quantiles_are_those_of_the_printed_table(freedom: float) -> None:
+    for probability, printed in zip(PROBABILITIES, PRINTED[freedom], strict=True):
+        assert t_quantile(probability, freedom) == pytest.approx(printed, abs=5.1e-4)
+        assert t_quantile(1.0 - probability, freedom) == pytest.approx(-printed, abs=5.1e-4)
+    assert t_quantile(0.5, freedom) == 0.0
+
+
+def test_t_quantiles_have_closed_forms_for_one_and_two_degrees_of_freedom() -> None:
+    for probability in (0.01, 0.3, 0.6, 0.999, 0.999999):
+        assert t_quantile(probability, 1) == pytest.approx(math.tan(math.pi * (probability - 0.5)), rel=1e-9)
+        root = math.sqrt(2.0 * probability * (1.0 - probability))
+        assert t_quantile(probability, 2) == pytest.approx((2.0 * probability - 1.0) / root, rel=1e-9)
+
+
+def test_t_quantiles_approach_the_normal_distribution() -> None:
+    quantiles = [t_quantile(0.975, n) for n in (5, 50, 500, 5000, math.inf)]
+    assert quantiles == sorted(quantiles, reverse=True)
+    # The first term of the difference is (z³ + z) / (4 n).
+    z = quantiles[-1]
+    assert quantiles[-2] - z == pytest.approx((z**3 + z) / 20000, rel=1e-3)
+
+
+@pytest.mark.parametrize(("probability", "freedom"), [(0.0, 3), (1.0, 3), (0.9, 0), (0.9, 2.5), (0.9, -1)])
+def test_invalid_quantiles_are_refused(probability: float, freedom: float) -> None:
+    with pytest.raises(ValueError, match="expected"):
+        t_quantile(probability, freedom)
+
+
+def test_standard_deviation_is_that_of_a_sample() -> None:
+    values = np.array([[1.0, 5.0], [3.0, 5.0], [2.0, 8.0]])
+    np.testing.assert_allclose(standard_deviation(values), [1.0, math.sqrt(3.0)])
+    assert mean_and_deviation([1.0, 3.0]) == pytest.approx((2.0, math.sqrt(2.0)))
+    one_seed = mean_and_deviation([4.0])
+    assert one_seed[0] == 4.0
+    assert math.isnan(one_seed[1])
+    assert np.isnan(mean_and_deviation([])).all()
+    assert np.isnan(standard_deviation(values[:1])).all()
+
+
+def test_intervals_of_a_known_sample() -> None:
+    # Mean 3, deviation √2.5, five values: t(4) = 2.776.
+    values = [1.0, 2.0, 3.0, 4.0, 5.0]
+    mean = mean_interval(values)
+    assert (mean.mean, mean.deviation) == pytest.approx((3.0, math.sqrt(2.5)))
+    assert mean.high - mean.mean == pytest.approx(2.776 * math.sqrt(2.5) / math.sqrt(5.0), abs=1e-3)
+    one_more = prediction_interval(values)
+    assert one_more.mean - one_more.low == pytest.approx(2.776 * math.sqrt(2.5) * math.sqrt(1.2), abs=1e-3)
+    assert one_more.contains(7.8)
+    assert not one_more.contains(7.9)
+    single = prediction_interval([3.0])
+    assert not single.contains(3.0)
+
+
+def test_pairs_remove_what_both_have_in_common() -> None:
+    common = np.array([10.0, 20.0, 30.0])
+    change = paired_change(common, common + np.array([1.0, 2.0, 1.5]))
+    assert change.mean == pytest.approx(1.5)
+    assert change.deviation == pytest.approx(0.5)
+    assert not change.contains(0.0)
+    with pytest.raises(ValueError, match="same seeds"):
+        paired_change([1.0, 2.0], [1.0])
+
+
+@pytest.mark.parametrize("seeds", [2, 3, 5, 10])
+def test_intervals_hold_as_often_as_they_say(seeds: int) -> None:
+    random, repetitions = np.random.default_rng(5), 4000
+    samples = random.normal(7.0, 2.0, (repetitions, seeds + 1))
+    mean = np.mean([mean_interval(sample[:-1]).contains(7.0) for sample in samples])
+    next_run = np.mean([prediction_interval(sample[:-1]).contains(sample[-1]) for sample in samples])
+    # Four standard deviations of a share over so many repetitions.
+    assert [mean, next_run] == pytest.approx([0.95, 0.95], abs=4 * math.sqrt(0.95 * 0.05 / repetitions))
+
+
+def test_sign_flips_are_counted() -> None:
+    # All of one sign: only this choice and its opposite reach the sum.
+    assert sign_flip_share([1.0, 2.0, 0.5, 3.0, 1.0]) == 2 / 32
+    assert sign_flip_share([1.0, -1.0]) == 1.0
+    assert sign_flip_share([0.0, 0.0, 0.0]) == 1.0
+    # By hand: |± 3 ± 2 ± 1| >= 4 for 6, 4 and their opposites.
+    assert sign_flip_share([3.0, 2.0, -1.0]) == 4 / 8
+    assert math.isnan(sign_flip_share([]))
+    changes = [0.3, 0.1, 0.2, -0.1, 0.4]
+    shares = {sign_flip_share(each) for each in itertools.permutations(changes)}
+    assert len(shares) == 1
+
+
+def test_many_changes_are_flipped_at_random_the_same_way_every_time() -> None:
+    changes = np.random.default_rng(2).normal(0.4, 1.0, 30)
+    share = sign_flip_share(changes)
+    assert share == sign_flip_share(changes)
+    # The normal distribution of the flipped sums, within the noise of the random choices.
+    z = abs(changes.sum()) / math.sqrt(float(changes @ changes))
+    assert share == pytest.approx(math.erfc(z / math.sqrt(2.0)), abs=0.01)
+
+
+def test_change_limit_is_two_deviations_and_two_per_cent() -> None:
+    assert change_limit(1.0, 0.3, 0.4) == pytest.approx(1.0)
+    assert change_limit(10.0, 0.03, 0.04) == pytest.approx(0.2)
+    assert math.isnan(change_limit(1.0, math.nan, math.nan))

@@ -1,0 +1,167 @@
+"""Means over seeds and what they prove (chapters 6 and 7).
+
+Two questions are asked of a change, and they have different answers:
+
+- *Would one run show it?* A run has one seed. The change counts if it exceeds two standard deviations over
+  the seeds, and 2 % of the error: `change_limit`. Tables and reports answer this question.
+- *Is the mean change chance?* The mean over n seeds is more certain than one run, by √n. The change is paired
+  over the seeds, and its mean has a confidence interval: `paired_change`. `sign_flip_share` answers the same
+  question without the assumption of a normal distribution.
+
+Every standard deviation is that of a sample, over n - 1.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from statistics import NormalDist
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..geometry.types import Array
+
+# A change of an error would show in one run if it exceeds this number of standard deviations over the seeds,
+# and this share of the error.
+SPREADS, SHARE = 2.0, 0.02
+NO_CHANGE = f"within two standard deviations over the seeds or {100 * SHARE:.0f} %"
+COUNTED = (
+    "A change counts if one run would show it: if it exceeds two standard deviations over the seeds and "
+    f"{100 * SHARE:.0f} %."
+)
+CONFIDENCE = 0.95  # of the intervals
+MAX_EXACT_FLIPS = 16  # number of changes up to which all 2ⁿ choices of signs are tried
+RANDOM_FLIPS = 100_000  # number of random choices of signs for more changes
+
+
+def standard_deviation(values: ArrayLike) -> Array:
+    """Standard deviation of a sample over the first axis, over n - 1; NaN for fewer than two values."""
+    sample = np.asarray(values, np.float64)
+    if len(sample) < 2:
+        return np.full(sample.shape[1:], np.nan)
+    return np.asarray(sample.std(axis=0, ddof=1))
+
+
+def mean_and_deviation(values: ArrayLike) -> tuple[float, float]:
+    """Mean and standard deviation of values (S,) over seeds.
+
+    Both are NaN without seeds; with one seed, the standard deviation is NaN.
+    """
+    sample = np.asarray(values, np.float64)
+    mean = float(sample.mean()) if len(sample) else math.nan
+    return mean, float(standard_deviation(sample))
+
+
+def change_limit(error: float, *deviations: float) -> float:
+    """Limit above which one run would show a change of an error; NaN with one seed (NaN deviations).
+
+    deviations : standard deviations over the seeds of the error before and after the change.
+    """
+    return max(SPREADS * math.hypot(*deviations), SHARE * error)
+
+
+def t_quantile(probability: float, freedom: float) -> float:
+    """Quantile of Student's distribution for `freedom` degrees of freedom, a whole number or infinity.
+
+    Raises ValueError for a probability outside (0, 1) or another number of degrees of freedom.
+    """
+    if not 0.0 < probability < 1.0:
+        raise ValueError(f"probability {probability}: expected a number between 0 and 1")
+    if freedom == math.inf:
+        return NormalDist().inv_cdf(probability)
+    if freedom < 1 or freedom != int(freedom):
+        raise ValueError(f"degrees of freedom {freedom}: expected a whole number from 1, or infinity")
+    # The distribution in the angle atan(t / √ν), which is bounded, grows from 0 to 1: bisection finds it.
+    central = abs(2.0 * probability - 1.0)
+    low, high = 0.0, 0.5 * math.pi
+    for _ in range(100):
+        middle = 0.5 * (low + high)
+        if _central_probability(middle, int(freedom)) < central:
+            low = middle
+        else:
+            high = middle
+    return math.copysign(math.sqrt(freedom) * math.tan(low), probability - 0.5)
+
+
+def _central_probability(angle: float, freedom: int) -> float:
+    """Probability that |T| ≤ √ν tan(angle) for Student's T (Abramowitz and Stegun 1964, 26.7.3 f.)."""
+    sine, cosine = math.sin(angle), math.cos(angle)
+    odd = freedom % 2 == 1
+    term = cosine if odd else 1.0
+    total = 0.0
+    for power in range(1 if odd else 0, freedom - 1, 2):
+        total += term
+        term *= cosine**2 * (power + 1) / (power + 2)
+    if odd:
+        return 2.0 / math.pi * (angle + sine * total)
+    return sine * total
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A mean with its standard deviation over n - 1, and an interval [low, high] around the mean."""
+
+    mean: float
+    deviation: float
+    low: float
+    high: float
+
+    def contains(self, value: float) -> bool:
+        """Whether the value is in the interval; no value is in an interval of a single run."""
+        return self.low <= value <= self.high
+
+
+def _interval(values: ArrayLike, width: float, probability: float) -> Interval:
+    """The interval of a sample (S,): mean ± t(S - 1) s width; bounds are NaN for fewer than two values."""
+    sample = np.asarray(values, np.float64)
+    mean, deviation = mean_and_deviation(sample)
+    if len(sample) < 2:
+        return Interval(mean, deviation, math.nan, math.nan)
+    half = t_quantile(0.5 + 0.5 * probability, len(sample) - 1) * deviation * width
+    return Interval(mean, deviation, mean - half, mean + half)
+
+
+def mean_interval(values: ArrayLike, probability: float = CONFIDENCE) -> Interval:
+    """Confidence interval of the mean of n values: mean ± t(n - 1) s / √n."""
+    return _interval(values, 1.0 / math.sqrt(max(np.size(values), 1)), probability)
+
+
+def paired_change(before: ArrayLike, after: ArrayLike, probability: float = CONFIDENCE) -> Interval:
+    """Mean of the changes of the same seeds, `after` minus `before`, both (S,), with its confidence interval.
+
+    The mean change is more than chance if the interval does not contain 0. The deviation is that of the
+    changes, not of the errors.
+    """
+    old, new = np.asarray(before, np.float64), np.asarray(after, np.float64)
+    if old.shape != new.shape:
+        raise ValueError(f"{old.size} errors before and {new.size} after: expected pairs with the same seeds")
+    return mean_interval(new - old, probability)
+
+
+def prediction_interval(values: ArrayLike, probability: float = CONFIDENCE) -> Interval:
+    """Interval in which one more run would lie, from n runs: mean ± t(n - 1) s √(1 + 1/n)."""
+    return _interval(values, math.sqrt(1.0 + 1.0 / max(np.size(values), 1)), probability)
+
+
+def sign_flip_share(changes: ArrayLike) -> float:
+    """Share of the choices of signs that give a mean change at least as far from 0 (two-sided).
+
+    If the changes were chance, each could as well have the other sign. All 2ⁿ choices are tried for up to
+    `MAX_EXACT_FLIPS` changes, else random choices, the same in every call. A small share speaks against
+    chance; with n changes it is 2 / 2ⁿ or more.
+    """
+    sample = np.asarray(changes, np.float64)
+    if len(sample) == 0:
+        return math.nan
+    if len(sample) <= MAX_EXACT_FLIPS:
+        signs = np.array([*itertools.product((1.0, -1.0), repeat=len(sample))])
+    else:
+        random = np.random.default_rng(0)
+        signs = random.choice((1.0, -1.0), (RANDOM_FLIPS, len(sample)))
+        signs[0] = 1.0
+    sums = np.abs(signs @ sample)
+    # Sums of the same numbers in another order differ by rounding.
+    reached = sums >= sums[0] - 1e-9 * np.abs(sample).sum()
+    return float(np.mean(reached))
