@@ -10,13 +10,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import write_bands
 from faulty_camera import CAMERA
 
+from vo_lib import open_sequence, preset, run
 from vo_lib.errors import DataError
 from vo_lib.geometry.types import Array
 from vo_lib.kit.calibration import Calibration, describe_errors, read_learnt_calibration
 from vo_lib.kit.rig import ERROR_COUNT, ERROR_NAMES, prior_covariance
 from vo_lib.kit.settings import CalibrationConfig
+from vo_lib.runs.folder import read_run, write_run
+from vo_lib.runs.identity import run_identity
 
 
 @pytest.fixture
@@ -50,6 +54,23 @@ def test_rounded_covariance_is_symmetric(learnt: Calibration, tmp_path: Path) ->
     path = tmp_path / "calibration.json"
     path.write_text(learnt.to_json(), encoding="utf-8")
     assert read_learnt_calibration(path).to_json() == learnt.to_json()
+
+
+def test_a_run_with_a_large_estimate_is_read_again(learnt: Calibration, tmp_path: Path) -> None:
+    """A run may estimate what no real rig has; its folder is a finished run all the same."""
+    large = dataclasses.replace(learnt, estimate=errors(d_1=31.0))
+    sequence = open_sequence(write_bands(tmp_path / "bands", 2))
+    config = preset("solution_selection", variant="kit")
+    still = dataclasses.replace(run(sequence, config), calibration=large)
+    folder = tmp_path / "run"
+    folder.mkdir()
+    write_run(folder, still, run_identity(sequence, config, "solution_selection"))
+    again = read_run(folder, sequence).calibration
+    assert again is not None
+    np.testing.assert_array_equal(again.estimate, large.estimate)
+    # As the start of another run, it is refused.
+    with pytest.raises(DataError, match="an error of 31 px: expected at most 30 px"):
+        read_learnt_calibration(folder / "calibration.json")
 
 
 DAMAGES: dict[str, Callable[[dict[str, Any]], object]] = {

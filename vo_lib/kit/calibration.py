@@ -84,8 +84,12 @@ class Calibration:
         return json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def read_learnt_calibration(path: Path) -> Calibration:
-    """The calibration in a file; any other content raises `DataError`."""
+def read_learnt_calibration(path: Path, max_error: float = MAX_RIG_ERROR_PX) -> Calibration:
+    """The calibration in a file; any other content raises `DataError`.
+
+    max_error : largest error in the image, pixels. A run may have estimated a larger one, and its folder is
+        read again without this limit; as the start of another run, such an estimate is refused.
+    """
     expected = "a calibration.json, as written by `vo run --variant kit`"
     data = read_mapping(path, expected)
     try:
@@ -103,10 +107,8 @@ def read_learnt_calibration(path: Path) -> Calibration:
         errors = [*np.ravel(field_at(estimate, *corners)), *estimate[FIELD:]]
     except (KeyError, ValueError, TypeError, OverflowError, np.linalg.LinAlgError):
         raise DataError(f"expected {expected}", path) from None
-    if not np.abs(errors).max() <= MAX_RIG_ERROR_PX:
-        raise DataError(
-            f"an error of {np.abs(errors).max():.3g} px: expected at most {MAX_RIG_ERROR_PX:g} px", path
-        )
+    if not np.abs(errors).max() <= max_error:
+        raise DataError(f"an error of {np.abs(errors).max():.3g} px: expected at most {max_error:g} px", path)
     return Calibration(camera, estimate, covariance)
 
 

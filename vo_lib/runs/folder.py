@@ -183,7 +183,7 @@ def read_run(folder: Path, sequence: Sequence) -> Run:
         return Run(sequence, config, poses, motions)
     from ..kit.calibration import read_learnt_calibration
 
-    return Run(sequence, config, poses, motions, read_learnt_calibration(folder / CALIBRATION))
+    return Run(sequence, config, poses, motions, read_learnt_calibration(folder / CALIBRATION, math.inf))
 
 
 def _read_motion(row: dict[str, str], T_cp: Array) -> FrameResult:
