@@ -2,113 +2,184 @@
 
 examples:
   vo data measure_ablation --sequences 00,01,kitti/drive_0013 \\
-      --detector yolov8n.onnx
+      --detector yolov8n.onnx --disturb 00,01
   vo data measure_ablation --jobs 2 --out notebooks/ablation.csv
 
 A row has the change of the results when one idea is turned off, as mean and
-standard deviation over five seeds. A row without the name of an idea has the
-results with all ideas: the errors, the excess length of the path in %, and the
-processor time in milliseconds per frame. Other rows of the file are kept.
+standard deviation over the seeds. A row without the name of an idea has the
+results with all ideas: TE in %, RE in deg/100 m, the distance of the last
+position from the truth in metres, the excess length of the path in %, and the
+number of frames without a motion. The processor time in milliseconds per frame
+is measured on the first frames of the first sequence. Other rows of the file
+are kept. A second call with the same --runs computes only the missing runs.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import time
-from contextlib import ExitStack
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
-from unittest.mock import patch
 
-import loky
 import numpy as np
 
-from measure.ablation import COLUMNS, IDEAS, KEY, WHOLE, Idea, tables
-from measure.axes import is_raw_drive, te_and_re
+from measure.ablation import COLUMNS, IDEAS, WHOLE, Ablation, Idea, Row, read_row, row_of, tables
+from measure.axes import axes_rotation, fit_axes, is_raw_drive, turn_axes
+from measure.disturbances import disturbed_drives
 from measure_results import add_inputs, open_all
 from vo_lib.commands.common import parse_whole
 from vo_lib.commands.console import print_lines, reporting
-from vo_lib.config import change, preset
-from vo_lib.data.catalogue import SYNTHETIC
+from vo_lib.data.catalogue import SYNTHETIC, parse_sequences
 from vo_lib.data.sequence import Sequence
-from vo_lib.evaluation.kitti_errors import SHORT_PROTOCOL, trajectory_distances
-from vo_lib.files import csv_text, read_csv, write_atomic
-from vo_lib.geometry.types import Array
+from vo_lib.errors import DataError
+from vo_lib.evaluation.kitti_errors import SHORT_PROTOCOL, kitti_errors, trajectory_distances
+from vo_lib.files import csv_text, read_csv, read_mapping, write_atomic
+from vo_lib.geometry.types import Array, Progress
 from vo_lib.report.page import markdown
-from vo_lib.runs.drive import Run, run_methods, single_threaded
-from vo_lib.runs.front_end import find_matches
-from vo_lib.runs.match_cache import CachedMatches
+from vo_lib.report.table1 import slug
+from vo_lib.runs import drive
+from vo_lib.runs.drive import Run
+from vo_lib.runs.folder import read_run, run_folder
+from vo_lib.runs.identity import run_identity
+from vo_lib.runs.jobs import Job, run_jobs
 
-SEEDS = range(5)
+SEEDS = 5
 DRAWN_FRAMES = 100  # the first frames of a drawn scene; all frames would take a night
+TIMED_FRAMES, TIMED_RUNS = 40, 3  # the shortest time of some runs counts: other programs only add time
 
 
-def measured(sequence: Sequence, idea: Idea, cache: Any) -> Array:
-    """TE, RE, excess length and ms per frame for each seed, (S, 4).
-
-    The time includes the matching if the idea changes the matches.
-    """
-    config = preset(idea.method, variant="kit")
-    with ExitStack() as patches:
-        patches.enter_context(single_threaded())
-        for name, value in idea.off.items():
-            if name.startswith("vo_lib."):
-                patches.enter_context(patch(name, value))
-            else:
-                config = change(config, name, value)
-        clock = [time.process_time()]
-        matches = [
-            *(
-                find_matches(sequence, config)
-                if idea.finds_matches
-                else CachedMatches(sequence, config, cache)
-            )
-        ]
-        clock.append(time.process_time())
-        runs = run_methods(sequence, {str(s): change(config, "seed", s) for s in SEEDS}, None, matches)
-        clock.append(time.process_time())
-    matching, of_seeds = np.diff(clock) * 1e3 / len(sequence)
-    ms = of_seeds / len(SEEDS) + (matching if idea.finds_matches else 0.0)
-    return np.array([[*figures(run), ms] for run in runs.values()])
-
-
-def figures(run: Run) -> tuple[float, float, float]:
-    """TE (%), RE (deg/100 m) and the excess length of the path (%)."""
-    assert run.sequence.truth is not None
-    te, re = te_and_re(run.sequence, run.poses, SHORT_PROTOCOL, is_raw_drive(run.sequence))
-    true, length = (trajectory_distances(T)[-1] for T in (run.sequence.truth, run.poses))
-    return te, re, 100.0 * (length / true - 1.0)
+def figures(result: Run) -> tuple[float, ...]:
+    """The results of a run in the order of `RESULTS`."""
+    sequence, poses = result.sequence, result.poses
+    assert sequence.truth is not None
+    errors = kitti_errors(sequence.truth, poses, SHORT_PROTOCOL.lengths, SHORT_PROTOCOL.step)
+    te, re = errors.te, errors.re
+    if is_raw_drive(sequence):
+        turned = fit_axes(sequence.truth, poses, SHORT_PROTOCOL.lengths, SHORT_PROTOCOL.step)
+        te, poses = turned.kitti.te, turn_axes(poses, axes_rotation((turned.pitch, turned.yaw)))
+    path = np.linalg.inv(sequence.truth[0]) @ sequence.truth
+    end = float(np.linalg.norm(poses[-1, :3, 3] - path[-1, :3, 3]))
+    length = 100.0 * (trajectory_distances(poses)[-1] / trajectory_distances(path)[-1] - 1.0)
+    lost = sum(not motion.measured for motion in result.motions)
+    return np.nan if te is None else te, np.nan if re is None else re, end, length, lost
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """The options."""
     add_inputs(parser)
+    text = "sequences of which disturbed drives are made, too: flicker, blur, noise, gaps, few frames, …"
+    parser.add_argument("--disturb", metavar="S,S,…", help=text)
+    text = "only the ideas whose names begin like this, in a comma-separated list; default: all ideas"
+    parser.add_argument("--ideas", metavar="I,I,…", help=text)
+    parser.add_argument("--seeds", default=str(SEEDS), metavar="N", help=f"number of seeds; default {SEEDS}")
+    parser.add_argument("--runs", default="runs/ablation", metavar="DIR", help="folder for the runs")
     parser.add_argument("--out", default="runs/ablation.csv", metavar="FILE", help="CSV file of the table")
+
+
+def chosen_ideas(text: str | None) -> list[Idea]:
+    """The ideas whose names begin with a part of a comma-separated list; without a list, all ideas."""
+    if text is None:
+        return list(IDEAS)
+    starts = [start.strip() for start in text.split(",")]
+    for start in starts:
+        if not start or not any(idea.name.startswith(start) for idea in IDEAS):
+            names = "; ".join(idea.name for idea in IDEAS)
+            raise DataError(f"--ideas {start!r}: expected the beginning of a name, such as {names}")
+    return [idea for idea in IDEAS if idea.name.startswith(tuple(starts))]
+
+
+def run_folder_of(idea: Idea, sequence: Sequence, folder: Path) -> Path:
+    """The folder of the runs of an idea on a drive."""
+    return folder / slug(sequence.name) / slug(idea.name or f"all ideas {idea.method}")
+
+
+def drives_of(options: argparse.Namespace, folder: Path) -> list[Sequence]:
+    """The sequences in the options, the drawn ones shortened, and the disturbed drives."""
+    names = parse_sequences(options.sequences)
+    chosen = parse_sequences(options.disturb) if options.disturb else []
+    if missing := [name for name in chosen if name not in names]:
+        raise DataError(f"--disturb {', '.join(missing)}: expected sequences of --sequences")
+    drives = []
+    disturbed = []
+    for name, sequence in zip(names, open_all(options), strict=True):
+        if sequence.truth is None:
+            raise DataError(f"{sequence.name} has no ground truth, so errors cannot be computed")
+        drives.append(sequence.part(0, DRAWN_FRAMES) if sequence.name.startswith(SYNTHETIC) else sequence)
+        if name in chosen:
+            disturbed += disturbed_drives(sequence, folder / "disturbed" / slug(sequence.name))
+    return drives + disturbed
+
+
+def timed(sequence: Sequence, ideas: Iterable[Idea], folder: Path, progress: Progress) -> dict[Idea, float]:
+    """Processor time without each idea, milliseconds per frame; stored times are not measured again."""
+    part = sequence.part(0, min(TIMED_FRAMES, len(sequence)))
+    times = {}
+    ideas = list(ideas)
+    for number, idea in enumerate(ideas):
+        path = run_folder_of(idea, sequence, folder) / "time.json"
+        identity = run_identity(part, idea.config(), idea.method)
+        stored = read_mapping(path, "a processor time") if path.exists() else {}
+        if stored.get("identity") != identity:
+            seconds = [_processor_time(part, idea) for _ in range(TIMED_RUNS)]
+            stored = {"identity": identity, "ms": 1e3 * min(seconds) / len(part)}
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_atomic(path, json.dumps(stored, indent=1))
+        times[idea] = float(stored["ms"])
+        progress(number + 1, len(ideas))
+    return times
+
+
+def _processor_time(sequence: Sequence, idea: Idea) -> float:
+    start = time.process_time()
+    drive.run(sequence, idea.config())
+    return time.process_time() - start
+
+
+def run_all(
+    drives: list[Sequence], chosen: list[Idea], seeds: int, options: argparse.Namespace, folder: Path
+) -> list[Row]:
+    """The rows of the table; only runs that are not in their folders are computed."""
+    ideas = (*WHOLE, *chosen)
+    jobs = {
+        (sequence.name, idea, seed): Job(
+            sequence, idea.method, idea.config(seed), run_folder_of(idea, sequence, folder) / f"seed_{seed}"
+        )
+        for sequence in drives
+        for idea in ideas
+        for seed in range(seeds)
+    }
+    with reporting(f"{len(jobs)} runs") as report:
+        outcomes = run_jobs(list(jobs.values()), parse_whole("--jobs", options.jobs), report, options.cache)
+    failed = [f"{outcome.job.folder}: {outcome.error}" for outcome in outcomes if outcome.error]
+    if failed:
+        raise DataError(failed[0])
+    with reporting("measuring the time") as report:
+        ms = timed(drives[0], ideas, folder, report)
+    rows = []
+    for sequence in drives:
+        whole: dict[str, tuple[Array, float]] = {}
+        for idea in ideas:
+            runs = [read_run(jobs[sequence.name, idea, seed].folder, sequence) for seed in range(seeds)]
+            results = np.array([figures(each) for each in runs])
+            base, base_ms = whole.setdefault(idea.method, (results, ms[idea]))
+            own_ms = ms[idea] if not idea.name else ms[idea] - base_ms
+            of_drive = own_ms if sequence is drives[0] else np.nan
+            rows.append(row_of(idea, sequence.name, results, base if idea.name else None, of_drive))
+    return rows
 
 
 def run(options: argparse.Namespace) -> int:
     """Run variant `kit` with and without each idea; write the differences and print them as tables."""
-    workers, out = parse_whole("--jobs", options.jobs), Path(options.out)
-    sequences = [s.part(0, DRAWN_FRAMES) if s.name.startswith(SYNTHETIC) else s for s in open_all(options)]
-    tasks = [(sequence, idea) for sequence in sequences for idea in (*WHOLE, *IDEAS)]
-    rows: list[list[str]] = []
-    whole: dict[tuple[str, str, bool], Array] = {}
-    with (
-        reporting(f"{len(tasks)} runs of {len(SEEDS)} seeds") as report,
-        loky.ProcessPoolExecutor(workers) as pool,
-    ):
-        for results in pool.map(measured, *zip(*tasks, strict=True), [options.cache] * len(tasks)):
-            sequence, idea = tasks[len(rows)]
-            base = whole.setdefault((sequence.name, idea.method, idea.finds_matches), results)
-            errors = results - base if idea.lines else results
-            numbers = np.stack([errors.mean(axis=0), errors.std(axis=0)], axis=1).ravel()[:-1]
-            key = idea.name, idea.method, sequence.name, str(idea.lines or ""), str(len(results))
-            rows.append([*key, *(f"{x:.6f}" for x in numbers)])
-            report(len(rows), len(tasks))
-    new = {tuple(row[: len(KEY)]) for row in rows}
-    old = [cells for _, cells in read_csv(out)[1:]] if out.exists() else []
-    rows += [cells for cells in old if tuple(cells[: len(KEY)]) not in new]
-    write_atomic(out, csv_text([COLUMNS, *rows]))
-    print_lines("\n\n".join(map(markdown, tables(rows))))
+    seeds, out = parse_whole("--seeds", options.seeds), Path(options.out)
+    chosen = chosen_ideas(options.ideas)
+    with run_folder(options.runs) as folder:
+        folder = folder.resolve()
+        rows = run_all(drives_of(options, folder), chosen, seeds, options, folder)
+    new = {(row.idea, row.method, row.sequence) for row in rows}
+    old = [read_row(cells) for _, cells in read_csv(out)[1:]] if out.exists() else []
+    rows += [row for row in old if (row.idea, row.method, row.sequence) not in new]
+    write_atomic(out, csv_text([COLUMNS, *(row.cells for row in rows)]))
+    print_lines("\n\n".join(map(markdown, tables(Ablation(rows)))))
     print_lines(f"written to {out}")
     return 0

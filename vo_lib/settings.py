@@ -64,7 +64,7 @@ class Setting:
             if kind is bool:
                 return SWITCH[raw.lower()]
             if isinstance(self.default, tuple):
-                return tuple(kind(item) for item in raw.split(",") if item)
+                return () if raw.lower() == "none" else tuple(kind(item) for item in raw.split(",") if item)
             return None if self.default is None and raw.lower() == "none" else kind(raw)
         except (KeyError, ValueError):
             raise DataError(f"{self.name}: {raw!r} is not {self.describe()}") from None
@@ -88,6 +88,8 @@ class Setting:
 
     def describe(self) -> str:
         """The allowed values as text, such as "a number from 0 to 5 px"."""
+        if self.choices and isinstance(self.default, tuple):
+            return "a comma-separated list of " + ", ".join(self.choices) + ", or none"
         if self.choices:
             return "one of " + ", ".join(self.choices)
         if self._item_kind is bool:
@@ -105,7 +107,9 @@ def as_typed(value: Any) -> str:
     """A value as written on the command line."""
     if isinstance(value, bool):
         return "on" if value else "off"
-    return ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
+    if isinstance(value, tuple):
+        return ",".join(map(str, value)) or "none"
+    return str(value)
 
 
 class Checked:

@@ -1,4 +1,4 @@
-"""The ideas of variant `kit`, the changes that turn off each idea, and the tables of the effects."""
+"""The ideas of variant `kit`, the settings that turn each idea off, and the tables of the effects."""
 
 from __future__ import annotations
 
@@ -8,272 +8,330 @@ from typing import Any
 
 import numpy as np
 
+from measure.disturbances import DISTURBANCES, DISTURBED_FRAMES
+from vo_lib.config import change, preset
 from vo_lib.data.catalogue import SYNTHETIC
-from vo_lib.geometry.symmetric import FULL
+from vo_lib.evaluation.statistics import SPREADS, standard_deviation
 from vo_lib.geometry.types import Array
-from vo_lib.kit import rig
-from vo_lib.kit.klt import NO_MATCHES, next_motion
-from vo_lib.kit.surface import fit_surface
-from vo_lib.paper.matching import LoopMatcher, is_stereo
-from vo_lib.paper.settings import FeatureConfig, MatchingConfig, TranslationConfig
-from vo_lib.paper.translation import solve_translation
-from vo_lib.report.page import ReportTable
+from vo_lib.kit.settings import KitConfig
+from vo_lib.report.page import NO_NUMBER, ReportTable
 
 PROPOSAL, MOVING = "feature_selection", "moving_selection"
-KLT, ALIGN, ODO, RIG = (f"vo_lib.kit.{name}" for name in ("klt", "alignment", "kit_odometry", "rig"))
-FRONT_END = ("matching.", "vo_lib.runs.front_end", KLT, ALIGN)
-KEY = ("idea", "method", "sequence")
-# Titles of the tables, and their quantities.
-CHANGES = {
-    "Change of TE, %,": "te",
-    "Change of RE, %,": "re",
-    "Change of the length, percentage points,": "length",
-}
-COLUMNS = (*KEY, "lines", "seeds", "te", "te_sd", "re", "re_sd", "length", "length_sd", "ms")
+KEY = ("idea", "method", "sequence", "seeds")
+# Results of a run: TE, %; RE, deg/100 m; distance of the last position from the truth, metres; excess length
+# of the path, %; frames without a measured motion.
+RESULTS = ("te", "re", "end", "length", "lost")
+COLUMNS = (*KEY, *(f"{name}{end}" for name in RESULTS for end in ("", "_sd")), "ms")
+# An idea is needed if, without it, one of these errors grows by this share and by `SPREADS` deviations.
+DECISIVE, NEEDED_SHARE = ("te", "re", "end"), 0.01
+UNITS = {"te": "TE", "re": "RE", "end": "the end point", "length": "the length", "lost": "frames"}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Idea:
     """An idea of variant `kit`.
 
     Attributes
     ----------
-    name : name of the idea in the table. lines : number of code lines of the idea.
-    off : names of settings (dotted), functions or constants (full), with values that turn off the idea.
+    name : name of the idea in the table.
+    off : names of settings (dotted), with values that turn off the idea.
     method : the method in which the idea is turned off.
-    stays : reason to keep an idea that does not reduce the errors.
+    taught : the part of the course that needs the idea; such an idea stays even if it reduces no error.
     """
 
     name: str
-    lines: int
     off: dict[str, Any]
     method: str = PROPOSAL
-    stays: str = ""
+    taught: str = ""
 
-    @property
-    def finds_matches(self) -> bool:
-        """Whether turning the idea off changes the matches."""
-        return any(name.startswith(FRONT_END) for name in self.off)
-
-
-# All ideas turned on; the time of ideas of the front end includes the matching.
-WHOLE = (
-    Idea("", 0, {}),
-    Idea("", 0, {}, MOVING),
-    Idea("with matching", 0, {f"{KLT}.NO_MATCHES": NO_MATCHES}),
-)
+    def config(self, seed: int = 0) -> KitConfig:
+        """The settings of the method without the idea."""
+        config = preset(self.method, variant="kit", seed=seed)
+        for name, value in self.off.items():
+            config = change(config, name, value)
+        return config
 
 
-def from_last_place(self: Any, before: Any, features: Any, pair: Any) -> Any:
-    """Replacement for `KltMatcher._follow` that makes no prediction."""
-    positions = features.left, features.right
-    result = self._close_loop(before, pair, features, positions, self.config.search_levels)
-    self._motion, _ = next_motion(self.camera, result[0], self._motion)
-    return result
+# All ideas turned on.
+WHOLE = (Idea("", {}), Idea("", {}, MOVING))
 
 
-def searched_once(self: Any, before: Any, features: Any, pair: Any) -> Any:
-    """Replacement for `KltMatcher._follow` that does not search again after a failed prediction."""
-    if self._motion is None:
-        return from_last_place(self, before, features, pair)
-    R, t = self._motion
-    guess = self.camera.project(self.camera.triangulate(features.left, features.right) @ R.T + t)
-    result = self._close_loop(before, pair, features, guess, self.config.levels)
-    self._motion, _ = next_motion(self.camera, result[0], self._motion)
-    return result
+def _front_end(name: str, *without: str, taught: str = "chapter 1", **settings: Any) -> Idea:
+    """An idea of the front end: parts to leave out, and other matching settings."""
+    off = {"matching.without": without} if without else {}
+    return Idea(name, off | {f"matching.{key}": value for key, value in settings.items()}, taught=taught)
 
 
-def square_in_stereo(slope: Array) -> Array:
-    """Replacement for `stereo_warp` that leaves windows square."""
-    return np.tile(np.eye(2), (len(slope), 1, 1))
-
-
-def square_over_time(camera: Any, uv: Array, *_: Any) -> Array:
-    """Replacement for `motion_warp` that leaves windows square."""
-    return square_in_stereo(uv)
-
-
-def coarse_over_time(
-    camera: Any, before: Any, pair: Any, previous: Any, slope: Any, start: Any, *_: Any
-) -> Any:
-    """Replacement for `refine_over_time` that does not change the positions."""
-    return (*start, np.ones(len(slope), np.bool_))
-
-
-def coarse_in_stereo(pair: Any, coarse: Any, left: Array, right: Array, config: Any) -> Any:
-    """Replacement for `refine_stereo` that does not change the positions."""
-    surface = fit_surface(coarse, left, left[:, 0] - right[:, 0])
-    ok = np.abs(left[:, 0] - right[:, 0] - surface.disparity) <= config.surface_tolerance
-    return right, surface.slope, ok & (surface.share >= config.surface_share) & is_stereo(left, right, config)
-
-
-def papers_translation(camera: Any, matches: Any, R_cp: Array, config: Any) -> Any:
-    """Replacement for `robust_translation`: the paper's `solve_translation`."""
-    solved = solve_translation(camera, matches, R_cp, TranslationConfig())
-    return solved and (solved[0], np.where(solved[1], 0.0, np.inf))
-
-
-def least_squares(system: Any, limit: float) -> Array:
-    """Replacement for `robust_start`: least squares over all features."""
-    return np.asarray(np.linalg.solve(system.W.sum(axis=1)[FULL], system.right_sides().sum(axis=1)))
-
-
-def as_estimated(self: Any, estimate: Array, covariance: Array) -> None:
-    """Replacement for `Rig.set_estimate` that does not shrink the estimate."""
-    self.estimate, self.covariance, self.errors = estimate, covariance, estimate.copy()
-
-
-def without(*names: str) -> dict[str, Any]:
-    """The change that fixes at zero the calibration errors whose names begin with one of `names`."""
-    share = np.where([name.startswith(names) for name in rig.ERROR_NAMES], 1e-4, 1.0)
-    prior = rig.prior_covariance() * np.outer(share, share)
-    return {f"{RIG}.prior_covariance": lambda: prior}
-
-
-def without_faults(*names: str) -> dict[str, Any]:
-    """The change that removes the faults of the rig whose names begin with one of `names`."""
-    faults = {name: fault for name, fault in rig.RIG_FAULTS.items() if not name.startswith(names)}
-    return {f"{RIG}.RIG_FAULTS": faults}
+def _calibration(name: str, *without: str, taught: str = "") -> Idea:
+    """An idea of the calibration: parts to leave out."""
+    return Idea(name, {"calibration.without": without}, taught=taught)
 
 
 IDEAS = (
+    _front_end("front end (turned off: the paper's)", "tracking"),
+    _front_end("prediction of the search", "prediction"),
+    _front_end("second search at the old positions", "second-search", taught=""),
+    _front_end("equal exposure for the second search", "equal-exposure", taught=""),
+    _front_end("windows warped in stereo", "stereo-warp"),
+    _front_end("windows warped between frames", "motion-warp"),
+    _front_end("features on a smooth surface", surface_share=0.0, surface_tolerance=10.0),
+    _front_end("sub-pixel fit between frames", "motion-fit", loop_tolerance=10.0, taught=""),
+    _front_end("sub-pixel fit in stereo", "stereo-fit", taught=""),
+    _front_end("windows of equal brightness", "brightness", taught=""),
+    Idea("fewer five-point sets", {"selection.clean_sets": 1_000_000}, taught="chapter 3"),
+    Idea("prior", {"selection.prior": False}, taught="chapter 3"),
+    Idea("dropping of the prior", {"selection.prior_rejection_ratio": 1000.0}, taught="chapter 3"),
+    Idea("refinement of the winner", {"selection.mode": "literal"}, taught="chapter 3"),
     Idea(
-        "front end (turned off: the paper's)",
-        600,
-        {"vo_lib.runs.front_end.make_front_end": lambda *_: LoopMatcher(FeatureConfig(), MatchingConfig())},
+        "translation (turned off: the paper's)",
+        {"translation.without": ("robust-solution",), "translation.agreement": 1.0},
+        taught="chapter 4",
     ),
-    Idea("prediction of the search", 22, {f"{KLT}.KltMatcher._follow": from_last_place}),
-    Idea(
-        "second search at the old positions",
-        16,
-        {f"{KLT}.KltMatcher._follow": searched_once},
-        stays="without it, the end of disturbed drives is 83 m farther from the truth",
-    ),
-    Idea(
-        "equal exposure for the second search",
-        14,
-        {f"{KLT}.lit_like": lambda image, target: image},
-        stays="without it, the end of a drive with flicker is 14 m farther from the truth",
-    ),
-    Idea("windows warped in stereo", 10, {f"{ALIGN}.stereo_warp": square_in_stereo}),
-    Idea("windows warped between frames", 40, {f"{ALIGN}.motion_warp": square_over_time}),
-    Idea(
-        "features on a smooth surface",
-        14,
-        {"matching.surface_share": 0.0, "matching.surface_tolerance": 10.0},
-    ),
-    Idea(
-        "sub-pixel fit between frames",
-        45,
-        {f"{KLT}.refine_over_time": coarse_over_time, "matching.loop_tolerance": 10.0},
-    ),
-    Idea("sub-pixel fit in stereo", 35, {f"{KLT}.refine_stereo": coarse_in_stereo}),
-    Idea("windows of equal brightness", 24, {f"{ALIGN}.brightness_change": lambda *_: (1.0, 0.0)}),
-    Idea("fewer five-point sets", 12, {f"{ODO}.CLEAN_SETS": 1e9}, stays="it saves 2 ms per frame"),
-    Idea("prior", 6, {"selection.prior": False}, stays="it is part of the paper's method"),
-    Idea(
-        "dropping of the prior",
-        35,
-        {"selection.prior_rejection_ratio": 1000.0},
-        stays="it is part of chapter 3",
-    ),
-    Idea("refinement of the winner", 100, {"selection.mode": "literal"}),
-    Idea("translation (turned off: the paper's)", 190, {f"{ODO}.robust_translation": papers_translation}),
-    Idea(
-        "robust start of the translation",
-        26,
-        {"vo_lib.kit.weighted_translation.robust_start": least_squares},
-        stays="without it, steps of 01 are 12 % too short with coarse matches",
-    ),
-    Idea("robust steps after the first step", 8, {"translation.iterations": 1}),
-    Idea("calibration", 460, {"calibration.estimate": False}),
-    Idea("field", 70, without("disparity", "row")),
-    Idea("field: all terms except the constant", 60, without("disparity x", "disparity y", "row x", "row y")),
-    Idea(
-        "field: remaining errors of the undistortion",
-        5,
-        without_faults("columns", "rows"),
-        stays="drives that were not used to choose the settings need it",
-    ),
-    Idea("focal length", 2, without_faults("focal length")),
-    Idea("lens", 30, without("p1", "p2", "k1", "k2")),
-    Idea("calibration from row differences", 24, {f"{RIG}.Rig.update_from_rows": lambda self, matches: None}),
-    Idea("drift of the calibration", 8, {"calibration.drift": 0.0}),
-    Idea("inflated noise", 6, {"calibration.noise_inflation": 1.0}),
-    Idea("shrinking", 20, {f"{RIG}.Rig.set_estimate": as_estimated}),
-    Idea(
-        "vehicle check",
-        45,
-        {"vehicle.check": False},
-        stays="without it, a frame with a wrong zoom disturbs the calibration and causes an error of 3.9 m",
-    ),
-    Idea("boxes: rule `all` (turned off: `none`)", 80, {"filter.rule": "none"}),
-    Idea("boxes: rule `moving` (turned off: `all`)", 290, {"filter.rule": "all"}, MOVING),
-    Idea("boxes: removal of disagreeing features", 8, {"filter.moving.agreement": 1000.0}, MOVING),
-    Idea(
-        "boxes: mean of the moving features",
-        12,
-        {"vo_lib.kit.moving.MIN_MOVED_SHARE": 2.0},
-        MOVING,
-        stays="without it, the rule misses a car that crosses in front of a background",
-    ),
+    Idea("robust start of the translation", {"translation.without": ("robust-start",)}, taught="chapter 4"),
+    Idea("robust steps after the first step", {"translation.iterations": 1}, taught="chapter 4"),
+    Idea("calibration", {"calibration.estimate": False}, taught="the appendix"),
+    _calibration("field", "field", taught="the appendix"),
+    _calibration("field: all terms except the constant", "field-shape", taught="the appendix"),
+    _calibration("field: remaining errors of the undistortion", "undistortion"),
+    _calibration("focal length", "focal-length"),
+    _calibration("lens", "lens", taught="the appendix"),
+    _calibration("calibration from row differences", "rows", taught="the appendix"),
+    Idea("drift of the calibration", {"calibration.drift": 0.0}),
+    Idea("inflated noise", {"calibration.noise_inflation": 1.0}),
+    _calibration("shrinking", "shrinking", taught="the appendix"),
+    Idea("vehicle check", {"vehicle.check": False}),
+    Idea("boxes: rule `all` (turned off: `none`)", {"filter.rule": "none"}, taught="chapter 5"),
+    Idea("boxes: rule `moving` (turned off: `all`)", {"filter.rule": "all"}, MOVING, "chapter 5"),
+    Idea("boxes: removal of disagreeing features", {"filter.moving.agreement": 1000.0}, MOVING),
+    Idea("boxes: mean of the moving features", {"filter.moving.without": ("moving-mean",)}, MOVING),
 )
 
 
-def tables(rows: Sequence[Sequence[str]]) -> list[ReportTable]:
-    """Tables of the changes of TE, RE and length when an idea is turned off, from rows of the CSV file."""
-    records = [dict(zip(COLUMNS, row, strict=True)) for row in rows]
-    baselines = {(r["method"], r["sequence"]): r for r in records if not r["idea"]}
-    sequences = sorted(
-        dict.fromkeys(r["sequence"] for r in records), key=lambda name: name.startswith(SYNTHETIC)
-    )
-    stays = {idea.name: idea.stays for idea in IDEAS}
-    names = sorted(
-        dict.fromkeys(r["idea"] for r in records if r["lines"]), key=lambda name: name not in stays
-    )
-    lines: dict[str, list[list[str]]] = {title: [] for title in CHANGES}
-    for name in names:
-        cells = {r["sequence"]: r for r in records if r["idea"] == name}
-        for title, kind in CHANGES.items():
-            row = [name]
-            if kind == "te":
-                ms = np.mean([float(r["ms"]) for r in cells.values()])
-                row += [next(iter(cells.values()))["lines"], f"{ms:+.1f}"]
-            for sequence in sequences:
-                r = cells.get(sequence)
-                row.append("–" if r is None else _cell(r, kind, baselines[r["method"], sequence]))
-            lines[title].append(row)
+@dataclass(frozen=True)
+class Row:
+    """A row of the CSV file: results over the seeds with all ideas, or their changes without an idea.
+
+    Attributes
+    ----------
+    idea : name of the idea that is off, empty for the results with all ideas.
+    seeds : number of seeds.
+    mean, deviation : mean and standard deviation over the seeds by result; NaN if it was not measured.
+    ms : processor time, milliseconds per frame, or its change; NaN if it was not measured.
+    """
+
+    idea: str
+    method: str
+    sequence: str
+    seeds: int
+    mean: dict[str, float]
+    deviation: dict[str, float]
+    ms: float
+
+    @property
+    def cells(self) -> list[str]:
+        """The row as cells of the CSV file."""
+        pairs = ((self.mean[name], self.deviation[name]) for name in RESULTS)
+        numbers = [*(x for pair in pairs for x in pair), self.ms]
+        texts = ["" if np.isnan(x) else f"{x:.6f}" for x in numbers]
+        return [self.idea, self.method, self.sequence, str(self.seeds), *texts]
+
+
+def read_row(cells: Sequence[str]) -> Row:
+    """A row of the CSV file from its cells."""
+    values = dict(zip(COLUMNS, cells, strict=True))
+    mean = {name: float(values[name] or "nan") for name in RESULTS}
+    deviation = {name: float(values[f"{name}_sd"] or "nan") for name in RESULTS}
+    key = values["idea"], values["method"], values["sequence"], int(values["seeds"])
+    return Row(*key, mean, deviation, float(values["ms"] or "nan"))
+
+
+def row_of(idea: Idea, sequence: str, results: Array, whole: Array | None, ms: float) -> Row:
+    """The row of an idea from its results (S, 5) over the seeds.
+
+    whole : (S, 5) results with all ideas and the same seeds; the row then has the changes.
+    """
+    values = results if whole is None else results - whole
+    means = dict(zip(RESULTS, values.mean(axis=0).tolist(), strict=True))
+    deviations = dict(zip(RESULTS, standard_deviation(values).tolist(), strict=True))
+    return Row(idea.name, idea.method, sequence, len(results), means, deviations, ms)
+
+
+def harm(row: Row, whole: Row) -> dict[str, float]:
+    """The errors that clearly grow without an idea, as shares of the errors with all ideas."""
+    grown = {}
+    for name in DECISIVE:
+        change_of, spread, error = row.mean[name], row.deviation[name], whole.mean[name]
+        if change_of > NEEDED_SHARE * error and change_of > SPREADS * spread:
+            grown[name] = change_of / error if error > 0.0 else np.inf
+    return grown
+
+
+class Ablation:
+    """All rows of the CSV file, and the decision about each idea."""
+
+    def __init__(self, rows: Sequence[Row]):
+        self.rows = rows
+        self._whole = {(row.method, row.sequence): row for row in rows if not row.idea}
+        self._changes = {(row.idea, row.sequence): row for row in rows if row.idea}
+        # Real drives first, then drawn scenes, then disturbed drives.
+        names = dict.fromkeys(row.sequence for row in rows)
+        self.sequences = sorted(names, key=lambda name: (": " in name, name.startswith(SYNTHETIC)))
+        measured = dict.fromkeys(row.idea for row in rows if row.idea)
+        known = [idea.name for idea in IDEAS if idea.name in measured]
+        self.removed = [name for name in measured if name not in {idea.name for idea in IDEAS}]
+        self.ideas = [*known, *self.removed]
+
+    @property
+    def clean(self) -> list[str]:
+        """Names of the drives that are not disturbed."""
+        return [name for name in self.sequences if ": " not in name]
+
+    def disturbed(self, sequence: str) -> list[str]:
+        """Names of the disturbed drives made from a sequence, in the order of `DISTURBANCES`."""
+        names = [f"{sequence}: {kind.name}" for kind in DISTURBANCES]
+        return [name for name in names if name in self.sequences]
+
+    def row(self, idea: str, sequence: str) -> Row | None:
+        """The changes without an idea on a drive; None if they were not measured."""
+        return self._changes.get((idea, sequence))
+
+    def whole(self, row: Row) -> Row:
+        """The results with all ideas for a row of changes."""
+        return self._whole[row.method, row.sequence]
+
+    def results(self, method: str, sequence: str) -> Row | None:
+        """The results of a method with all ideas; None if they were not measured."""
+        return self._whole.get((method, sequence))
+
+    def harms(self, idea: str) -> list[tuple[str, str, float]]:
+        """Drive, error and share for each error that clearly grows without an idea, sorted by share."""
+        grown = []
+        for sequence in self.sequences:
+            row = self.row(idea, sequence)
+            if row is not None:
+                shares = harm(row, self.whole(row))
+                grown += [(sequence, name, share) for name, share in shares.items()]
+        return sorted(grown, key=lambda each: -each[2])
+
+    def seeds_text(self, sequences: Sequence[str]) -> str:
+        """The number of seeds of some drives as text."""
+        counts = sorted({row.seeds for row in self.rows if row.sequence in sequences and not row.idea})
+        return " or ".join(map(str, counts))
+
+
+def tables(ablation: Ablation) -> list[ReportTable]:
+    """Tables of the ideas' worth, of the changes on clean drives, and of the ends of disturbed drives."""
+    result = [_worth_table(ablation)]
+    titles = {"te": "TE, %,", "re": "RE, %,", "length": "the length, percentage points,"}
+    for name, words in titles.items():
+        columns = [sequence.rpartition("/")[2] for sequence in ablation.clean]
+        rows = [
+            [idea, *(_change_text(ablation, idea, sequence, name) for sequence in ablation.clean)]
+            for idea in ablation.ideas
+        ]
+        title = f"Change of {words} without an idea of the kit"
+        result.append(ReportTable(title, ["without", *columns], rows, []))
+    for sequence in ablation.clean:
+        drives = ablation.disturbed(sequence)
+        if drives:
+            result.append(_end_table(ablation, sequence, drives))
+            result.append(_lost_table(ablation, sequence, drives))
+    return result
+
+
+def _worth_table(ablation: Ablation) -> ReportTable:
+    """The time of each idea, and the largest growth of an error without it."""
+    rows = []
+    for idea in ablation.ideas:
+        times = [row.ms for row in ablation.rows if row.idea == idea and not np.isnan(row.ms)]
+        grown = ablation.harms(idea)
+        worst = NO_NUMBER
+        if grown:
+            sequence, name, share = grown[0]
+            worst = f"{UNITS[name]} of {sequence}: +{100 * share:.0f} %"
+        taught = next((each.taught for each in IDEAS if each.name == idea), "")
+        drives = len({sequence for sequence, _, _ in grown})
+        ms = f"{np.mean(times):+.1f}" if times else NO_NUMBER
+        rows.append([idea, ms, str(drives), worst, taught or NO_NUMBER])
+    seeds = ablation.seeds_text(ablation.sequences)
     head = (
-        "In each row, one idea is turned off in the complete kit; a positive change is an increase. The "
-        "cells are means ± standard deviations over five seeds. The errors are over sub-sequences of 20, 50 "
-        "and 100 m that start at every frame. Drawn scenes have 100 frames; TE of drive_0013 is computed "
-        "with the pitch and yaw that minimise TE. The method is `moving_selection` for ideas of the rule "
-        "`moving`, and `feature_selection` for all other ideas. The column `lines` has the approximate lines "
-        "of code, and `ms` the mean change of the processor time per frame. A dash is a change that was not "
-        "measured."
+        "In each row of these tables, one idea is turned off in the complete kit; a positive change is an "
+        f"increase. The cells are means, or means ± standard deviations, over {seeds} seeds. The errors are "
+        "over sub-sequences of 20, 50 and 100 m that start at every frame. Drawn scenes have 100 frames; TE "
+        "and the end of drive_0013 are computed with the pitch and yaw that minimise TE. The method is "
+        "`moving_selection` for ideas of the rule `moving`, and `feature_selection` for all other ideas. The "
+        "column `ms` has the change of the processor time per frame. The column `drives` counts the drives, "
+        f"out of {len(ablation.sequences)} clean and disturbed ones, on which TE, RE or the end point gets "
+        f"worse by more than {100 * NEEDED_SHARE:.0f} % and two standard deviations, so that one run "
+        "would show it; the next column has the largest of these changes. A dash is a change that was not "
+        "measured, or that does not exist."
     )
-    reasons = "; ".join(f"{name} ({stays[name]})" for name in names if stays.get(name))
-    notes = [
-        f"Ideas that hardly change the errors but stay in the kit, each with the reason: {reasons}.",
-        f"Ideas that were removed from the kit after a measurement with two seeds: "
-        f"{', '.join(name for name in names if name not in stays)}.",
-    ]
-    short = [name.rpartition("/")[2] for name in sequences]
-    return [
-        ReportTable(
-            f"{title} without an idea of the kit",
-            ["without", *(["lines", "ms"] if kind == "te" else []), *short],
-            lines[title],
-            notes if kind == "te" else [],
-            [head] if kind == "te" else [],
-        )
-        for title, kind in CHANGES.items()
-    ]
+    notes = []
+    if ablation.removed:
+        notes.append(f"Ideas that were removed from the kit: {', '.join(ablation.removed)}.")
+    return ReportTable(
+        "What each idea of the kit is worth",
+        ["without", "ms", "drives", "largest growth of an error", "taught in"],
+        rows,
+        notes,
+        [head],
+    )
 
 
-def _cell(row: dict[str, str], kind: str, baselines: dict[str, str]) -> str:
-    """Text of a change ± standard deviation, in % of the error with all ideas (length: percentage points)."""
-    scale, digits = (1.0, 2) if kind == "length" else (100.0 / float(baselines[kind]), 1)
-    change, spread = (f"{scale * float(row[key]):.{digits}f}" for key in (kind, f"{kind}_sd"))
-    signed = change if change.startswith("-") else f"+{change}"
-    return signed + (f" ± {spread}" if float(spread) else "")
+def _change_text(ablation: Ablation, idea: str, sequence: str, name: str) -> str:
+    """A change ± standard deviation, in % of the error with all ideas (length: percentage points)."""
+    row = ablation.row(idea, sequence)
+    if row is None or np.isnan(row.mean[name]):
+        return NO_NUMBER
+    scale, digits = 1.0, 2
+    if name != "length":
+        error = ablation.whole(row).mean[name]
+        if error == 0.0:
+            return NO_NUMBER
+        scale, digits = 100.0 / error, 1
+    text = f"{scale * row.mean[name]:+.{digits}f}"
+    spread = f"{scale * row.deviation[name]:.{digits}f}"
+    if np.isnan(row.deviation[name]) or float(spread) == 0.0:
+        return text
+    return f"{text} ± {spread}"
+
+
+def _end_table(ablation: Ablation, sequence: str, drives: list[str]) -> ReportTable:
+    """The end of each disturbed drive, and its change without each idea."""
+    columns = [sequence, *drives]
+    whole = [ablation.results(PROPOSAL, drive) for drive in columns]
+    rows = [["all ideas", *(NO_NUMBER if row is None else f"{row.mean['end']:.2f}" for row in whole)]]
+    for idea in ablation.ideas:
+        found = [ablation.row(idea, drive) for drive in columns]
+        if any(row is not None and not np.isnan(row.mean["end"]) for row in found):
+            rows.append([idea, *(_signed_cell(row, "end", 2) for row in found)])
+    names = [drive.partition(": ")[2] for drive in drives]
+    kinds = "; ".join(f"`{kind.name}`: {kind.text}" for kind in DISTURBANCES if kind.name in names)
+    head = (
+        f"The disturbed drives are made from the first {DISTURBED_FRAMES} frames of {sequence}, or from all "
+        f"of a shorter clip. {kinds}. The vehicle boxes are those of the clean images. The first row has the "
+        "distance of the last position from the truth with all ideas; the other rows have its change."
+    )
+    title = f"End of the disturbed drives of {sequence}, m, without an idea of the kit"
+    return ReportTable(title, ["without", "clean", *names], rows, [], [head])
+
+
+def _lost_table(ablation: Ablation, sequence: str, drives: list[str]) -> ReportTable:
+    """The frames without a measured motion, for ideas that change their number."""
+    columns = [sequence, *drives]
+    whole = [ablation.results(PROPOSAL, drive) for drive in columns]
+    rows = [["all ideas", *(NO_NUMBER if row is None else f"{row.mean['lost']:g}" for row in whole)]]
+    for idea in ablation.ideas:
+        found = [ablation.row(idea, drive) for drive in columns]
+        if any(row is not None and np.nan_to_num(row.mean["lost"]) != 0.0 for row in found):
+            rows.append([idea, *(_signed_cell(row, "lost", 1) for row in found)])
+    short = ["clean", *(drive.partition(": ")[2] for drive in drives)]
+    title = f"Frames without a motion in the disturbed drives of {sequence}"
+    notes = ["Ideas without a row do not change these numbers."]
+    return ReportTable(title, ["without", *short], rows, notes)
+
+
+def _signed_cell(row: Row | None, name: str, digits: int) -> str:
+    if row is None or np.isnan(row.mean[name]):
+        return NO_NUMBER
+    return f"{row.mean[name]:+.{digits}f}"

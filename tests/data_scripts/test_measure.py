@@ -10,16 +10,13 @@ import pytest
 from conftest import winding_road
 from data_command import load
 
-import measure_ablation
 import measure_choices
-from measure.ablation import IDEAS, Idea
 from measure.axes import axes_rotation, fit_axes, turn_axes
 from measure.error_tables import compared, tables
 from measure.result_tables import claim_table
 from vo_lib.config import change, preset
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.poses import write_kitti_poses
-from vo_lib.files import read_csv
 from vo_lib.runs.match_cache import CachedMatches, folder_size
 
 LENGTHS = (20.0, 50.0)
@@ -64,32 +61,6 @@ def test_choices_exist_in_the_published_method() -> None:
                 assert pkgutil.resolve_name(name) is not value
             else:
                 change(preset("feature_selection"), name, value)
-
-
-@pytest.mark.parametrize("idea", IDEAS, ids=lambda idea: idea.name)
-def test_ideas_exist_in_the_kit(idea: Idea) -> None:
-    for name, value in idea.off.items():
-        if name.startswith("vo_lib."):
-            assert pkgutil.resolve_name(name) is not value
-        else:
-            kit = preset(idea.method, variant="kit")
-            assert change(kit, name, value) != kit
-
-
-def test_new_measurements_replace_their_rows_only(
-    bands: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    write_kitti_poses(bands / "poses.txt", winding_road(6, 0.0, 10.0))
-    out, words = tmp_path / "ablation.csv", ["--sequences", str(bands), "--cache", str(tmp_path)]
-    tables = []
-    for names in (("prior", "calibration"), ("calibration",)):
-        monkeypatch.setattr(measure_ablation, "IDEAS", [idea for idea in IDEAS if idea.name in names])
-        assert load("measure_ablation")([*words, "--out", str(out)]) == 0
-        tables.append([cells for _, cells in read_csv(out)])
-    assert len(tables[0]) == len(tables[1]) == 1 + 3 + 2
-    assert [row for row in tables[0] if row[0] == "prior"] == [row for row in tables[1] if row[0] == "prior"]
-    assert [row[:3] for row in tables[1]].count(["calibration", "feature_selection", bands.name]) == 1
-    assert "| prior | 6 |" in capsys.readouterr().out
 
 
 def test_clean_cache_removes_only_outdated_matches(

@@ -53,10 +53,14 @@ def refine_stereo(
     ok = np.abs(left[:, 0] - right[:, 0] - surface.disparity) <= config.surface_tolerance + MAX_REFINEMENT_PX
     ok &= surface.share >= config.surface_share
     positions = np.array(right, np.float64)
-    positions[ok], difference = track_warped(
-        *pair, left[ok], right[ok], stereo_warp(surface.slope[ok]), config.subpixel_window
-    )
-    ok[ok] = difference <= config.max_difference
+    if "stereo-fit" not in config.without:
+        warp = stereo_warp(surface.slope[ok])
+        if "stereo-warp" in config.without:
+            warp = np.tile(np.eye(2), (len(warp), 1, 1))
+        positions[ok], difference = track_warped(
+            *pair, left[ok], right[ok], warp, config.subpixel_window, "brightness" not in config.without
+        )
+        ok[ok] = difference <= config.max_difference
     ok &= np.abs(left[:, 0] - positions[:, 0] - surface.disparity) <= config.surface_tolerance
     return positions, surface.slope, ok & is_stereo(left, positions, config)
 
@@ -84,6 +88,8 @@ def refine_over_time(
     -------
     left (N, 2), right (N, 2) pixels, and a mask (N,) of features with similar windows in both images.
     """
+    if "motion-fit" in config.without:
+        return start[0], start[1], np.ones(len(slope), np.bool_)
     R, t = motion
     # The right camera is one baseline to the right of the left camera.
     sides = (slope, t), (right_slope(slope), t + camera.baseline * (R[:, 0] - (1.0, 0.0, 0.0)))
@@ -93,15 +99,29 @@ def refine_over_time(
     ok = np.ones(len(slope), np.bool_)
     for side, (side_slope, side_t) in enumerate(sides):
         warp = motion_warp(camera, previous[side][ok], disparity[ok], side_slope[ok], R, side_t)
+        if "motion-warp" in config.without:
+            warp = np.tile(np.eye(2), (len(warp), 1, 1))
         positions[side][ok], difference = track_warped(
-            before[side], pair[side], previous[side][ok], start[side][ok], warp, config.subpixel_window
+            before[side],
+            pair[side],
+            previous[side][ok],
+            start[side][ok],
+            warp,
+            config.subpixel_window,
+            "brightness" not in config.without,
         )
         ok[ok] = difference <= config.max_difference
     return positions[0], positions[1], ok
 
 
 def track_warped(
-    first: Image, second: Image, uv: Array, start: Array, A: Array, window: int
+    first: Image,
+    second: Image,
+    uv: Array,
+    start: Array,
+    A: Array,
+    window: int,
+    equal_brightness: bool = True,
 ) -> tuple[Array, Array]:
     """Positions in the second image of small windows of the first image.
 
@@ -110,6 +130,7 @@ def track_warped(
     first, second : (H, W) uint8, of the same size.
     uv, start : (N, 2) pixels in the first image, and start positions in the second.
     A : (N, 2, 2) warp of a window from the first to the second image; window : side, pixels, odd.
+    equal_brightness : whether the second image's windows first get the brightness of the first image's.
 
     Returns
     -------
@@ -127,9 +148,10 @@ def track_warped(
     centre = np.stack([column, row], axis=1) * float(tile) + tile // 2
     index %= len(uv)
     before, after = _tiles(first, pixel[index], tile), _warped_tiles(second, anchor[index], A[index], tile)
-    gain, offset = brightness_change(before[: len(uv)], after[: len(uv)])
-    tone = np.clip(np.rint(gain * np.arange(256) + offset), 0, 255).astype(np.uint8)
-    after = np.asarray(cv2.LUT(after, tone), np.uint8)
+    if equal_brightness:
+        gain, offset = brightness_change(before[: len(uv)], after[: len(uv)])
+        tone = np.clip(np.rint(gain * np.arange(256) + offset), 0, 255).astype(np.uint8)
+        after = np.asarray(cv2.LUT(after, tone), np.uint8)
     before[len(uv) :] = after[len(uv) :] = 0
     pictures = _side_by_side(before, tile), _side_by_side(after, tile)
     tracked, ok, difference = track(

@@ -100,7 +100,8 @@ class BoxMotionClassifier:
         # NaN fails the comparison and counts as disagreement.
         limit = (config.agreement * config.noise) ** 2
         disagrees[~outside] = ~(points.squared_error(np.zeros(3)) <= limit)
-        return box_steps(points, owner, len(current), config.noise**2), disagrees
+        moving_mean = "moving-mean" not in config.without
+        return box_steps(points, owner, len(current), config.noise**2, moving_mean), disagrees
 
     def _camera_motion(self, background: StereoMatches) -> Array | None:
         """The camera's motion T_cp (4, 4) from features outside boxes; None with too few features."""

@@ -25,10 +25,8 @@ from .refined_selection import choose_candidate, motion_of_winner, sample_sets
 from .rig import Rig
 from .settings import KitConfig
 from .vehicle import Vehicle
-from .weighted_translation import robust_translation
+from .weighted_translation import papers_translation, robust_translation
 
-# Expected number of sets without an outlier; to use all n sets in every frame does not improve TE and RE.
-CLEAN_SETS = 50
 # Largest Sampson distance of an inlier of the previous essential matrix, as a multiple of the threshold.
 PREVIOUS_INLIER_THRESHOLDS = 3.0
 
@@ -103,7 +101,7 @@ class KitOdometry(SelfCalibratingOdometry):
     """
 
     def draw_sets(self, x_p: Array, x_c: Array) -> Index:
-        """Five-point sets: at most n, and only as many as should give `CLEAN_SETS` sets without an outlier.
+        """Five-point sets: at most n, and only as many as should give `clean_sets` sets without an outlier.
 
         Few sets are sufficient, since the winner is refined. The share of outliers is estimated with the
         previous essential matrix. In mode `literal`, and in a sharp turn, all n sets are drawn.
@@ -113,7 +111,7 @@ class KitOdometry(SelfCalibratingOdometry):
             near = sampson_inliers(
                 self.e_prev.reshape(3, 3), x_p, x_c, PREVIOUS_INLIER_THRESHOLDS * self.threshold
             )
-            sets = min(sets, int(CLEAN_SETS / max(float(np.mean(near)), 0.1) ** 5))
+            sets = min(sets, int(config.clean_sets / max(float(np.mean(near)), 0.1) ** 5))
         return sample_sets(self.random(), len(x_p), sets)
 
     def select(self, E: Array, set_index: Index, x_p: Array, x_c: Array) -> Winner:
@@ -132,7 +130,8 @@ class KitOdometry(SelfCalibratingOdometry):
     def translate(self, matches: StereoMatches, rotation: Rotation) -> Array | None:
         """The robust weighted translation; None with too few inliers."""
         config = self.config.translation
-        solution = robust_translation(self.camera, matches, rotation.R_cp, config)
+        solve = papers_translation if "robust-solution" in config.without else robust_translation
+        solution = solve(self.camera, matches, rotation.R_cp, config)
         if solution is None:
             return None
         t_cp, residual = solution

@@ -88,16 +88,22 @@ class KltMatcher:
         self, before: PreparedPair, features: _Features, pair: PreparedPair
     ) -> tuple[StereoMatches, Array]:
         result, agree, last = NO_MATCHES, 0, self._motion
-        if last is not None:
+        without = self.config.without
+        predicts = "prediction" not in without
+        if last is not None and predicts:
             R, t = last
             guess = self.camera.project(self.camera.triangulate(features.left, features.right) @ R.T + t)
             result = self._close_loop(before, pair, features, guess, self.config.levels)
             self._motion, agree = next_motion(self.camera, result[0], last)
-        if len(result[0]) < 0.3 * len(features.id) or agree < 0.5 * len(result[0]):
+        failed = len(result[0]) < 0.3 * len(features.id) or agree < 0.5 * len(result[0])
+        if failed and ("second-search" not in without or last is None or not predicts):
             # Without a motion, or after an abrupt change of motion or exposure, many matches may be wrong:
             # search again, starting at the previous positions.
-            left, right = map(lit_like, before.images, pair.images)
-            lit, start = replace(before, images=(left, right)), (features.left, features.right)
+            lit = before
+            if "equal-exposure" not in without:
+                left, right = map(lit_like, before.images, pair.images)
+                lit = replace(before, images=(left, right))
+            start = features.left, features.right
             second = self._close_loop(lit, pair, features, start, self.config.search_levels)
             motion, second_agree = next_motion(self.camera, second[0], None)
             if (second_agree, len(second[0])) > (agree, len(result[0])):

@@ -138,10 +138,12 @@ def no_steps(number: int) -> BoxSteps:
     return BoxSteps(np.zeros((number, 3)), np.zeros((number, 3, 3)), np.zeros(number, np.int64))
 
 
-def box_steps(points: PointSteps, owner: IntArray, number: int, noise: float) -> BoxSteps:
+def box_steps(
+    points: PointSteps, owner: IntArray, number: int, noise: float, moving_mean: bool = True
+) -> BoxSteps:
     """The displacement of each of `number` boxes from its features; owner : (N,) box of a feature, or -1.
 
-    `noise` : variance of a match, pixels².
+    noise : variance of a match, pixels². moving_mean : whether the second of the two means takes part.
 
     The features in a box are on the vehicle, on the background or on outlines. Two robust means with Cauchy
     weights compete: the mean displacement of all features, and the mean displacement of the features that do
@@ -166,6 +168,8 @@ def box_steps(points: PointSteps, owner: IntArray, number: int, noise: float) ->
         weight = 1.0 / (1.0 + errors / AGREES_CHI2)
     agreeing = member @ (moved & (errors[1] < AGREES_CHI2))
     moves = (agreeing >= np.maximum(MIN_BOX_FEATURES, MIN_MOVED_SHARE * total)).astype(np.int64)
+    if not moving_mean:
+        moves[:] = 0
     winner = moves, np.arange(number)
     depth = member @ points.depth / np.maximum(total, 1.0)
     # More features in the box do not reduce the uncertainty of the camera's motion.

@@ -25,6 +25,7 @@ due to the estimate's variance counts as noise.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -70,6 +71,15 @@ RIG_FAULTS: dict[str, tuple[Shape, Shape, float]] = {
 UNDISTORTION_PX = {"x²": 1.0, "xy": 0.2, "y²": 1.5, "x³": 0.5, "x²y": 1.0, "x⁴": 4.0}
 RIG_FAULTS |= {f"columns, {term}": ({term: 1}, {}, deviation) for term, deviation in UNDISTORTION_PX.items()}
 RIG_FAULTS |= {f"rows, {term}": ({}, {term: 1}, 0.5) for term in ("x²", "xy", "y²")}
+# Groups of errors that `CalibrationConfig.without` holds at zero: beginnings of the names of faults that are
+# left out, and of the names of errors whose prior standard deviation is multiplied by a small share.
+FAULTS_OF_GROUP = {"undistortion": ("columns", "rows"), "focal-length": ("focal length",)}
+ERRORS_OF_GROUP = {
+    "field": ("disparity", "row"),
+    "field-shape": ("disparity x", "disparity y", "row x", "row y"),
+    "lens": tuple(LENS_PX),
+}
+HELD_SHARE = 1e-4
 FREE_DEVIATION_PX = 0.01  # prior standard deviation of each coefficient, in addition to the faults
 
 ROW_REWEIGHTINGS = 4  # number of re-weightings in the estimation of the row errors
@@ -91,7 +101,7 @@ class Rig:
     def __init__(self, camera: StereoCamera, config: CalibrationConfig):
         self.camera = camera
         self.config = config
-        self._prior = prior_covariance()
+        self._prior = prior_covariance(config.without)
         self.set_estimate(np.zeros(ERROR_COUNT), self._prior)
 
     def correct(self, matches: StereoMatches, errors: Array | None = None) -> StereoMatches:
@@ -116,7 +126,7 @@ class Rig:
 
     def update_from_rows(self, matches: StereoMatches) -> None:
         """Update the errors from the rows of a frame's uncorrected stereo matches, with Cauchy weights."""
-        if len(matches) == 0:
+        if len(matches) == 0 or "rows" in self.config.without:
             return
         left, right = self._without(self.errors, matches.cur_left, matches.cur_right)
         A = effects(self.camera, self.camera.normalise(left).T, (left - right)[:, 0])[:, 3]
@@ -154,6 +164,9 @@ class Rig:
     def set_estimate(self, estimate: Array, covariance: Array) -> None:
         """Set the estimate (19,) and its covariance (19, 19), and compute the shrunk errors."""
         self.estimate, self.covariance = estimate, covariance
+        if "shrinking" in self.config.without:
+            self.errors = estimate.copy()
+            return
         errors, covariance, lens = estimate.copy(), covariance.copy(), {}
         for i in (K2, K1, P1, P2):
             (prior, floor), variance = LENS_PX[ERROR_NAMES[i]], covariance[i, i]
@@ -204,12 +217,19 @@ def lens_shapes(points: Array) -> Array:
     return np.array([(xy, r2 + 2.0 * y * y), (r2 + 2.0 * x * x, xy), radial, r2 * radial])
 
 
-def prior_covariance() -> Array:
-    """Covariance (19, 19) of the errors before the first frame, from `RIG_FAULTS` and `LENS_PX`."""
+def prior_covariance(without: Sequence[str] = ()) -> Array:
+    """Covariance (19, 19) of the errors before the first frame, from `RIG_FAULTS` and `LENS_PX`.
+
+    without : groups of errors that are held at zero; see `CalibrationConfig.without`.
+    """
+    left_out = tuple(start for group in without for start in FAULTS_OF_GROUP.get(group, ()))
+    faults = [fault for name, fault in RIG_FAULTS.items() if not name.startswith(left_out)]
     covariance = np.diag([FREE_DEVIATION_PX] * FIELD + [prior for prior, _ in LENS_PX.values()]) ** 2
-    for columns, rows, deviation in RIG_FAULTS.values():
+    for columns, rows, deviation in faults:
         shape = np.array(
             [columns.get(k, 0.0) for k in DISPARITY_TERMS] + [rows.get(k, 0.0) for k in ROW_TERMS]
         )
         covariance[:FIELD, :FIELD] += deviation**2 * np.outer(shape, shape)
-    return covariance
+    held = tuple(start for group in without for start in ERRORS_OF_GROUP.get(group, ()))
+    share = np.array([HELD_SHARE if name.startswith(held) else 1.0 for name in ERROR_NAMES])
+    return np.asarray(covariance * np.outer(share, share))

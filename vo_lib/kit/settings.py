@@ -46,6 +46,22 @@ class KitMatchingConfig(StereoLimits):
     max_difference: float = setting(
         20.0, "largest mean difference between matched windows", unit="grey levels", low=1, high=255
     )
+    without: tuple[str, ...] = setting(
+        (),
+        "parts of the front end that are turned off, to measure what they do; without tracking, the paper's "
+        "matcher is used",
+        choices=(
+            "tracking",
+            "prediction",
+            "second-search",
+            "equal-exposure",
+            "stereo-warp",
+            "motion-warp",
+            "stereo-fit",
+            "motion-fit",
+            "brightness",
+        ),
+    )
 
 
 @dataclass(frozen=True)
@@ -64,6 +80,9 @@ class MovingConfig(Checked):
         "largest residual of a static feature in a box, in standard deviations of a match",
         low=0.1,
         high=1000,
+    )
+    without: tuple[str, ...] = setting(
+        (), "parts of the test that are turned off, to measure what they do", choices=("moving-mean",)
     )
 
 
@@ -91,6 +110,12 @@ class KitSelectionConfig(SelectionConfig):
         low=0.5,
         high=100,
     )
+    clean_sets: int = setting(
+        50,
+        "expected number of sets without an outlier from which no further set is drawn",
+        low=1,
+        high=1_000_000,
+    )
     prior_rejection_ratio: float = setting(
         1.25,
         "largest ratio of the prior's best error to the smallest error; if larger, the prior is ignored",
@@ -109,6 +134,12 @@ class KitTranslationConfig(TranslationLimits):
     iterations: int = setting(6, "largest number of robust re-weightings", low=1, high=50)
     agreement: float = setting(
         2.0, "largest norm of the residuals of an inlier's eight equations", unit="px", low=0.1, high=50
+    )
+    without: tuple[str, ...] = setting(
+        (),
+        "parts that are turned off, to measure what they do; without robust-solution, the paper's "
+        "pseudo-inverse of two stereo pairs is used",
+        choices=("robust-solution", "robust-start"),
     )
 
 
@@ -133,6 +164,20 @@ class CalibrationConfig(Checked):
     )
     noise_inflation: float = setting(
         2.5, "factor on the assumed noise when calibration errors are estimated", low=1, high=100
+    )
+    without: tuple[str, ...] = setting(
+        (),
+        "parts that are turned off, to measure what they do: groups of errors that are held at zero, the "
+        "measurement of row differences, or the shrinking of the estimate",
+        choices=(
+            "field",
+            "field-shape",
+            "undistortion",
+            "focal-length",
+            "lens",
+            "rows",
+            "shrinking",
+        ),
     )
 
 

@@ -28,6 +28,8 @@ from ..geometry.camera import StereoCamera
 from ..geometry.matches import StereoMatches
 from ..geometry.symmetric import FULL, invert, outer, times
 from ..geometry.types import Array
+from ..paper.settings import TranslationConfig
+from ..paper.translation import solve_translation
 from .settings import KitTranslationConfig
 
 CONVERGED_TRANSLATION_M = 1e-4  # change at which the re-weighting ends, a fortieth of the error due to noise
@@ -62,7 +64,7 @@ def robust_translation(
     now = stereo_points(camera, matches.cur_left[rows], matches.cur_right[rows])
     scale, system = config.scale / camera.f, EliminatedPoints(before, now, depth[rows], depth[rows])
     try:
-        t = robust_start(system, 4.0 * scale)
+        t = least_squares(system) if "robust-start" in config.without else robust_start(system, 4.0 * scale)
         for _ in range(config.iterations):
             # The weights of the rows use the estimated depth of each point in both frames.
             system = EliminatedPoints(before, now, *system.depths(t))
@@ -75,6 +77,21 @@ def robust_translation(
     residual = np.full(len(matches), np.inf)
     residual[rows] = camera.f * np.sqrt(system.squared_residuals(t))
     return t, residual
+
+
+def papers_translation(
+    camera: StereoCamera, matches: StereoMatches, R_cp: Array, config: KitTranslationConfig
+) -> tuple[Array, Array] | None:
+    """The translation by the paper's pseudo-inverse of two pairs, in place of `robust_translation`.
+
+    Same parameters and result, but the residual is only 0 for an inlier and infinite for another feature.
+    """
+    limits = TranslationConfig(max_depth=config.max_depth, agreement=config.agreement, pairs=2)
+    solved = solve_translation(camera, matches, R_cp, limits)
+    if solved is None:
+        return None
+    t, fits = solved
+    return t, np.where(fits, 0.0, np.inf)
 
 
 class StereoPoints(NamedTuple):
@@ -151,6 +168,11 @@ class EliminatedPoints:
         """Depths (N,) of each feature's best point for t, in the previous and in the current pair."""
         RQ = self.before.X + times(self.C_p, times(self.W, self.apart - t[:, None]))
         return np.maximum(self.before.axis @ RQ, MIN_ROW_DEPTH_M), np.maximum(RQ[2] + t[2], MIN_ROW_DEPTH_M)
+
+
+def least_squares(system: EliminatedPoints) -> Array:
+    """The translation (3,) with the smallest sum of squared residuals of all features."""
+    return np.asarray(np.linalg.solve(system.W.sum(axis=1)[FULL], system.right_sides().sum(axis=1)))
 
 
 def robust_start(system: EliminatedPoints, limit: float) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import fields
 from typing import Any, Protocol, TypeVar
 
 from ..data.sequence import Sequence
@@ -13,7 +14,7 @@ from ..geometry.matches import StereoMatches
 from ..geometry.result import Clock
 from ..geometry.types import Image
 from ..paper.matching import LoopMatcher
-from ..paper.settings import MethodConfig, PublishedConfig
+from ..paper.settings import FeatureConfig, MatchingConfig, MethodConfig, PublishedConfig, StereoLimits
 
 # Matches of a frame with the previous frame, and the milliseconds spent in each stage.
 TimedMatches = tuple[StereoMatches, dict[str, float]]
@@ -41,7 +42,15 @@ def make_front_end(camera: StereoCamera, config: MethodConfig) -> FrontEnd:
     from ..kit.settings import KitConfig
 
     assert isinstance(config, KitConfig)
+    if "tracking" in config.matching.without:
+        return _papers_matcher(config)
     return KltMatcher(camera, config.features, config.matching)
+
+
+def _papers_matcher(config: MethodConfig) -> LoopMatcher:
+    """The paper's matcher with the limits that both variants declare."""
+    limits = {item.name: getattr(config.matching, item.name) for item in fields(StereoLimits)}
+    return LoopMatcher(FeatureConfig(border=config.features.border), MatchingConfig(**limits))
 
 
 def find_matches(sequence: Sequence, config: MethodConfig) -> Iterator[TimedMatches]:
