@@ -40,7 +40,11 @@ class AbsoluteError:
 
     def to_dict(self) -> dict[str, Any]:
         """Alignment, scale applied to the estimate, and statistics, for JSON."""
-        return {"alignment": self.alignment.value, "scale": self.scale} | _in("m", self.distance)
+        return {
+            "alignment": self.alignment.value,
+            "scale": self.scale,
+            **statistics_of(self.distance, "m"),
+        }
 
 
 class Delta(NamedTuple):
@@ -67,8 +71,8 @@ class RelativeError:
         """Interval and statistics, for JSON; None if the trajectory is shorter than delta."""
         return {
             f"delta_{self.delta.unit}": self.delta.size,
-            "translation": _in("m", self.translation),
-            "rotation": _in("deg", np.degrees(self.rotation)),
+            "translation": statistics_of(self.translation, "m"),
+            "rotation": statistics_of(np.degrees(self.rotation), "deg"),
         }
 
 
@@ -82,7 +86,8 @@ def motion_error(truth: Array, estimate: Array, first: Index, last: Index) -> Ar
     # A general inverse: rotations in files are orthonormal only to 1e-7, so the transpose would cause
     # rotation errors of up to 0.05°.
     true_motion = np.linalg.inv(truth[first]) @ truth[last]
-    return np.asarray(np.linalg.inv(np.linalg.inv(estimate[first]) @ estimate[last]) @ true_motion)
+    estimated_motion = np.linalg.inv(estimate[first]) @ estimate[last]
+    return np.asarray(np.linalg.inv(estimated_motion) @ true_motion)
 
 
 def align(truth: Array, estimate: Array, alignment: Alignment) -> tuple[Array, float]:
@@ -100,8 +105,11 @@ def align(truth: Array, estimate: Array, alignment: Alignment) -> tuple[Array, f
         return estimate, 1.0
     if alignment is Alignment.ORIGIN:
         return np.asarray(truth[0] @ np.linalg.inv(estimate[0]) @ estimate), 1.0
-    y, x = truth[:, :3, 3], estimate[:, :3, 3]
-    y_mean, x_mean = y.mean(axis=0), x.mean(axis=0)
+    # Umeyama's names: x is moved onto y.
+    y = truth[:, :3, 3]
+    x = estimate[:, :3, 3]
+    y_mean = y.mean(axis=0)
+    x_mean = x.mean(axis=0)
     U, D, Vt = np.linalg.svd((y - y_mean).T @ (x - x_mean) / len(x))
     S = np.array([1.0, 1.0, np.linalg.det(U) * np.linalg.det(Vt)])
     R = (U * S) @ Vt
@@ -116,7 +124,8 @@ def align(truth: Array, estimate: Array, alignment: Alignment) -> tuple[Array, f
 def absolute_error(truth: Array, estimate: Array, alignment: Alignment = Alignment.SE3) -> AbsoluteError:
     """ATE: distances between positions after alignment."""
     aligned, scale = align(truth, estimate, alignment)
-    return AbsoluteError(alignment, scale, np.linalg.norm(aligned[:, :3, 3] - truth[:, :3, 3], axis=1))
+    distance = np.linalg.norm(aligned[:, :3, 3] - truth[:, :3, 3], axis=1)
+    return AbsoluteError(alignment, scale, distance)
 
 
 def relative_error(
@@ -129,25 +138,37 @@ def relative_error(
     """
     check_pair(truth, estimate)
     if path is None:
-        frames = np.arange(0, len(truth), int(delta))
+        interval = Delta(delta, "frames")
+        ends = np.arange(0, len(truth), int(delta))
     else:
-        chain, end = list[int](), 0
-        while end < len(path):
-            chain.append(end)
-            end = int(np.searchsorted(path, path[end] + delta))
-        frames = np.array(chain)
-    error = motion_error(truth, estimate, frames[:-1], frames[1:])
-    apart = Delta(delta, "frames" if path is None else "m")
-    return RelativeError(apart, np.linalg.norm(error[:, :3, 3], axis=1), rotation_angle(error[:, :3, :3]))
+        interval = Delta(delta, "m")
+        ends = _frames_apart(path, delta)
+    error = motion_error(truth, estimate, ends[:-1], ends[1:])
+    translation = np.linalg.norm(error[:, :3, 3], axis=1)
+    rotation = rotation_angle(error[:, :3, :3])
+    return RelativeError(interval, translation, rotation)
 
 
-def _in(unit: str, errors: Array) -> dict[str, float | None]:
+def _frames_apart(path: Array, metres: float) -> Index:
+    """Frames 0, the first frame at least `metres` ahead on the path (N,), the first one ahead of that, …"""
+    frames = [0]
+    while True:
+        following = int(np.searchsorted(path, path[frames[-1]] + metres))
+        if following == len(path):
+            return np.array(frames)
+        frames.append(following)
+
+
+def statistics_of(errors: Array, unit: str) -> dict[str, float | None]:
     """Root of the mean square, mean, median and maximum of errors (N,), for JSON; None without errors."""
-    names = [f"{name}_{unit}" for name in ("rmse", "mean", "median", "max")]
-    if not len(errors):
-        return dict.fromkeys(names)
-    mean, median, largest = float(np.mean(errors)), float(np.median(errors)), float(np.max(errors))
-    return dict(zip(names, (rmse(errors), mean, median, largest), strict=True))
+    if len(errors) == 0:
+        return dict.fromkeys(f"{name}_{unit}" for name in ("rmse", "mean", "median", "max"))
+    return {
+        f"rmse_{unit}": rmse(errors),
+        f"mean_{unit}": float(np.mean(errors)),
+        f"median_{unit}": float(np.median(errors)),
+        f"max_{unit}": float(np.max(errors)),
+    }
 
 
 def check_pair(truth: Array, estimate: Array, where: str = "") -> None:

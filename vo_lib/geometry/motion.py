@@ -18,7 +18,9 @@ def skew(v: Array) -> Array:
     """Cross-product matrices (..., 3, 3) of vectors v (..., 3): skew(v) @ w = v × w."""
     v = np.asarray(v, dtype=np.float64)
     S = np.zeros((*v.shape, 3))
-    S[..., 2, 1], S[..., 0, 2], S[..., 1, 0] = v[..., 0], v[..., 1], v[..., 2]
+    S[..., 2, 1] = v[..., 0]
+    S[..., 0, 2] = v[..., 1]
+    S[..., 1, 0] = v[..., 2]
     return S - np.swapaxes(S, -1, -2)
 
 
@@ -61,7 +63,8 @@ def quaternion_from_rotation(R: Array) -> Array:
     # Bar-Itzhack 2000: the quaternion is the eigenvector of a symmetric matrix with the largest eigenvalue.
     K = np.empty((4, 4))
     K[:3, :3] = R + R.T - np.trace(R) * np.eye(3)
-    K[3, :3] = K[:3, 3] = [R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]
+    K[3, :3] = [R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]
+    K[:3, 3] = K[3, :3]
     K[3, 3] = np.trace(R)
     q = np.linalg.eigh(K)[1][:, -1]
     return np.asarray(-q if q[3] < 0 else q)
@@ -123,4 +126,5 @@ def decompose_essential(E: Array) -> tuple[Array, Array]:
     U = U * np.linalg.det(U)[..., None, None]
     Vt = Vt * np.linalg.det(Vt)[..., None, None]
     W = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    return np.stack([U @ W @ Vt, U @ W.T @ Vt], axis=-3), np.asarray(U[..., :, 2])
+    rotations = np.stack([U @ W @ Vt, U @ W.T @ Vt], axis=-3)
+    return rotations, np.asarray(U[..., :, 2])

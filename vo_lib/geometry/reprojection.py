@@ -39,7 +39,8 @@ def fit_motion(
     -------
     R_cp (3, 3), t_cp (3,) and the residual norm of each point over its four coordinates, (N,) pixels.
     """
-    R, t = R_cp, t_cp
+    R = R_cp
+    t = t_cp
     measured = measured_pixels(camera, cur_left, cur_right)
     residual = np.full(len(X_p), np.inf)
     converged = False
@@ -54,9 +55,8 @@ def fit_motion(
         # high weight if the scale is at least the median residual.
         current = max(scale, float(np.median(residual)))
         in_front = np.isfinite(residual)
-        weight = 1.0 / (
-            1.0 + np.divide(residual, current, out=np.full_like(residual, 1e6), where=in_front) ** 2
-        )
+        ratio = np.divide(residual, current, out=np.full_like(residual, 1e6), where=in_front)
+        weight = 1.0 / (1.0 + ratio**2)
         jac = jac.reshape(-1, 6)
         weighted = (jac * np.repeat(weight, 4)[:, None]).T
         delta = np.asarray(np.linalg.solve(weighted @ jac + 1e-9 * np.eye(6), weighted @ r.ravel()), float)
@@ -84,19 +84,29 @@ def linearise(
     X = rotated + t_cp
     z = np.maximum(X[..., 2], 1e-3)
     s = camera.f / z
-    u, v = s * X[..., 0], s * X[..., 1]
-    right = u - s * camera.baseline
-    residual = measured - np.stack([u, v, right, v], axis=-1)
-    a, b, c = rotated[..., 0], rotated[..., 1], rotated[..., 2]
+    u = s * X[..., 0]
+    v = s * X[..., 1]
+    u_right = u - s * camera.baseline
+    residual = measured - np.stack([u, v, u_right, v], axis=-1)
+    # With R X_p = (a, b, c), a rotation δω and a translation δt move the point by dX = δω × (a, b, c) + δt.
+    a = rotated[..., 0]
+    b = rotated[..., 1]
+    c = rotated[..., 2]
     jac = np.zeros((*z.shape, 4, 6))
-    # dX = δω × R X_p + δt, and a pixel moves by s dX_x - (u / z) dX_z; the derivatives in the left and the
-    # right image differ only in u.
-    for row, pixel in ((0, u / z), (2, right / z)):
-        jac[..., row, 0], jac[..., row, 1], jac[..., row, 2] = -pixel * b, s * c + pixel * a, -s * b
-        jac[..., row, 3], jac[..., row, 5] = s, -pixel
-    pixel = v / z
-    jac[..., 1, 0], jac[..., 1, 1], jac[..., 1, 2] = -s * c - pixel * b, pixel * a, s * a
-    jac[..., 1, 4], jac[..., 1, 5] = s, -pixel
+    # du = s dX_x - (u / z) dX_z; the derivatives in the left and the right image differ only in u.
+    for row, u_over_z in ((0, u / z), (2, u_right / z)):
+        jac[..., row, 0] = -u_over_z * b
+        jac[..., row, 1] = s * c + u_over_z * a
+        jac[..., row, 2] = -s * b
+        jac[..., row, 3] = s
+        jac[..., row, 5] = -u_over_z
+    # dv = s dX_y - (v / z) dX_z, equal in both images.
+    v_over_z = v / z
+    jac[..., 1, 0] = -s * c - v_over_z * b
+    jac[..., 1, 1] = v_over_z * a
+    jac[..., 1, 2] = s * a
+    jac[..., 1, 4] = s
+    jac[..., 1, 5] = -v_over_z
     jac[..., 3, :] = jac[..., 1, :]
     return residual, jac, X[..., 2]
 

@@ -6,8 +6,10 @@ import numpy as np
 
 from .types import Array
 
-ROW, COLUMN = np.array([0, 1, 2, 0, 0, 1]), np.array([0, 1, 2, 1, 2, 2])
-FULL = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])  # row of each entry of a matrix
+# Row and column, in the matrix, of each stored entry; and the other way round, number of each entry's row.
+ROW = np.array([0, 1, 2, 0, 0, 1])
+COLUMN = np.array([0, 1, 2, 1, 2, 2])
+FULL = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
 
 
 def outer(v: Array) -> Array:
@@ -18,9 +20,18 @@ def outer(v: Array) -> Array:
 def invert(C: Array) -> Array:
     """Inverses (6, N) of symmetric 3×3 matrices (6, N), by cofactors."""
     xx, yy, zz, xy, xz, yz = C
-    diagonal = yy * zz - yz * yz, xx * zz - xz * xz, xx * yy - xy * xy
-    cofactors = np.stack([*diagonal, xz * yz - xy * zz, xy * yz - xz * yy, xy * xz - xx * yz])
-    return np.asarray(cofactors / (xx * cofactors[0] + xy * cofactors[3] + xz * cofactors[4]))
+    cofactors = np.stack(
+        [
+            yy * zz - yz * yz,
+            xx * zz - xz * xz,
+            xx * yy - xy * xy,
+            xz * yz - xy * zz,
+            xy * yz - xz * yy,
+            xy * xz - xx * yz,
+        ]
+    )
+    determinant = xx * cofactors[0] + xy * cofactors[3] + xz * cofactors[4]
+    return np.asarray(cofactors / determinant)
 
 
 def times(S: Array, v: Array) -> Array:

@@ -12,7 +12,8 @@ SMALL_ANGLE_RAD = 1e-4  # below this angle, series replace quotients that are ne
 
 def twist_from_motion(T: Array) -> Array:
     """Twists (..., 6) of motions (..., 4, 4) with rotations of less than π."""
-    R, angle = T[..., :3, :3], rotation_angle(T[..., :3, :3])[..., None]
+    R = T[..., :3, :3]
+    angle = rotation_angle(R)[..., None]
     difference = R - np.swapaxes(R, -1, -2)
     axis = np.stack([difference[..., 2, 1], difference[..., 0, 2], difference[..., 1, 0]], axis=-1)
     small = angle < SMALL_ANGLE_RAD
@@ -44,7 +45,8 @@ def adjoint(T: Array) -> Array:
     """Matrices (..., 6, 6) that transform twists from frame b to frame a, for motions T_ab (..., 4, 4)."""
     R = T[..., :3, :3]
     out = np.zeros((*T.shape[:-2], 6, 6))
-    out[..., :3, :3] = out[..., 3:, 3:] = R
+    out[..., :3, :3] = R
+    out[..., 3:, 3:] = R
     out[..., 3:, :3] = skew(T[..., :3, 3]) @ R
     return out
 
@@ -52,6 +54,7 @@ def adjoint(T: Array) -> Array:
 def bracket(xi: Array) -> Array:
     """Matrices (..., 6, 6) of the Lie bracket with twists (..., 6): the derivative of `adjoint`."""
     out = np.zeros((*xi.shape, 6))
-    out[..., :3, :3] = out[..., 3:, 3:] = skew(xi[..., :3])
+    out[..., :3, :3] = skew(xi[..., :3])
+    out[..., 3:, 3:] = out[..., :3, :3]
     out[..., 3:, :3] = skew(xi[..., 3:])
     return out

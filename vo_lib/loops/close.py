@@ -18,7 +18,7 @@ COLUMNS = ["first", "second", "similarity", "matches", "inliers", "residual_px",
 
 def comparison_key(method: MethodConfig) -> Hashable:
     """The settings that `find_loops` uses: runs over one sequence with equal keys share their loops."""
-    return method.seed, method.filter, method.buckets, method.reprojection
+    return (method.seed, method.filter, method.buckets, method.reprojection)
 
 
 def close_accepted(poses: Array, loops: Loops, config: LoopConfig) -> LoopClosure:

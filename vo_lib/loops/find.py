@@ -9,13 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..data.sequence import Sequence
+from ..geometry.camera import StereoCamera
 from ..geometry.matches import StereoMatches
 from ..geometry.motion import inverse, rigid
 from ..geometry.reprojection import linearise, measured_pixels
 from ..geometry.rows import Rows
 from ..geometry.types import Array, BoolArray, IntArray, Progress
 from ..paper.buckets import select_by_bucket
-from ..paper.matching import LoopMatcher, describe_pair
+from ..paper.matching import DescribedPair, LoopMatcher, describe_pair
 from ..paper.settings import FeatureConfig, MatchingConfig, MethodConfig
 from ..paper.viso2 import ransac_motion
 from .places import candidates, place_frames, similarities, uncovered
@@ -56,17 +57,29 @@ def find_loops(sequence: Sequence, method: MethodConfig, config: LoopConfig, pro
     frames = place_frames(len(sequence), config)
     similarity = similarities(sequence, method, config, lambda done, of: progress(done, 2 * of))
     pairs = candidates(similarity, frames, config)
-    (first, second), (matched, agreeing) = frames[pairs].T, np.zeros((2, len(pairs)), np.int64)
-    residual, motion = np.zeros(len(pairs)), np.zeros((len(pairs), 4, 4))
+    match_counts = np.zeros(len(pairs), np.int64)
+    inlier_counts = np.zeros(len(pairs), np.int64)
+    residual = np.zeros(len(pairs))
+    motion = np.zeros((len(pairs), 4, 4))
     for row, (matches, T_cp, agrees) in enumerate(compare_places(sequence, method, config, frames[pairs])):
         inliers = matches[agrees]
-        matched[row], agreeing[row], motion[row] = len(matches), len(inliers), inverse(T_cp)
-        X_p = sequence.camera.triangulate(inliers.prev_left, inliers.prev_right)
-        measured = measured_pixels(sequence.camera, inliers.cur_left, inliers.cur_right)
-        r, *_ = linearise(sequence.camera, X_p @ T_cp[:3, :3].T, T_cp[:3, 3], measured)
-        residual[row] = np.sqrt(np.sum(r**2) / (len(inliers) or np.nan))
+        match_counts[row] = len(matches)
+        inlier_counts[row] = len(inliers)
+        residual[row] = reprojection_error(sequence.camera, inliers, T_cp)
+        motion[row] = inverse(T_cp)
         progress(len(frames) + len(frames) * (row + 1) // len(pairs), 2 * len(frames))
-    return Loops(first, second, similarity[tuple(pairs.T)], matched, agreeing, residual, motion)
+    first, second = frames[pairs].T
+    return Loops(first, second, similarity[tuple(pairs.T)], match_counts, inlier_counts, residual, motion)
+
+
+def reprojection_error(camera: StereoCamera, matches: StereoMatches, T_cp: Array) -> float:
+    """Root mean square over matches of the reprojection residual's norm, pixels; NaN without matches."""
+    if len(matches) == 0:
+        return np.nan
+    X_p = camera.triangulate(matches.prev_left, matches.prev_right)
+    measured = measured_pixels(camera, matches.cur_left, matches.cur_right)
+    residuals, _, _ = linearise(camera, X_p @ T_cp[:3, :3].T, T_cp[:3, 3], measured)
+    return float(np.sqrt(np.sum(residuals**2) / len(matches)))
 
 
 def compare_places(
@@ -76,17 +89,27 @@ def compare_places(
 
     Without a motion, T_cp is the identity and no match is an inlier.
     """
-    settings = FeatureConfig(), MatchingConfig(search_radius=config.radius)
-    described = functools.lru_cache(PAIRS_KEPT)(lambda k: describe_pair(sequence.stereo(k), *settings))
+    features = FeatureConfig()
+    matching = MatchingConfig(search_radius=config.radius)
+
+    @functools.lru_cache(PAIRS_KEPT)
+    def described(frame: int) -> DescribedPair:
+        return describe_pair(sequence.stereo(frame), features, matching)
+
     for first, second in pairs.tolist():
-        matcher = LoopMatcher(*settings)
+        matcher = LoopMatcher(features, matching)
         matcher.step(described(first))
-        m = matcher.step(described(second))
-        keep = uncovered(sequence, first, m.prev_left, method)
-        m = m[keep & uncovered(sequence, second, m.cur_left, method)]
+        matches = matcher.step(described(second))
+        is_uncovered = uncovered(sequence, first, matches.prev_left, method)
+        is_uncovered &= uncovered(sequence, second, matches.cur_left, method)
+        matches = matches[is_uncovered]
         # A repeated hedge has many matches in a small part of the image; buckets limit their number.
-        m = m[select_by_bucket(m.prev_left, m.age, m.strength, method.buckets)]
+        selected = select_by_bucket(matches.prev_left, matches.age, matches.strength, method.buckets)
+        matches = matches[selected]
         rng = np.random.default_rng([method.seed, first, second])
-        solution = ransac_motion(sequence.camera, m, rng, method.reprojection)
-        R_cp, t_cp, inliers = solution or (np.eye(3), np.zeros(3), np.zeros(len(m), np.bool_))
-        yield m, rigid(R_cp, t_cp), inliers
+        solution = ransac_motion(sequence.camera, matches, rng, method.reprojection)
+        if solution is None:
+            yield matches, np.eye(4), np.zeros(len(matches), np.bool_)
+        else:
+            R_cp, t_cp, inliers = solution
+            yield matches, rigid(R_cp, t_cp), inliers

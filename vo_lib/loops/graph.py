@@ -49,10 +49,10 @@ def linearised(poses: Array, edges: Edges) -> tuple[Array, Array, Array]:
     """
     between = inverse(poses[edges.first]) @ poses[edges.second]
     r = twist_from_motion(inverse(edges.motion) @ between)
-    to_second = np.eye(6) + sum(c * np.linalg.matrix_power(bracket(r), power) for power, c in SERIES)
+    by_second = np.eye(6) + sum(c * np.linalg.matrix_power(bracket(r), power) for power, c in SERIES)
+    by_first = -by_second @ adjoint(inverse(between))
     sigma = np.repeat(edges.sigma, 3, axis=1)
-    to_first = -to_second @ adjoint(inverse(between))
-    return r / sigma, to_first / sigma[:, :, None], to_second / sigma[:, :, None]
+    return r / sigma, by_first / sigma[:, :, None], by_second / sigma[:, :, None]
 
 
 def optimise(poses: Array, edges: Edges, scale: float, tolerance: float = LAST_MOVE) -> tuple[Array, ...]:
@@ -64,25 +64,39 @@ def optimise(poses: Array, edges: Edges, scale: float, tolerance: float = LAST_M
 
     Returns the poses and, for each edge (M,), the residual in standard deviations and the weight in [0, 1].
     """
-    poses, moved, count, ends = poses.copy(), np.inf, len(poses), (edges.first, edges.second)
+    poses = poses.copy()
+    moved = np.inf
     for step in range(MAX_STEPS + 1):
-        r, *sides = linearised(poses, edges)
+        r, by_first, by_second = linearised(poses, edges)
         size = np.linalg.norm(r, axis=1)
-        current = max(scale, NARROWING**step * float(size[edges.is_loop].max(initial=0.0)))
-        weight = np.where(edges.is_loop, 1.0 / (1.0 + (size / current) ** 2), 1.0)
-        if step == MAX_STEPS or (current == scale and moved < tolerance):
+        current_scale = max(scale, NARROWING**step * float(size[edges.is_loop].max(initial=0.0)))
+        weight = np.where(edges.is_loop, 1.0 / (1.0 + (size / current_scale) ** 2), 1.0)
+        if step == MAX_STEPS or (current_scale == scale and moved < tolerance):
             break
-        H, g = np.zeros((count, count, 6, 6)), np.zeros((count, 6))
-        for i, J_i in zip(ends, sides, strict=True):
-            weighted = weight[:, None, None] * np.swapaxes(J_i, 1, 2)
-            np.add.at(g, i, (weighted @ r[:, :, None])[..., 0])
-            for j, J_j in zip(ends, sides, strict=True):
-                np.add.at(H, (i, j), weighted @ J_j)
-        free = H[1:, 1:].transpose(0, 2, 1, 3).reshape(6 * count - 6, 6 * count - 6)
-        delta = np.asarray(np.linalg.solve(free, -g[1:].ravel()), np.float64).reshape(-1, 6)
-        poses[1:] = poses[1:] @ motion_from_twist(delta / max(1.0, np.abs(delta[:, :3]).max() / MAX_TURN))
+        delta = gauss_newton_step(len(poses), edges, r, by_first, by_second, weight)
+        largest_turn = np.abs(delta[:, :3]).max()
+        poses[1:] = poses[1:] @ motion_from_twist(delta / max(1.0, largest_turn / MAX_TURN))
         moved = float(np.abs(delta).max())
     return poses, size, weight
+
+
+def gauss_newton_step(
+    count: int, edges: Edges, r: Array, by_first: Array, by_second: Array, weight: Array
+) -> Array:
+    """Twists (N - 1, 6) of all of N poses but the first: the solution of the weighted normal equations.
+
+    r, by_first, by_second : from `linearised`; weight : (M,) weights of the edges.
+    """
+    H = np.zeros((count, count, 6, 6))
+    g = np.zeros((count, 6))
+    sides = ((edges.first, by_first), (edges.second, by_second))
+    for i, J_i in sides:
+        weighted = weight[:, None, None] * np.swapaxes(J_i, 1, 2)
+        np.add.at(g, i, (weighted @ r[:, :, None])[..., 0])
+        for j, J_j in sides:
+            np.add.at(H, (i, j), weighted @ J_j)
+    free = H[1:, 1:].transpose(0, 2, 1, 3).reshape(6 * count - 6, 6 * count - 6)
+    return np.asarray(np.linalg.solve(free, -g[1:].ravel()), np.float64).reshape(-1, 6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,20 +135,24 @@ def interpolate_corrections(poses: Array, frames: IntArray, moved: Array) -> Arr
     """
     correction = moved @ inverse(poses[frames])
     position = np.interp(np.arange(len(poses)), frames, np.arange(len(frames)))
-    before, after = np.floor(position).astype(np.int64), np.ceil(position).astype(np.int64)
+    before = np.floor(position).astype(np.int64)
+    after = np.ceil(position).astype(np.int64)
     change = twist_from_motion(inverse(correction[before]) @ correction[after])
     return np.asarray(correction[before] @ motion_from_twist((position - before)[:, None] * change) @ poses)
 
 
 def graph_edges(places: Array, frames: IntArray, loops: Loops, config: LoopConfig) -> Edges:
     """Edges between successive places (poses (N, 4, 4), frames (N,)), followed by the edges of the loops."""
-    number, size = np.arange(len(frames) - 1), np.diff(frames)
+    number = np.arange(len(frames) - 1)
+    steps = inverse(places[:-1]) @ places[1:]
     # Errors of frames add up as in a random walk. The default ratio, 0.3 m per degree, is from drawn streets.
-    steps = np.sqrt(size)[:, None] * [np.radians(config.frame_turn), config.frame_step]
+    frame_sigma = [np.radians(config.frame_turn), config.frame_step]
+    step_sigma = np.sqrt(np.diff(frames))[:, None] * frame_sigma
+    loop_sigma = np.tile([np.radians(config.loop_turn), config.loop_step], (len(loops), 1))
     return Edges(
-        np.concatenate([number, np.searchsorted(frames, loops.first)]),
-        np.concatenate([number + 1, np.searchsorted(frames, loops.second)]),
-        np.concatenate([inverse(places[:-1]) @ places[1:], loops.motion]),
-        np.concatenate([steps, np.tile([np.radians(config.loop_turn), config.loop_step], (len(loops), 1))]),
-        np.repeat([False, True], [len(number), len(loops)]),
+        first=np.concatenate([number, np.searchsorted(frames, loops.first)]),
+        second=np.concatenate([number + 1, np.searchsorted(frames, loops.second)]),
+        motion=np.concatenate([steps, loops.motion]),
+        sigma=np.concatenate([step_sigma, loop_sigma]),
+        is_loop=np.repeat([False, True], [len(number), len(loops)]),
     )

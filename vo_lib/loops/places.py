@@ -26,19 +26,22 @@ LEARNING_ROUNDS = 5
 
 def place_frames(count: int, config: LoopConfig) -> IntArray:
     """The frames that are places: every n-th of `count` frames; n is increased to limit their number."""
-    return np.arange(0, count, max(config.every, -(-count // config.places)), dtype=np.int64)
+    step = max(config.every, -(-count // config.places))
+    return np.arange(0, count, step, dtype=np.int64)
 
 
 def learn_words(images: list[Described], config: LoopConfig, seed: int) -> Array:
     """The vocabulary (kinds, words, 32) of images, by k-means on a sample of the features of each kind."""
-    rng, words = np.random.default_rng(seed), []
+    rng = np.random.default_rng(seed)
+    words = []
     for kind in range(KINDS):
         of_kind = np.concatenate([image.descriptor[image.kind == kind] for image in images])
         sample = rng.permutation(of_kind)[:SAMPLE_FEATURES]
         centres = np.resize(sample, (config.words, sample.shape[1]))
         for _ in range(LEARNING_ROUNDS):
+            nearest = (sample @ centres.T).argmax(axis=1)
             sums = np.zeros_like(centres)
-            np.add.at(sums, (sample @ centres.T).argmax(axis=1), sample)
+            np.add.at(sums, nearest, sample)
             length = np.linalg.norm(sums, axis=1, keepdims=True)
             centres = np.where(length > 0, sums / np.maximum(length, 1e-9), centres)
         words.append(centres)
@@ -47,7 +50,8 @@ def learn_words(images: list[Described], config: LoopConfig, seed: int) -> Array
 
 def histogram(image: Described, words: Array, width: int, columns: int) -> Array:
     """Number of features for each column, kind and word (columns, kinds, words); width : image, pixels."""
-    nearest = (words[image.kind] @ image.descriptor[:, :, None])[..., 0].argmax(axis=1)
+    likeness = (words[image.kind] @ image.descriptor[:, :, None])[..., 0]
+    nearest = likeness.argmax(axis=1)
     column = (image.uv[:, 0] * columns // width).astype(np.int64)
     counts = np.zeros((columns, *words.shape[:2]))
     np.add.at(counts, (column, image.kind, nearest), 1.0)
@@ -56,7 +60,8 @@ def histogram(image: Described, words: Array, width: int, columns: int) -> Array
 
 def similarities(sequence: Sequence, method: MethodConfig, config: LoopConfig, progress: Progress) -> Array:
     """Similarity (N, N) in [-1, 1] of the left images of the N places of a sequence."""
-    frames, images = place_frames(len(sequence), config), []
+    frames = place_frames(len(sequence), config)
+    images: list[Described] = []
     for frame in frames.tolist():
         image = describe(sequence.stereo(frame)[0], FeatureConfig())
         image = image[uncovered(sequence, frame, image.uv, method)]
@@ -64,9 +69,11 @@ def similarities(sequence: Sequence, method: MethodConfig, config: LoopConfig, p
         length = np.maximum(np.linalg.norm(image.descriptor, axis=1, keepdims=True), 1.0)
         images.append(replace(image, descriptor=image.descriptor / length))
         progress(len(images), len(frames))
-    words, width = learn_words(images, config, method.seed), sequence.camera.width
+    words = learn_words(images, config, method.seed)
+    width = sequence.camera.width
+    histograms = [histogram(image, words, width, config.columns).ravel() for image in images]
     # The root reduces the weight of repetitions; a word with equal frequency in all images has no weight.
-    flat = np.sqrt([histogram(image, words, width, config.columns).ravel() for image in images])
+    flat = np.sqrt(histograms)
     flat -= flat.mean(axis=0)
     flat /= np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-9)
     return np.asarray(flat @ flat.T)
@@ -75,8 +82,10 @@ def similarities(sequence: Sequence, method: MethodConfig, config: LoopConfig, p
 def uncovered(sequence: Sequence, frame: int, uv: Array, method: MethodConfig) -> BoolArray:
     """Whether pixels (N, 2) of a left image are outside masks and, with a box rule, outside boxes, (N,)."""
     keep = np.ones(len(uv), np.bool_)
-    if files := sequence.mask_files():
-        keep &= at_pixels(read_image(files[frame if len(files) > 1 else 0]), uv) == 0
+    files = sequence.mask_files()
+    if files:
+        mask_file = files[frame if len(files) > 1 else 0]
+        keep &= at_pixels(read_image(mask_file), uv) == 0
     if method.filter.rule != "none":
         keep &= ~in_boxes(uv, sequence.boxes(frame), method.filter)
     return keep

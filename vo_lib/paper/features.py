@@ -51,18 +51,21 @@ def describe(image: Image, config: FeatureConfig) -> Described:
     and above `config.blob_quality`.
     """
     # 16-bit integers represent every response exactly, and take half the time of floats.
-    responses = [np.asarray(cv2.filter2D(image, cv2.CV_16S, m), np.int16) for m in (BLOB, CORNER)]
-    peaks = [_peaks(response, config) for each in responses for response in (each, -each)]
-    positions, strength = (np.concatenate(each) for each in zip(*peaks, strict=True))
+    peaks = []
+    for mask in (BLOB, CORNER):
+        response = np.asarray(cv2.filter2D(image, cv2.CV_16S, mask), np.int16)
+        peaks.append(_peaks(response, config))
+        peaks.append(_peaks(-response, config))
+    positions = np.concatenate([uv for uv, _ in peaks])
+    strength = np.concatenate([values for _, values in peaks])
     kind = np.repeat(np.arange(4), [len(uv) for uv, _ in peaks])
-    sobel = cv2.merge([cv2.Sobel(image, cv2.CV_16S, dx, 1 - dx, ksize=3) for dx in (1, 0)])
-    # Pixels are numbered row by row, and the two Sobel responses of a pixel are read as one 32-bit number.
-    steps = np.array([1, image.shape[1]])
-    samples = (
-        sobel.view(np.int32)
-        .ravel()
-        .take((positions.astype(np.intp) @ steps)[:, None] + DESCRIPTOR_OFFSETS @ steps)
-    )
+    along_u = cv2.Sobel(image, cv2.CV_16S, 1, 0, ksize=3)
+    along_v = cv2.Sobel(image, cv2.CV_16S, 0, 1, ksize=3)
+    # The two Sobel responses of a pixel are read as one 32-bit number, and pixels are numbered row by row.
+    sobel = cv2.merge([along_u, along_v]).view(np.int32).ravel()
+    to_number = np.array([1, image.shape[1]])
+    centres = positions.astype(np.intp) @ to_number
+    samples = sobel.take(centres[:, None] + DESCRIPTOR_OFFSETS @ to_number)
     descriptor = samples.view(np.int16).astype(np.float32)
     return Described(positions, kind, strength, descriptor)
 
@@ -74,8 +77,11 @@ def _peaks(response: NDArray[np.int16], config: FeatureConfig) -> tuple[Array, A
     inner = slice(border, -border)
     peak = (response == top)[inner, inner] & (response[inner, inner] > int(config.blob_quality))
     # NumPy searches a one-dimensional array ten times as fast as an image.
-    row, column = (part + border for part in np.divmod(np.flatnonzero(peak), max(peak.shape[1], 1)))
-    return np.stack([column, row], axis=1).astype(np.float64), response[row, column].astype(np.float64)
+    row, column = np.divmod(np.flatnonzero(peak), max(peak.shape[1], 1))
+    row += border
+    column += border
+    positions = np.stack([column, row], axis=1).astype(np.float64)
+    return positions, response[row, column].astype(np.float64)
 
 
 def stereo_matches(left: Described, right: Described, max_disparity: int) -> tuple[Index, Index]:
@@ -88,23 +94,33 @@ def stereo_matches(left: Described, right: Described, max_disparity: int) -> tup
     -------
     (N,) indices into `right` and (M,) indices into `left`; -1 for a feature without a pair.
     """
-    # `describe` sorts features by kind and row. With both in one number, near rows of a kind are one range.
-    positions, others = ((side.kind << 32) + side.uv[:, 1].astype(np.intp) for side in (left, right))
-    first = np.searchsorted(others, positions - MAX_ROW_DIFFERENCE_PX)
-    last = np.searchsorted(others, positions + MAX_ROW_DIFFERENCE_PX, side="right")
+    # `describe` sorts features by kind and row, so the right features in near rows of a kind are one range.
+    left_rows = _kind_and_row(left)
+    right_rows = _kind_and_row(right)
+    first = np.searchsorted(right_rows, left_rows - MAX_ROW_DIFFERENCE_PX)
+    last = np.searchsorted(right_rows, left_rows + MAX_ROW_DIFFERENCE_PX, side="right")
     count = last - first
+    # Left feature i is paired with each right feature j from first[i] to last[i] - 1.
     i = np.repeat(np.arange(len(count)), count)
-    j = np.arange(len(i)) + np.repeat(last - np.cumsum(count), count)  # first[i] … last[i] - 1
+    j = np.arange(len(i)) + np.repeat(last - np.cumsum(count), count)
     disparity = left.uv[i, 0] - right.uv[j, 0]
     possible = (disparity >= 0) & (disparity <= max_disparity)
-    i, j = i[possible], j[possible]
+    i = i[possible]
+    j = j[possible]
     difference = np.abs(left.descriptor[i] - right.descriptor[j]).sum(axis=1)
     # A later assignment replaces an earlier assignment, so the most similar pair remains; of equally similar
     # pairs, the first pair remains.
     order = np.argsort(difference, kind="stable")[::-1]
-    to_right, to_left = (np.full(len(side.kind), -1, np.intp) for side in (left, right))
-    to_right[i[order]], to_left[j[order]] = j[order], i[order]
+    to_right = np.full(len(left), -1, np.intp)
+    to_left = np.full(len(right), -1, np.intp)
+    to_right[i[order]] = j[order]
+    to_left[j[order]] = i[order]
     return to_right, to_left
+
+
+def _kind_and_row(features: Described) -> IntArray:
+    """Kind and row of each feature in one number (N,), ordered by kind, then by row."""
+    return np.asarray((features.kind << 32) + features.uv[:, 1].astype(np.intp))
 
 
 def best_matches(query: Described, train: Described, radius: int) -> Index:
@@ -118,20 +134,26 @@ def best_matches(query: Described, train: Described, radius: int) -> Index:
     -------
     (N,) indices into `train`; -1 if no feature of the kind is near.
     """
-    match = np.full(len(query.kind), -1, np.intp)
+    match = np.full(len(query), -1, np.intp)
+    query_u, query_v = query.uv.T.astype(np.int16)
+    train_u, train_v = train.uv.T.astype(np.int16)
     # An image is wider than high, so most features of a batch, sorted by column, have the same neighbours.
-    positions, others = (side.uv.T.astype(np.int16) for side in (query, train))
-    orders = [np.argsort(side[0], kind="stable") for side in (positions, others)]
+    query_order = np.argsort(query_u, kind="stable")
+    train_order = np.argsort(train_u, kind="stable")
     for kind in range(4):
-        queries, trains = (o[side.kind[o] == kind] for o, side in zip(orders, (query, train), strict=True))
-        for i in (queries[n : n + BATCH_FEATURES] for n in range(0, len(queries), BATCH_FEATURES)):
-            ends = positions[0, i[0]] - radius, positions[0, i[-1]] + radius + 1
+        queries = query_order[query.kind[query_order] == kind]
+        trains = train_order[train.kind[train_order] == kind]
+        for start in range(0, len(queries), BATCH_FEATURES):
+            i = queries[start : start + BATCH_FEATURES]
+            ends = query_u[i[0]] - radius, query_u[i[-1]] + radius + 1
+            first, last = np.searchsorted(train_u[trains], ends)
             # Sorted, so that the first of equally similar features is selected.
-            j = np.sort(trains[slice(*np.searchsorted(others[0, trains], ends))])
+            j = np.sort(trains[first:last])
             if len(j) == 0:
                 continue
-            u, v = (np.abs(np.subtract.outer(positions[k, i], others[k, j])) <= radius for k in (0, 1))
-            mask = (u & v).view(np.uint8)
+            near_u = np.abs(np.subtract.outer(query_u[i], train_u[j])) <= radius
+            near_v = np.abs(np.subtract.outer(query_v[i], train_v[j])) <= radius
+            mask = (near_u & near_v).view(np.uint8)
             _, best = cv2.batchDistance(
                 query.descriptor[i], train.descriptor[j], -1, normType=cv2.NORM_L1, K=1, mask=mask
             )

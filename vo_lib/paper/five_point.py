@@ -44,8 +44,9 @@ _ORDER = np.arange(DEGREE + 1)
 POLYNOMIAL_FROM_VALUES = np.linalg.inv(NODES[0][:, None] ** _ORDER[::-1] * NODES[1][:, None] ** _ORDER)
 
 SOLVING_TURNS = 2  # largest number of attempts to solve a set, each with a different order of the axes
-# Largest number of steps; step that ends the polishing; largest last step of a solution that is kept.
-POLISH_STEPS, POLISH_DONE, CONVERGED = 8, 1e-8, 1e-6
+POLISH_STEPS = 8  # largest number of steps of the polishing
+POLISH_DONE = 1e-8  # length of a step that ends the polishing
+CONVERGED = 1e-6  # largest last step of a solution that is kept
 MAX_POLISH_MOVE = 1e-3  # if a candidate moves farther, its set is doubtful: a solution may be missing
 SAME_CANDIDATE_DISTANCE = 1e-7  # nearer candidates of a set are duplicates of one solution
 
@@ -76,7 +77,9 @@ def five_point(x_p: Array, x_c: Array) -> Candidates:
     if a whole family of E fits the matches (no parallax and no noise). The memory use is about 10 kB per set.
     """
     basis, independent = null_space(epipolar_rows(x_p, x_c))
-    solutions, indices, todo = [np.empty((4, 0))], [np.empty(0, dtype=np.intp)], np.flatnonzero(independent)
+    solutions = [np.empty((4, 0))]
+    indices = [np.empty(0, dtype=np.intp)]
+    todo = np.flatnonzero(independent)
     for turn in range(SOLVING_TURNS):
         # Solutions with nearly equal z/w are hard to separate; with other axes as z and w, the ratios differ.
         axes = (np.arange(4) + turn) % 4
@@ -86,15 +89,19 @@ def five_point(x_p: Array, x_c: Array) -> Candidates:
         todo = todo[doubtful]
         if not todo.size:
             break
-    v, index = np.concatenate(solutions, axis=1), np.concatenate(indices)
+    v = np.concatenate(solutions, axis=1)
+    index = np.concatenate(indices)
     # Sorted by |x| within each set, so that duplicates of a solution are neighbours.
     order = np.argsort(index + 0.99 * np.abs(v[0]))
-    v, index = v.take(order, axis=1), index[order]
-    keep = np.ones(index.size, dtype=bool)
+    v = v.take(order, axis=1)
+    index = index[order]
+    distinct = np.ones(index.size, dtype=bool)
     cosine = np.abs(np.einsum("am,am->m", v[:, 1:], v[:, :-1]))
-    keep[1:] = (index[1:] != index[:-1]) | (1.0 - cosine > 0.5 * SAME_CANDIDATE_DISTANCE**2)
-    index = index[keep]
-    return Candidates(np.einsum("am,aijm->mij", v[:, keep], basis.take(index, axis=-1)), index)
+    distinct[1:] = (index[1:] != index[:-1]) | (1.0 - cosine > 0.5 * SAME_CANDIDATE_DISTANCE**2)
+    v = v[:, distinct]
+    index = index[distinct]
+    E = np.einsum("am,aijm->mij", v, basis.take(index, axis=-1))
+    return Candidates(E, index)
 
 
 def _solve(basis: Array) -> tuple[Array, Index, BoolArray]:
@@ -110,10 +117,12 @@ def _solve(basis: Array) -> tuple[Array, Index, BoolArray]:
 
 def epipolar_rows(x_p: Array, x_c: Array) -> Array:
     """Rows a (5, 9, S) of points (S, 5, 2), with a · vec(E) = x_cᵀ E x_p; vec(E) has E row by row."""
-    h_p, h_c = (np.ones((5, 3, len(x))) for x in (x_p, x_c))
+    h_p = np.ones((5, 3, len(x_p)))
+    h_c = np.ones((5, 3, len(x_c)))
     h_p[:, :2] = np.transpose(x_p, (1, 2, 0))
     h_c[:, :2] = np.transpose(x_c, (1, 2, 0))
-    return np.asarray((h_c[:, :, None] * h_p[:, None]).reshape(5, 9, -1))
+    products = h_c[:, :, None] * h_p[:, None]
+    return np.asarray(products.reshape(5, 9, -1))
 
 
 def householder(A: Array, columns: int) -> Array:
@@ -124,7 +133,8 @@ def householder(A: Array, columns: int) -> Array:
     """
     buffer = np.empty_like(A)
     for k in range(columns):
-        v, rest = A[k:, k], A[k:, k + 1 :]
+        v = A[k:, k]
+        rest = A[k:, k + 1 :]
         norm = np.copysign(np.sqrt(np.einsum("is,is->s", v, v)), v[0])
         v[0] += norm
         step = np.einsum("is,ijs->js", v, rest)
@@ -174,7 +184,9 @@ def eliminate(cubics: Array) -> Array:
 
 def hidden_variable_matrix(rows: Array, z: Array, w: Array) -> Array:
     """Matrices C (6, 6, …) of the six rows (6, 16, …) at given (z, w): C (x², y², xy, x, y, 1)ᵀ = 0."""
-    zz, zw, ww = z * z, z * w, w * w
+    zz = z * z
+    zw = z * w
+    ww = w * w
     C = np.empty((6, 6, *np.broadcast_shapes(rows.shape[2:], z.shape)))
     C[:, :3] = rows[:, 0:6:2] * z + rows[:, 1:6:2] * w
     C[:, 3:5] = rows[:, 6:12:3] * zz + rows[:, 7:12:3] * zw + rows[:, 8:12:3] * ww
@@ -204,8 +216,12 @@ def polish(basis: Array, v: Array, index: Index) -> tuple[Array, BoolArray]:
 
     The steps use the constraints, which are more precise than the polynomial. Most candidates need one step.
     """
-    v, converged, todo = v.copy(), np.zeros(v.shape[1], dtype=bool), np.arange(v.shape[1])
-    N, old = basis.take(index, axis=-1), v.copy()
+    v = v.copy()
+    converged = np.zeros(v.shape[1], dtype=bool)
+    # Of the candidates that still move: their numbers, null spaces and solutions.
+    todo = np.arange(v.shape[1])
+    N = basis.take(index, axis=-1)
+    old = v.copy()
     for _ in range(POLISH_STEPS):
         new = newton_step(N, old)
         move = np.linalg.norm(new - np.einsum("am,am->m", new, old) * old, axis=0)  # sine of the angle
@@ -214,7 +230,9 @@ def polish(basis: Array, v: Array, index: Index) -> tuple[Array, BoolArray]:
         remaining = np.flatnonzero(~(move < POLISH_DONE))
         if not remaining.size:
             break
-        todo, N, old = todo[remaining], N.take(remaining, axis=-1), new.take(remaining, axis=-1)
+        todo = todo[remaining]
+        N = N.take(remaining, axis=-1)
+        old = new.take(remaining, axis=-1)
     return v, converged
 
 
@@ -266,8 +284,8 @@ def _det_3x3(A: Array) -> Array:
 def _longest_column(A: Array) -> Array:
     """The longest column of each matrix in A (3, 3, M), as unit vectors (3, M)."""
     n0, n1, n2 = np.einsum("ijm,ijm->jm", A, A)
-    column = np.where(n1 > n0, A[:, 1], A[:, 0])
-    return _unit(np.where(n2 > np.maximum(n0, n1), A[:, 2], column))
+    longer_of_two = np.where(n1 > n0, A[:, 1], A[:, 0])
+    return _unit(np.where(n2 > np.maximum(n0, n1), A[:, 2], longer_of_two))
 
 
 def _unit(v: Array) -> Array:

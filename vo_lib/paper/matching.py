@@ -44,8 +44,11 @@ def describe_pair(
     pair: tuple[Image, Image], features: FeatureConfig, matching: MatchingConfig
 ) -> DescribedPair:
     """Features of a left and a right image, and indices of the most similar features in the other image."""
-    left, right = (describe(image, features) for image in pair)
-    return DescribedPair(*pair, left, right, *stereo_matches(left, right, matching.max_disparity))
+    left, right = pair
+    in_left = describe(left, features)
+    in_right = describe(right, features)
+    to_right, to_left = stereo_matches(in_left, in_right, matching.max_disparity)
+    return DescribedPair(left, right, in_left, in_right, to_right, to_left)
 
 
 class LoopMatcher:
@@ -68,9 +71,11 @@ class LoopMatcher:
 
     def step(self, pair: DescribedPair) -> StereoMatches:
         """Matches between the previous pair and `pair`; empty for the first pair."""
-        before, self._previous = self._previous, pair
-        number = len(pair.in_left.kind)
-        age, identity = np.ones(number, np.int64), np.full(number, -1, np.int64)
+        before = self._previous
+        self._previous = pair
+        number = len(pair.in_left)
+        age = np.ones(number, np.int64)
+        identity = np.full(number, -1, np.int64)
         matches = empty_matches()
         if before is not None:
             prev_left, prev_right, cur_left, cur_right = close_loop(before, pair, self.config.search_radius)
@@ -86,10 +91,11 @@ class LoopMatcher:
                 self._id[prev_left],
             )
             matches = subpixel_matches(before, pair, coarse, self.config)
-        new = identity < 0
-        identity[new] = self._next_id + np.arange(np.count_nonzero(new))
-        self._next_id += int(np.count_nonzero(new))
-        self._age, self._id = age, identity
+        new = np.flatnonzero(identity < 0)
+        identity[new] = self._next_id + np.arange(len(new))
+        self._next_id += len(new)
+        self._age = age
+        self._id = identity
         return matches
 
 
@@ -104,9 +110,14 @@ def close_loop(before: DescribedPair, pair: DescribedPair, radius: int) -> tuple
     # once.
     prev_right = np.unique(before.to_right[before.to_right >= 0])
     cur_right = best_matches(before.in_right[prev_right], pair.in_right, radius)
-    prev_right, cur_right = (each[cur_right >= 0] for each in (prev_right, cur_right))
+    matched = cur_right >= 0
+    prev_right = prev_right[matched]
+    cur_right = cur_right[matched]
     cur_left = pair.to_left[cur_right]
-    prev_right, cur_right, cur_left = (each[cur_left >= 0] for each in (prev_right, cur_right, cur_left))
+    matched = cur_left >= 0
+    prev_right = prev_right[matched]
+    cur_right = cur_right[matched]
+    cur_left = cur_left[matched]
     distinct, which = np.unique(cur_left, return_inverse=True)
     prev_left = best_matches(pair.in_left[distinct], before.in_left, radius)[which]
     closed = np.flatnonzero((prev_left >= 0) & (before.to_right[prev_left] == prev_right))

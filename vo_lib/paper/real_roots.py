@@ -16,12 +16,15 @@ from ..geometry.types import Array, BoolArray, Index
 
 DEGREE = 10
 _ORDER = np.arange(DEGREE + 1)
-PIECES, PARTS = 17, 8  # numbers of pieces of [-1, 1] (odd, so 0 is no border) and of parts of an interval
-CUTS = 16
+PIECES = 17  # number of pieces of [-1, 1]; odd, so that 0 is no border
+PARTS = 8  # number of parts of an interval that is cut
+CUTS = 16  # largest number of cuts
 SAMPLES = 6  # number of starting points for polishing in an interval whose roots cannot be separated
-ROUNDING_ERROR = (5e-13, 1e-19)  # error of a polynomial: relative to its largest coefficient, and absolute
+RELATIVE_ERROR = 5e-13  # rounding error of a polynomial, relative to its largest coefficient
+ABSOLUTE_ERROR = 1e-19  # smallest rounding error
 ZERO_POLYNOMIAL = 1e-25  # largest coefficient of a zero polynomial, whose set has a family of solutions
-ROOT_STEPS, ROOT_DONE = 20, 1e-7
+ROOT_STEPS = 20  # largest number of Newton steps
+ROOT_DONE = 1e-7  # length of a step that ends them
 
 
 def _bernstein_matrices() -> tuple[Array, Array]:
@@ -63,25 +66,26 @@ def isolate_roots(polynomials: Array) -> tuple[Intervals, Intervals]:
     coefficient is below the noise.
     """
     size = np.max(np.abs(polynomials), axis=0)
-    noise = np.maximum(ROUNDING_ERROR[0] * size, ROUNDING_ERROR[1])
+    noise = np.maximum(RELATIVE_ERROR * size, ABSOLUTE_ERROR)
     p = np.flatnonzero(size > ZERO_POLYNOMIAL)
     b = (TO_PIECES @ polynomials.take(p, axis=1)).reshape(DEGREE + 1, -1)
     width = 2.0 / PIECES
     low = np.repeat(-1.0 + width * np.arange(PIECES), p.size)
     p = np.tile(p, PIECES)
-    groups: tuple[list[Intervals], list[Intervals]] = [], []
+    single_groups: list[Intervals] = []
+    hidden_groups: list[Intervals] = []
     for cut in range(CUTS):
         positive = b >= 0.0
         changes = np.sum((positive[1:] != positive[:-1]).view(np.int8), axis=0, dtype=np.int8)
-        single, many = changes == 1, changes > 1
+        single = changes == 1
+        many = changes > 1
         hidden = np.zeros_like(single)
         if cut:
             magnitude = np.abs(b)
             faint = np.where(many, magnitude.max(axis=0), magnitude.min(axis=0)) < noise[p]
             hidden = (faint & ~single) | (many & (cut + 1 == CUTS))
-        for group, mask in zip(groups, (single, hidden), strict=True):
-            k = np.flatnonzero(mask)
-            group.append(Intervals(low[k], np.full(k.size, width), p[k], b.take(k, axis=1)))
+        single_groups.append(_selected(single, low, width, p, b))
+        hidden_groups.append(_selected(hidden, low, width, p, b))
         more = np.flatnonzero(many & ~hidden)
         if not more.size:
             break
@@ -89,11 +93,19 @@ def isolate_roots(polynomials: Array) -> tuple[Intervals, Intervals]:
         low = (low[more] + width * np.arange(PARTS)[:, None]).ravel()
         p = np.tile(p[more], PARTS)
         b = (TO_PARTS @ b.take(more, axis=1)).reshape(DEGREE + 1, -1)
-    first, second = (
-        Intervals(*(np.concatenate(column, axis=-1) for column in zip(*group, strict=True)))
-        for group in groups
-    )
-    return first, second
+    return _joined(single_groups), _joined(hidden_groups)
+
+
+def _selected(mask: BoolArray, low: Array, width: float, p: Index, b: Array) -> Intervals:
+    """The intervals in a mask (K,)."""
+    k = np.flatnonzero(mask)
+    return Intervals(low[k], np.full(k.size, width), p[k], b.take(k, axis=1))
+
+
+def _joined(groups: list[Intervals]) -> Intervals:
+    """All intervals of several groups."""
+    columns = zip(*groups, strict=True)
+    return Intervals(*(np.concatenate(column, axis=-1) for column in columns))
 
 
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")
@@ -114,18 +126,24 @@ def real_roots(polynomials: Array) -> tuple[Array, Array, Index, BoolArray]:
     p = np.concatenate([single.p, np.tile(unclear.p, SAMPLES)])
     doubtful = np.zeros(sets, dtype=bool)
     doubtful[unclear.p % sets] = True
-    return np.where(p < sets, t, 1.0), np.where(p < sets, 1.0, t), p % sets, doubtful
+    z = np.where(p < sets, t, 1.0)
+    w = np.where(p < sets, 1.0, t)
+    return z, w, p % sets, doubtful
 
 
 def _newton(c: Array, interval: Intervals) -> Array:
     """The root (K,) of each polynomial c (11, K) in its interval, by Newton's method with bisection."""
-    low, high, positive = interval.low, interval.low + interval.width, interval.b >= 0.0
+    low = interval.low
+    high = low + interval.width
+    positive = interval.b >= 0.0
     # Start where the polygon of Bernstein coefficients crosses zero.
     k = np.sum((positive == positive[0]).view(np.int8), axis=0, dtype=np.int8) - 1
     before, after = interval.b[[k, k + 1], np.arange(k.size)]
     t = low + interval.width * (k + before / (before - after)) / DEGREE
-    rising, c = positive[-1], c[::-1]  # from here, c[d] is the coefficient of t to the power d
-    slopes, powers = c[1:] * _ORDER[1:, None], np.ones_like(c)
+    rising = positive[-1]
+    c = c[::-1]  # from here, c[d] is the coefficient of t to the power d
+    slopes = c[1:] * _ORDER[1:, None]
+    powers = np.ones_like(c)
     root: Array = t.copy()
     todo = np.arange(t.size)
     for step in range(ROOT_STEPS):
@@ -133,15 +151,23 @@ def _newton(c: Array, interval: Intervals) -> Array:
             np.multiply(powers[d], t, out=powers[d + 1])
         value = np.einsum("km,km->m", c, powers)
         above = (value >= 0.0) == rising
-        high, low = np.where(above, t, high), np.where(above, low, t)
+        high = np.where(above, t, high)
+        low = np.where(above, low, t)
         new = t - value / np.einsum("km,km->m", slopes, powers[:-1])
         new = np.where((new >= low) & (new <= high), new, 0.5 * (low + high))
-        move, t = np.abs(new - t), new
+        move = np.abs(new - t)
+        t = new
         if step >= 2:  # from here, few roots are unfinished, and only these are continued
             root[todo] = t
             remaining = np.flatnonzero(~(move < ROOT_DONE))
             if not remaining.size:
                 break
-            todo, low, high, t, rising = (a[remaining] for a in (todo, low, high, t, rising))
-            c, slopes, powers = (a.take(remaining, axis=1) for a in (c, slopes, powers))
+            todo = todo[remaining]
+            low = low[remaining]
+            high = high[remaining]
+            t = t[remaining]
+            rising = rising[remaining]
+            c = c.take(remaining, axis=1)
+            slopes = slopes.take(remaining, axis=1)
+            powers = powers.take(remaining, axis=1)
     return root

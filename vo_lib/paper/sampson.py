@@ -43,14 +43,16 @@ class MatchTerms(NamedTuple):
 def match_terms(x_p: Array, x_c: Array, dtype: DTypeLike = np.float64) -> MatchTerms:
     """Monomials of matches, given as normalised points x_p and x_c (N, 2)."""
     one = np.ones(len(x_p))
-    (px, py), (cx, cy) = x_p.T, x_c.T
+    px, py = x_p.T
+    cx, cy = x_c.T
     outer = [cx * px, cx * py, cx, cy * px, cy * py, cy, px, py, one]
     squares = [px * px, py * py, px * py, px, py, cx * cx, cy * cy, cx * cy, cx, cy, one]
     return MatchTerms(np.array(outer, dtype), np.array(squares, dtype))
 
 
 # Entries (i, j) of a symmetric 3×3 matrix in the order of `MatchTerms.squares`, and their multiplicities.
-_I, _J = np.array([0, 1, 0, 0, 1, 2]), np.array([0, 1, 1, 2, 2, 2])
+_I = np.array([0, 1, 0, 0, 1, 2])
+_J = np.array([0, 1, 1, 2, 2, 2])
 _TIMES = np.array([1.0, 1.0, 2.0, 2.0, 2.0, 1.0])
 
 
@@ -67,9 +69,9 @@ def denominator_forms(E: Array) -> Array:
 
 def candidate_terms(E: Array, dtype: DTypeLike = np.float64) -> MatchTerms:
     """Coefficients of the monomials in `match_terms`: vec(E) (9, M) and `denominator_forms` (11, M)."""
-    return MatchTerms(
-        np.ascontiguousarray(E.reshape(-1, 9).T, dtype), np.ascontiguousarray(denominator_forms(E).T, dtype)
-    )
+    outer = np.ascontiguousarray(E.reshape(-1, 9).T, dtype)
+    squares = np.ascontiguousarray(denominator_forms(E).T, dtype)
+    return MatchTerms(outer, squares)
 
 
 def sampson_distance(E: Array, x_p: Array, x_c: Array) -> Array:
@@ -85,7 +87,8 @@ def sampson_distance(E: Array, x_p: Array, x_c: Array) -> Array:
     (..., N) distances in units of the points (multiply by f for pixels):
     x_cᵀ E x_p / sqrt((E x_p)₁² + (E x_p)₂² + (Eᵀ x_c)₁² + (Eᵀ x_c)₂²).
     """
-    candidates, matches = candidate_terms(E), match_terms(x_p, x_c)
+    candidates = candidate_terms(E)
+    matches = match_terms(x_p, x_c)
     d = candidates.outer.T @ matches.outer
     d /= np.sqrt(np.maximum(candidates.squares.T @ matches.squares, MIN_DIVISOR))
     return np.asarray(d.reshape(*E.shape[:-2], len(x_p)))

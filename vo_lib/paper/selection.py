@@ -105,15 +105,20 @@ def resolve_by_depth(E: Array, x_p: Array, x_c: Array, X_p: Array) -> tuple[Arra
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
     ray_t = ray @ t
     length2 = np.maximum(np.sum(X_p**2, axis=1), 1e-12)
-    best = (-np.inf, rotations[0], t)
+    best_cosine = -np.inf
+    best_R = rotations[0]
+    best_t = t
     for R in rotations:
         rotated = X_p @ R.T
-        along, across = np.sum(ray * rotated, axis=1), rotated @ t
+        ray_X = np.sum(ray * rotated, axis=1)
+        t_X = rotated @ t
         # (ray × a)·(ray × b) = a·b - (ray·a)(ray·b). Nearer points determine the length better, so the weight
         # is 1 / |X|².
-        s = -np.sum((across - ray_t * along) / length2) / max(np.sum((1.0 - ray_t**2) / length2), 1e-12)
-        moved = np.sqrt(np.maximum(length2 + 2.0 * s * across + s * s, 1e-12))
-        cosine = float(np.median((along + s * ray_t) / moved))
-        if cosine > best[0]:
-            best = (cosine, R, t if s >= 0 else -t)
-    return best[1], best[2]
+        s = -np.sum((t_X - ray_t * ray_X) / length2) / max(np.sum((1.0 - ray_t**2) / length2), 1e-12)
+        moved_length = np.sqrt(np.maximum(length2 + 2.0 * s * t_X + s * s, 1e-12))
+        cosine = float(np.median((ray_X + s * ray_t) / moved_length))
+        if cosine > best_cosine:
+            best_cosine = cosine
+            best_R = R
+            best_t = t if s >= 0 else -t
+    return best_R, best_t

@@ -37,7 +37,8 @@ def view_rows(camera: StereoCamera, uv: Array) -> Array:
     """The rows x e3 - e1 and y e3 - e2 of pixels (N, 2) in one image, (N, 2, 3)."""
     rows = np.zeros((len(uv), 2, 3))
     rows[:, :, 2] = camera.normalise(uv)
-    rows[:, 0, 0] = rows[:, 1, 1] = -1.0
+    rows[:, 0, 0] = -1.0
+    rows[:, 1, 1] = -1.0
     return rows
 
 
@@ -69,12 +70,15 @@ def earlier_rows(camera: StereoCamera, matches: StereoMatches, before: PairBefor
     match in that frame.
     """
     n = len(matches)
-    A, c = np.zeros((n, 2, 2, 3)), np.zeros((n, 2, 2))
+    A = np.zeros((n, 2, 2, 3))
+    c = np.zeros((n, 2, 2))
     _, here, there = np.intersect1d(matches.id, before.matches.id, return_indices=True)
-    earlier, T = before.matches[there], inverse(before.T_cp)
+    earlier = before.matches[there]
+    T_pc = inverse(before.T_cp)
     for view, uv in enumerate((earlier.prev_left, earlier.prev_right)):
         rows = view_rows(camera, uv)
-        A[here, view], c[here, view] = rows @ T[:3, :3], -rows @ T[:3, 3]
+        A[here, view] = rows @ T_pc[:3, :3]
+        c[here, view] = -rows @ T_pc[:3, 3]
     c[here, 1, 0] -= camera.baseline
     return A.reshape(n, 4, 3), c.reshape(n, 4)
 
@@ -86,7 +90,9 @@ def eliminate_points(A: Array, B: Array, c: Array) -> tuple[Array, Array]:
     """
     A_plus = np.linalg.solve(A.swapaxes(1, 2) @ A, A.swapaxes(1, 2))
     projector = np.eye(A.shape[1]) - A @ A_plus
-    return projector @ B, (projector @ c[..., None])[..., 0]
+    M = projector @ B
+    d = (projector @ c[..., None])[..., 0]
+    return M, d
 
 
 def residual_limit(agreement: float, seen_before: BoolArray) -> Array:

@@ -60,9 +60,16 @@ def ransac_motion(
         return None
     X, measured, weight = observed(camera, matches[usable], config)
     triples = _triples(rng, len(usable), config.trials)
-    start = np.tile(np.eye(3), (config.trials, 1, 1)), np.zeros((config.trials, 3))
-    data = X[triples], measured[triples], weight[triples]
-    R, t = _gauss_newton(camera, *data, *start, config.iterations, CONVERGED_TRIAL_STEP)
+    R, t = _gauss_newton(
+        camera,
+        X[triples],
+        measured[triples],
+        weight[triples],
+        np.tile(np.eye(3), (config.trials, 1, 1)),
+        np.zeros((config.trials, 3)),
+        config.iterations,
+        CONVERGED_TRIAL_STEP,
+    )
     inliers = _residuals(camera, X, measured, R, t) < config.threshold
     best = int(np.argmax(np.count_nonzero(inliers, axis=1)))
     agreed = usable[inliers[best]]
@@ -80,8 +87,16 @@ def refit_motion(
 ) -> tuple[Array, Array]:
     """Rotation (3, 3) and translation (3,) by least squares; R_cp and t_cp are a start near the solution."""
     X_p, measured, weight = observed(camera, matches, config)
-    data = X_p[None], measured[None], weight[None]
-    R, t = _gauss_newton(camera, *data, R_cp[None], t_cp[None], config.iterations, CONVERGED_STEP)
+    R, t = _gauss_newton(
+        camera,
+        X_p[None],
+        measured[None],
+        weight[None],
+        R_cp[None],
+        t_cp[None],
+        config.iterations,
+        CONVERGED_STEP,
+    )
     return R[0], t[0]
 
 
@@ -112,13 +127,15 @@ def _gauss_newton(
 
     A converged problem is not changed any more; a divergent problem keeps its last state.
     """
-    R, t = R.copy(), t.copy()
+    R = R.copy()
+    t = t.copy()
     active = np.arange(len(R))
     for _ in range(iterations):
         rotated = X_p[active] @ np.swapaxes(R[active], 1, 2)
         r, jac, _ = linearise(camera, rotated, t[active, None], measured[active])
         w = weight[active][:, :, None]
-        r, jac = (w * r).reshape(len(active), -1, 1), (w[..., None] * jac).reshape(len(active), -1, 6)
+        r = (w * r).reshape(len(active), -1, 1)
+        jac = (w[..., None] * jac).reshape(len(active), -1, 6)
         jac_t = np.swapaxes(jac, 1, 2)
         # Three points on one line do not fix the rotation; a small regularisation keeps the batch solvable.
         H = jac_t @ jac
@@ -137,7 +154,9 @@ def _gauss_newton(
 
 def _triples(rng: np.random.Generator, number: int, trials: int) -> Index:
     """Random triples (trials, 3) of different indices below `number`; all triples are equally likely."""
-    first, second, third = (rng.integers(0, number - k, trials) for k in range(3))
+    first = rng.integers(0, number, trials)
+    second = rng.integers(0, number - 1, trials)
+    third = rng.integers(0, number - 2, trials)
     # Each index is drawn as a rank among the unused indices, then increased past the used indices.
     second += second >= first
     for lower in np.sort([first, second], axis=0):
@@ -150,7 +169,8 @@ def _residuals(camera: StereoCamera, X_p: Array, measured: Array, R: Array, t: A
     x, y, z = np.moveaxis(R @ X_p.T + t[:, :, None], 1, 0)
     front = z > 0
     s = camera.f / np.where(front, z, 1.0)
-    u, v = s * x, s * y
+    u = s * x
+    v = s * y
     squared = (measured[:, 0] - u) ** 2 + (measured[:, 1] - v) ** 2
     squared += (measured[:, 2] - u + s * camera.baseline) ** 2 + (measured[:, 3] - v) ** 2
     return np.asarray(np.where(front, np.sqrt(squared), np.inf))

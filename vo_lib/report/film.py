@@ -33,13 +33,19 @@ FILM_CODEC = cv2.VideoWriter.fourcc(*"vp09")  # VP9 plays in browsers, JupyterLa
 # OpenCV passes no options to the encoder. At a low frame rate, a frame takes 100 kB; only OpenCV's limit of
 # bits per second reduces the size. So frames are encoded at this high rate, and then copied into the film.
 ENCODER_FPS = 5000
+FONT = cv2.FONT_HERSHEY_SIMPLEX
+FONT_SCALE = 0.6
 MIN_PATH_SIDE_PX = 300  # side of the square with the path
-LINE_HEIGHT_PX, WORDS_HEIGHT_PX = 26, 88  # heights of a line of text and of the text at the top
+LINE_HEIGHT_PX = 26  # height of a line of text
+WORDS_HEIGHT_PX = 88  # height of the text at the top
 # Wide enough for a film at half size: the truth is a thin line on the path.
-PATH_WIDTH_PX, LINE_WIDTH_PX = 9, 3  # width of the path; width of the truth and of loops
+PATH_WIDTH_PX = 9
+LINE_WIDTH_PX = 3  # width of the truth and of loops
 Pairs = Sequence[tuple[int, int]]
-WHITE, PALE = (255, 255, 255), (200, 200, 200)  # BGR
-TRUE_PATH_COLOUR, LOOP_LINE_COLOUR = plots.bgr(plots.TRUTH_COLOUR), plots.bgr(plots.LOOP_COLOUR)
+WHITE = (255, 255, 255)  # BGR
+PALE = (200, 200, 200)
+TRUE_PATH_COLOUR = plots.bgr(plots.TRUTH_COLOUR)
+LOOP_LINE_COLOUR = plots.bgr(plots.LOOP_COLOUR)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,14 +79,21 @@ class Film:
     """
 
     def __init__(self, path: Path, run: Run, label: str, loops: Pairs = (), method: str = PROPOSAL):
-        self.path, self.run, self.label, self.loops = path, run, label, loops
+        self.path = path
+        self.run = run
+        self.label = label
+        self.loops = loops
         self._colour = plots.bgr(plots.METHOD_COLOURS[method])
-        camera, truth = run.sequence.camera, run.sequence.truth
+        camera = run.sequence.camera
         side = max(camera.height, MIN_PATH_SIDE_PX)
         # Encoders require even numbers of pixels.
-        self._shape = side + WORDS_HEIGHT_PX + side % 2, (camera.width + side + 1) // 2 * 2
-        self._paths = [run.poses] if truth is None else [run.poses, from_first(truth)]
-        self._drift = None if truth is None else plots.distance_from_truth(run.poses, truth)
+        self._shape = (side + WORDS_HEIGHT_PX + side % 2, (camera.width + side + 1) // 2 * 2)
+        self._paths = [run.poses]
+        self._drift = None
+        truth = run.sequence.truth
+        if truth is not None:
+            self._paths.append(from_first(truth))
+            self._drift = plots.distance_from_truth(run.poses, truth)
         self._driven = trajectory_distances(self._paths[-1])
         self._drafts = [path.with_name(f".{path.stem}.{os.getpid()}{k}{DRAFT}{FILM_ENDING}") for k in "ab"]
         self._writer = self._open(self._drafts[0], ENCODER_FPS)
@@ -107,9 +120,10 @@ class Film:
     def _copy_at_film_rate(self) -> None:
         """Copy the encoded frames from the first draft into the second draft, without coding them again."""
         packets = cv2.VideoCapture(str(self._drafts[0]), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])
+        options = [cv2.VIDEOWRITER_PROP_RAW_VIDEO, 1]
         # By default, OpenCV marks every frame as a key frame.
-        no_interval = cv2.VIDEOWRITER_PROP_KEY_INTERVAL, 10**9
-        writer = self._open(self._drafts[1], FILM_FPS, cv2.VIDEOWRITER_PROP_RAW_VIDEO, 1, *no_interval)
+        options += [cv2.VIDEOWRITER_PROP_KEY_INTERVAL, 10**9]
+        writer = self._open(self._drafts[1], FILM_FPS, *options)
         while packets.grab():
             writer.set(cv2.VIDEOWRITER_PROP_KEY_FLAG, packets.get(cv2.CAP_PROP_LRF_HAS_KEY_FRAME))
             writer.write(packets.retrieve()[1])
@@ -141,31 +155,43 @@ class Film:
     def _draw_paths(self, part: Image, index: int) -> None:
         """Draw the path up to a frame, and the complete truth in a pale colour, both seen from above."""
         points = [poses[:, [0, 2], 3] for poses in self._paths]
-        low, high = np.concatenate(points).min(axis=0), np.concatenate(points).max(axis=0)
+        low = np.concatenate(points).min(axis=0)
+        high = np.concatenate(points).max(axis=0)
         size = np.array(part.shape[1::-1])
         scale = float(((size - 50.0) / np.maximum(high - low, 1.0)).min())
-        path, *truth = (scale * (xz - (low + high) / 2) * [1.0, -1.0] + size / 2 for xz in points)
+        path, *truth = [scale * (xz - (low + high) / 2) * [1.0, -1.0] + size / 2 for xz in points]
         _draw_line(part, path[: index + 1], self._colour, PATH_WIDTH_PX)
         for line in truth:
             _draw_line(part, line, PALE, LINE_WIDTH_PX)
             _draw_line(part, line[: index + 1], TRUE_PATH_COLOUR, LINE_WIDTH_PX)
-        for visits in (list(pair) for pair in self.loops if pair[1] <= index):
-            _draw_line(part, path[visits], LOOP_LINE_COLOUR, LINE_WIDTH_PX)
+        for first, second in self.loops:
+            if second <= index:
+                _draw_line(part, path[[first, second]], LOOP_LINE_COLOUR, LINE_WIDTH_PX)
         here = np.rint(path[index]).astype(int).tolist()
         cv2.circle(part, here, PATH_WIDTH_PX, self._colour, -1, cv2.LINE_AA)
 
     def _write_words(self, part: Image, frame: FilmFrame) -> None:
-        index, motion = frame.index, frame.motion
-        times, driven = self.run.sequence.times, self._driven[index]
-        first = [self.label, f"frame {self.run.sequence.frames[index]}", f"{times[index] - times[0]:.1f} s"]
-        first.append(f"{driven:.0f} m driven")
+        index = frame.index
+        sequence = self.run.sequence
+        driven = self._driven[index]
+        progress = [
+            self.label,
+            f"frame {sequence.frames[index]}",
+            f"{sequence.times[index] - sequence.times[0]:.1f} s",
+            f"{driven:.0f} m driven",
+        ]
         if self._drift is not None:
             drift = self._drift[index]
-            first.append(f"{drift:.2f} m from the truth ({100 * drift / max(driven, 1e-9):.2f} %)")
-        counts = [f"{motion.matches} matches", f"{motion.removed} removed"]
-        counts += [f"{motion.used} used after bucketing", f"{motion.inliers} inliers"]
-        for number, words in enumerate([[*first, *motion.flags], counts], start=1):
-            _write(part, "  ".join(words), (12, LINE_HEIGHT_PX * number))
+            progress.append(f"{drift:.2f} m from the truth ({100 * drift / max(driven, 1e-9):.2f} %)")
+        motion = frame.motion
+        counts = [
+            f"{motion.matches} matches",
+            f"{motion.removed} removed",
+            f"{motion.used} used after bucketing",
+            f"{motion.inliers} inliers",
+        ]
+        _write(part, "  ".join([*progress, *motion.flags]), (12, LINE_HEIGHT_PX))
+        _write(part, "  ".join(counts), (12, 2 * LINE_HEIGHT_PX))
         new, *_, old = plots.AGE_COLOURS
         legend = [("new match", new), ("old", old), ("removed", plots.REMOVED), ("path", self._colour)]
         if self._drift is not None:
@@ -175,10 +201,10 @@ class Film:
             legend.append((f"{closed} loops", LOOP_LINE_COLOUR))
         if frame.removal.state is not None:
             legend.append(("boxes: solid moving, dashed parked, dotted unknown", WHITE))
-        at = 17
+        column = 17
         for text, colour in legend:
-            cv2.circle(part, (at, 3 * LINE_HEIGHT_PX - 6), 5, colour, -1, cv2.LINE_AA)
-            at = _write(part, text, (at + 10, 3 * LINE_HEIGHT_PX)) + 20
+            cv2.circle(part, (column, 3 * LINE_HEIGHT_PX - 6), 5, colour, -1, cv2.LINE_AA)
+            column = _write(part, text, (column + 10, 3 * LINE_HEIGHT_PX)) + 20
 
 
 def _draw_line(part: Image, points: Array, colour: tuple[int, int, int], width: int) -> None:
@@ -188,6 +214,6 @@ def _draw_line(part: Image, points: Array, colour: tuple[int, int, int], width: 
 
 def _write(part: Image, text: str, at: tuple[int, int]) -> int:
     """Write a line of text and return the column of its end, pixels."""
-    font = cv2.FONT_HERSHEY_SIMPLEX, 0.6
-    cv2.putText(part, text, at, *font, (0, 0, 0), 1, cv2.LINE_AA)
-    return at[0] + cv2.getTextSize(text, *font, 1)[0][0]
+    cv2.putText(part, text, at, FONT, FONT_SCALE, (0, 0, 0), 1, cv2.LINE_AA)
+    (width, _), _ = cv2.getTextSize(text, FONT, FONT_SCALE, 1)
+    return at[0] + width
