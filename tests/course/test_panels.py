@@ -58,10 +58,6 @@ def stops(knob: Knob) -> list[Any]:
     return [widget.min, widget.max]
 
 
-# Settings with which a control works that is grey at the start; by default, the variant kit.
-AWAKE: dict[str, dict[str, Any]] = {}
-
-
 def test_every_control_changes_the_picture_and_the_same_state_gives_the_same_one(panel: Panel) -> None:
     assert panel.facts
     first = panel.picture.value
@@ -72,7 +68,7 @@ def test_every_control_changes_the_picture_and_the_same_state_gives_the_same_one
     grey = {key for key, knob in panel.knobs.items() if knob.shown.disabled}
     back: dict[str, Any] = {}
     for key, values in driven.items():
-        awake = AWAKE.get(key, {"variant": "kit"}) if key in grey else {}
+        awake = {"variant": "kit"} if key in grey else {}  # controls of settings that only the kit has
         begun, pictures = {name: back.get(name, widget_of[name].value) for name in (key, *awake)}, {first}
         if awake:
             panel.set(**{**back, **awake})
