@@ -40,11 +40,7 @@ class AbsoluteError:
 
     def to_dict(self) -> dict[str, Any]:
         """Alignment, scale applied to the estimate, and statistics, for JSON."""
-        return {
-            "alignment": self.alignment.value,
-            "scale": self.scale,
-            **statistics_of(self.distance, "m"),
-        }
+        return {"alignment": self.alignment.value, "scale": self.scale} | _in("m", self.distance)
 
 
 class Delta(NamedTuple):
@@ -71,8 +67,8 @@ class RelativeError:
         """Interval and statistics, for JSON; None if the trajectory is shorter than delta."""
         return {
             f"delta_{self.delta.unit}": self.delta.size,
-            "translation": statistics_of(self.translation, "m"),
-            "rotation": statistics_of(np.degrees(self.rotation), "deg"),
+            "translation": _in("m", self.translation),
+            "rotation": _in("deg", np.degrees(self.rotation)),
         }
 
 
@@ -124,8 +120,7 @@ def align(truth: Array, estimate: Array, alignment: Alignment) -> tuple[Array, f
 def absolute_error(truth: Array, estimate: Array, alignment: Alignment = Alignment.SE3) -> AbsoluteError:
     """ATE: distances between positions after alignment."""
     aligned, scale = align(truth, estimate, alignment)
-    distance = np.linalg.norm(aligned[:, :3, 3] - truth[:, :3, 3], axis=1)
-    return AbsoluteError(alignment, scale, distance)
+    return AbsoluteError(alignment, scale, np.linalg.norm(aligned[:, :3, 3] - truth[:, :3, 3], axis=1))
 
 
 def relative_error(
@@ -138,37 +133,25 @@ def relative_error(
     """
     check_pair(truth, estimate)
     if path is None:
-        interval = Delta(delta, "frames")
-        ends = np.arange(0, len(truth), int(delta))
+        frames = np.arange(0, len(truth), int(delta))
     else:
-        interval = Delta(delta, "m")
-        ends = _frames_apart(path, delta)
-    error = motion_error(truth, estimate, ends[:-1], ends[1:])
-    translation = np.linalg.norm(error[:, :3, 3], axis=1)
-    rotation = rotation_angle(error[:, :3, :3])
-    return RelativeError(interval, translation, rotation)
+        chain, end = list[int](), 0
+        while end < len(path):
+            chain.append(end)
+            end = int(np.searchsorted(path, path[end] + delta))
+        frames = np.array(chain)
+    error = motion_error(truth, estimate, frames[:-1], frames[1:])
+    apart = Delta(delta, "frames" if path is None else "m")
+    return RelativeError(apart, np.linalg.norm(error[:, :3, 3], axis=1), rotation_angle(error[:, :3, :3]))
 
 
-def _frames_apart(path: Array, metres: float) -> Index:
-    """Frames 0, the first frame at least `metres` ahead on the path (N,), the first one ahead of that, …"""
-    frames = [0]
-    while True:
-        following = int(np.searchsorted(path, path[frames[-1]] + metres))
-        if following == len(path):
-            return np.array(frames)
-        frames.append(following)
-
-
-def statistics_of(errors: Array, unit: str) -> dict[str, float | None]:
+def _in(unit: str, errors: Array) -> dict[str, float | None]:
     """Root of the mean square, mean, median and maximum of errors (N,), for JSON; None without errors."""
-    if len(errors) == 0:
-        return dict.fromkeys(f"{name}_{unit}" for name in ("rmse", "mean", "median", "max"))
-    return {
-        f"rmse_{unit}": rmse(errors),
-        f"mean_{unit}": float(np.mean(errors)),
-        f"median_{unit}": float(np.median(errors)),
-        f"max_{unit}": float(np.max(errors)),
-    }
+    names = [f"{name}_{unit}" for name in ("rmse", "mean", "median", "max")]
+    if not len(errors):
+        return dict.fromkeys(names)
+    values = [rmse(errors), float(np.mean(errors)), float(np.median(errors)), float(np.max(errors))]
+    return dict(zip(names, values, strict=True))
 
 
 def check_pair(truth: Array, estimate: Array, where: str = "") -> None:
