@@ -14,6 +14,7 @@ from tiny_onnx import write_answering
 
 from vo_lib.data.sequence import Sequence
 from vo_lib.detection.class_names import choose_classes, class_numbers
+from vo_lib.detection.labels import wanted_classes, with_label_numbers
 from vo_lib.detection.layout import best_boxes, fit_letterbox, yolox_cells
 from vo_lib.detection.models import MODELS
 from vo_lib.detection.yolo import YoloDetector
@@ -70,7 +71,8 @@ def test_both_layouts_give_the_box(either: YoloDetector) -> None:
     # The image fills the network's image from edge to edge at half the scale.
     result = either.detect(np.zeros((128, 128), np.uint8))
     assert result.xyxy == pytest.approx(np.array([[43.5, 37.5, 83.5, 57.5]]), abs=1e-3)
-    assert result.class_id.tolist() == [2]  # COCO's number, not the model's
+    assert result.class_id.tolist() == [1]  # the model's number
+    assert with_label_numbers(either, result).class_id.tolist() == [2]  # COCO's number, as in label files
     assert result.score == pytest.approx([0.75], abs=1e-6)
 
 
@@ -116,7 +118,8 @@ def test_unusable_models_are_refused(tmp_path: Path) -> None:
     write_answering(path, box, input_shape=(1, 3, 64))
     assert "expected one input [1, 3, height, width], found [1, 3, 64]" in message()
     write_answering(path, box, names="{0: 'cat', 1: 'dog'}")
-    assert "has none of the classes car, bus, truck, only cat, dog" in message()
+    with pytest.raises(DataError, match="has none of the classes car, bus, truck, only cat, dog"):
+        wanted_classes(YoloDetector(path), ("car", "bus", "truck"))
 
 
 def recall_precision(
@@ -148,7 +151,8 @@ def recall_precision(
 def test_street_model_detects_vehicles_of_a_new_street(street: Sequence) -> None:
     detector, frames = YoloDetector("street"), range(5, 75, 10)
     images = [(detector.detect(street.stereo(frame)[0]), street.boxes(frame)) for frame in frames]
-    assert all(set(detections.class_id.tolist()) <= set(VEHICLES) for detections, _ in images)
+    numbered = [with_label_numbers(detector, detections) for detections, _ in images]
+    assert all(set(detections.class_id.tolist()) <= set(VEHICLES) for detections in numbered)
     recall, precision, vehicles = recall_precision(images, 32.0)
     assert vehicles >= 30
     assert recall >= 0.75
@@ -167,7 +171,8 @@ def test_recall_and_precision_on_drive_0005(model: str, recall: float, precision
     detector, drive = YoloDetector(path), labelled_drive_0005()
     frames = range(len(drive))
     vehicles = [boxes[np.isin(boxes.class_id, VEHICLES)] for boxes in map(drive.boxes, frames)]
-    detections = [detector.detect(drive.stereo(frame)[0]) for frame in frames]
+    wanted = wanted_classes(detector, ("car", "bus", "truck"))
+    detections = [detector.detect(drive.stereo(frame)[0], wanted) for frame in frames]
     result = recall_precision(zip(detections, vehicles, strict=True), 25.0)
     assert result[2] == 340
     assert result[0] >= recall - 0.03

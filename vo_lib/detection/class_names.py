@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -40,12 +39,6 @@ def coco_number(name: str) -> int | None:
     plain = name.strip().lower()
     plain = OTHER_NAMES.get(plain, plain)
     return COCO.index(plain) if plain in COCO else None
-
-
-def names_from_metadata(text: str, count: int) -> tuple[str, ...] | None:
-    """The class names in a model's metadata, a dict or list as text; None unless there are `count` names."""
-    names = tuple(re.findall(r"['\"]([^'\"]*)['\"]", text))
-    return names if len(names) == count else None
 
 
 def class_numbers(names: Sequence[str]) -> IntArray:

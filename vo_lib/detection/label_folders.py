@@ -19,9 +19,12 @@ from ..data.kitti import list_frames, read_image
 from ..data.label_files import write_labels
 from ..data.sequence import Sequence
 from ..errors import DataError
-from ..files import file_sha256, only_process, read_mapping, write_atomic
-from ..geometry.types import Progress
+from ..files import only_process, read_mapping, write_atomic
+from ..geometry.boxes import Boxes
+from ..geometry.types import BoolArray, Progress
 from ..settings import to_dict
+from .class_names import COCO, choose_classes, class_numbers
+from .model_files import model_sha256
 from .models import find_model
 from .settings import DetectorConfig
 from .yolo import YoloDetector
@@ -43,7 +46,7 @@ def detection_record(model: str | Path, config: DetectorConfig, provider: str = 
     settings = to_dict(config)
     del settings["threads"]
     settings["classes"] = list(config.classes)
-    return {"model": path.name, "sha256": file_sha256(path), "provider": provider, "settings": settings}
+    return {"model": path.name, "sha256": model_sha256(path), "provider": provider, "settings": settings}
 
 
 def label_folder(sequence: Sequence, record: dict[str, Any], cache: Path | None = None) -> Path:
@@ -87,10 +90,12 @@ def write_label_folder(
         if not missing:
             return 0
         detector = YoloDetector(model, config, provider=provider)
+        wanted = wanted_classes(detector, config.classes)
 
         def detect(label: Path, image_file: Path) -> None:
             image = read_image(image_file)
-            write_labels(label, detector.detect(image), image.shape[1], image.shape[0])
+            boxes = with_label_numbers(detector, detector.detect(image, wanted))
+            write_labels(label, boxes, image.shape[1], image.shape[0])
 
         with ThreadPoolExecutor(DETECTION_THREADS) as pool:
             results = pool.map(detect, *zip(*missing, strict=True))
@@ -102,6 +107,33 @@ def write_label_folder(
                 pool.shutdown(cancel_futures=True)  # Ctrl-C does not wait for the other images
                 raise
         return len(missing)
+
+
+def wanted_classes(detector: YoloDetector, classes: tuple[str, ...]) -> BoolArray:
+    """Mask of a detector's classes that `classes` lists, by name or number; all if it lists none.
+
+    Raises `DataError` for a name that neither the model nor COCO has, or if the model has none of them.
+    """
+    names = _names(detector)
+    wanted = choose_classes(classes, names)
+    if not wanted.any():
+        listed = ", ".join(classes)
+        known = ", ".join(names)[:200]
+        raise DataError(f"the model has none of the classes {listed}, only {known}", detector.path)
+    return wanted
+
+
+def with_label_numbers(detector: YoloDetector, boxes: Boxes) -> Boxes:
+    """A detector's boxes with the class numbers of label files: COCO's where COCO has the class."""
+    numbers = class_numbers(_names(detector))
+    known = boxes[boxes.class_id < len(numbers)]
+    return dataclasses.replace(known, class_id=numbers[known.class_id])
+
+
+def _names(detector: YoloDetector) -> tuple[str, ...]:
+    """The class names of a detector, or words with the number for a model without names."""
+    count = len(COCO) if detector.class_count is None else detector.class_count
+    return detector.names or tuple(f"class {number}" for number in range(count))
 
 
 def labelled_sequence(

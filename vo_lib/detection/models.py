@@ -10,6 +10,9 @@ import platformdirs
 from ..errors import DataError, did_you_mean
 
 DOWNLOADABLE = ("yolox-nano", "yolox-tiny", "yolox-s")  # by `vo data get_detector`
+# Names of Ultralytics' models, which everybody exports; for example yolov8n, yolo11s, yolo26n, rtdetr-l.
+ULTRALYTICS = re.compile("(yolo(v[3-9]|v10|1[0-9]|2[0-9])|rtdetr)[a-z0-9-]{0,12}")
+PYTORCH = (".pt", ".pth")  # endings of weights, which the kit cannot run
 MODELS = {"street": Path(__file__).parent / "models" / "street.onnx"}  # part of the kit
 
 
@@ -19,8 +22,18 @@ def detector_folder() -> Path:
 
 
 def list_detectors(folder: Path | None = None) -> dict[str, Path]:
-    """The ONNX files of the detectors in a folder, by name."""
-    return {path.stem: path for path in sorted((folder or detector_folder()).glob("*.onnx"))}
+    """The ONNX files of the detectors in a folder, by name.
+
+    A model of one file is NAME.onnx; a model of several files has a folder, with NAME/NAME.onnx in it.
+    """
+    folder = folder or detector_folder()
+    files = [*folder.glob("*.onnx"), *(file for file in folder.glob("*/*.onnx") if is_in_own_folder(file))]
+    return {path.stem: path for path in sorted(files, key=lambda path: path.stem)}
+
+
+def is_in_own_folder(path: Path) -> bool:
+    """Whether a registered model is in a folder of its name, as a model of several files is."""
+    return path.parent.name == path.stem
 
 
 def find_model(name: str | Path, folder: Path | None = None) -> Path:
@@ -31,9 +44,16 @@ def find_model(name: str | Path, folder: Path | None = None) -> Path:
     files = {**list_detectors(folder), **MODELS}
     path = files.get(str(name), Path(name))
     if path.is_file():
+        if path.suffix.lower() in PYTORCH:
+            command = f"yolo export model={path.name} format=onnx"
+            raise DataError(f"is a file of PyTorch, expected ONNX; make it with: {command}", path)
         return path
-    expected = f"expected an ONNX file or one of {', '.join(files)}"
-    if name in DOWNLOADABLE or re.fullmatch("yolov8[a-z]?", str(name)):
+    known = path.stem in (*files, *DOWNLOADABLE) or ULTRALYTICS.fullmatch(path.stem)
+    if path.suffix.lower() in (".onnx", *PYTORCH) or path.parent != Path():
+        how = f"; `vo data get_detector {path.stem}` says how to get this model" if known else ""
+        raise DataError(f"no such file{how}", path)
+    if known:
         raise DataError(f"the detector {name} is not on this machine; use: vo data get_detector {name}")
     near = did_you_mean(path.stem, [*files, *DOWNLOADABLE, "yolov8n"])
+    expected = f"expected an ONNX file or one of {', '.join(files)}"
     raise DataError(f"unknown detector {str(name)!r}: {near}{expected}; `vo data get_detector` lists more")

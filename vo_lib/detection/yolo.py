@@ -1,4 +1,4 @@
-"""Vehicle boxes from a YOLO network, run by ONNX Runtime (chapter 5).
+"""Boxes from a detection network, run by ONNX Runtime (chapter 5).
 
 detector = YoloDetector("street", DetectorConfig())
 boxes = detector.detect(image)          # (H, W) grey or (H, W, 3) BGR
@@ -7,6 +7,7 @@ boxes = detector.detect(image)          # (H, W) grey or (H, W, 3) BGR
 from __future__ import annotations
 
 import dataclasses
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,16 +18,32 @@ from numpy.typing import NDArray
 
 from ..errors import DataError
 from ..geometry.boxes import Boxes
-from ..geometry.types import Array, Image
+from ..geometry.types import Array, BoolArray, Image
 from . import layout
-from .class_names import COCO, choose_classes, class_numbers, names_from_metadata
+from .class_names import COCO
+from .metadata import read_metadata
+from .model_files import model_files
 from .models import find_model
+from .outputs import Output, OutputLayout, recognise
+from .readers import Candidates, UnusableOutput
 from .settings import DetectorConfig
 
 PROVIDERS = {"cpu": "CPUExecutionProvider", "cuda": "CUDAExecutionProvider"}
 USUAL_INPUT_PX = 640  # longer side of the training images of most models
-INPUT_TYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
+# Of the test image of a network that takes every size: small, but with more cells than the 300 boxes that a
+# network selects.
+TEST_WIDTH, TEST_HEIGHT = 320, 192
+TEST_SIZES = ((1000, 100), (100, 1000))  # width and height, which show the order that RT-DETR expects
+INPUT_TYPES = {
+    "tensor(float)": np.float32,
+    "tensor(float16)": np.float16,
+    "tensor(double)": np.float64,
+    "tensor(uint8)": np.uint8,
+}
+SIZES_INPUT = "orig_target_sizes"  # of RT-DETR and its relatives: width and height of the original image
 LOG_FATAL = 4  # log level that hides ONNX Runtime's messages on errors, which the kit reports itself
+# Operators that ONNX Runtime has not; exports for TensorRT contain them.
+TENSORRT = re.compile(r"TRT\b|_TRT|EfficientNMS|BatchedNMS")
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,13 +64,16 @@ class NetworkOutput:
 
 
 class YoloDetector:
-    """A YOLOv8 or YOLOX network in an ONNX file.
+    """A detection network in an ONNX file; `outputs` lists the layouts that are read.
 
     Attributes
     ----------
     path : the file. config : the settings.
-    names : class names from the model's metadata; COCO's names for 80 classes without names.
-    layout : "yolov8", output [1, 4 + C, N], or "yolox", output [1, N, 5 + C] before decoding.
+    names : class names in the order of the model's class numbers. COCO's for a model of 80 classes without
+        names; None for another model without names.
+    named : the names are the model's own.
+    class_count : number of classes; None if the file does not tell.
+    layout : name of the layout of the outputs, such as "yolov8".
     """
 
     def __init__(
@@ -65,98 +85,195 @@ class YoloDetector:
         """
         self.path, self.config = find_model(model), config or DetectorConfig()
         self._session = _open_session(self.path, self.config.threads, provider)
-        self._input, self._width, self._height = self._check_input()
+        self._input, self._sizes_input = self._check_inputs()
+        self._height, self._width = (side if isinstance(side, int) else 0 for side in self._input.shape[2:])
         self._type = INPUT_TYPES[self._input.type]
-        width, height = self._width or 128, self._height or 64
-        output = self._run(np.zeros((1, 3, height, width), self._type))
-        self.layout, count = self._check_output(output, width, height)
-        metadata = self._session.get_modelmeta().custom_metadata_map
-        default_names = COCO if count == len(COCO) else tuple(f"class {k}" for k in range(count))
-        self.names = names_from_metadata(metadata.get("names", ""), count) or default_names
-        self._default_size = layout.size_from_metadata(metadata.get("imgsz", "")) or USUAL_INPUT_PX
-        self._numbers = class_numbers(self.names)
-        self._class_mask = choose_classes(self.config.classes, self.names)
-        if not self._class_mask.any():
-            classes, names = ", ".join(self.config.classes), ", ".join(self.names)
-            raise DataError(f"the model has none of the classes {classes}, only {names[:200]}", self.path)
+        self._sizes_swapped = False
+        try:
+            self._metadata = read_metadata(self._session.get_modelmeta().custom_metadata_map)
+        except ValueError as error:
+            raise DataError(str(error), self.path) from None
+        self._layout = self._recognised()
+        if self._sizes_input is not None:
+            self._sizes_swapped = self._expects_height_first()
+        self.layout = self._layout.name
+        self.class_count = self._layout.classes
+        self.named = self._metadata.names is not None
+        default_names = COCO if self.class_count == len(COCO) else None
+        self.names = self._metadata.names or default_names
 
-    def detect(self, image: Image) -> Boxes:
-        """Boxes in a uint8 image, grey (H, W) or BGR (H, W, 3); best first, with COCO class numbers.
+    def detect(self, image: Image, class_mask: BoolArray | None = None) -> Boxes:
+        """Boxes in a uint8 image, grey (H, W) or BGR (H, W, 3), best first; `class_id` is the model's number.
 
-        For a grey image, the network's input has three equal channels.
+        For a grey image, the network's input has three equal channels. `class_mask` : mask of the wanted
+        classes by number, all by default; boxes of other classes take no part in the suppression.
         """
-        return self.select_boxes(self.candidates(image), self.config.score, self.config.nms)
+        return self.select_boxes(self.candidates(image), self.config.score, self.config.nms, class_mask)
 
     def candidates(self, image: Image) -> NetworkOutput:
         """The network's output for an image, as in `detect`, before the selection of boxes."""
         height, width = image.shape[:2]
-        size, centred = self.input_size(width, height), self.layout == "yolov8"
-        letterbox = layout.fit_letterbox(width, height, *size, centred)
-        output = self._run(self._to_input(layout.letterboxed(image, letterbox)))
-        corners, scores = layout.read_yolov8(output) if centred else layout.read_yolox(output, *size)
+        size = self.input_size(width, height)
+        if self._layout.placement == "stretched" or self._sizes_input is not None:
+            letterbox = layout.fit_stretched(width, height, *size)
+        else:
+            letterbox = layout.fit_letterbox(width, height, *size, self._layout.placement == "centred")
+        outputs = self._run(self._to_input(layout.letterboxed(image, letterbox)), width, height)
+        corners, scores = self._read(outputs, letterbox, width, height)
         return NetworkOutput(letterbox, corners, scores, width, height)
 
-    def select_boxes(self, output: NetworkOutput, score: float, nms: float) -> Boxes:
-        """The boxes, in pixels of the image, from a network's output with these thresholds."""
-        boxes = layout.best_boxes(output.corners, output.scores, score, nms, self._class_mask)
-        xyxy = output.letterbox.to_image(boxes.xyxy, output.width, output.height)
-        return dataclasses.replace(boxes, xyxy=xyxy, class_id=self._numbers[boxes.class_id])
+    def select_boxes(
+        self, output: NetworkOutput, score: float, nms: float, class_mask: BoolArray | None = None
+    ) -> Boxes:
+        """The boxes, in pixels of the image, from a network's output with these thresholds.
+
+        Raises `DataError` if most boxes are not in the image, as after an export of another kind.
+        """
+        boxes = layout.best_boxes(
+            output.corners, output.scores, score, nms, class_mask, one_to_one=self._layout.one_to_one
+        )
+        self._check_boxes(boxes, output.letterbox)
+        return dataclasses.replace(
+            boxes, xyxy=output.letterbox.to_image(boxes.xyxy, output.width, output.height)
+        )
 
     def input_size(self, width: int, height: int) -> tuple[int, int]:
         """Width and height of the network's image for an image of this size.
 
-        A size fixed by the model is used. Otherwise the input has the aspect ratio of the image. The longer
-        side is `config.size`, or, if that is 0, the size in the model's metadata, or else 640.
+        A size fixed by the model is used. Otherwise the input has the aspect ratio of the image, or is square
+        where the network wants the image stretched. The longer side is `config.size`, or, if that is 0, the
+        size in the model's metadata, or else 640.
         """
-        free_width, free_height = layout.fit_size(width, height, self.config.size or self._default_size)
+        longer = self.config.size or self._default_size
+        if self._layout.placement == "stretched" or self._sizes_input is not None:
+            width = height = longer
+        free_width, free_height = layout.fit_size(width, height, longer)
         return self._width or free_width, self._height or free_height
 
+    @property
+    def _default_size(self) -> int:
+        return self._metadata.size or USUAL_INPUT_PX
+
     def _to_input(self, image: Image) -> NDArray[Any]:
-        """The network's input (1, 3, H, W): RGB in 0..1 for YOLOv8, BGR in 0..255 for YOLOX."""
+        """The network's input (1, 3, H, W): RGB in 0..1, or BGR in 0..255 for YOLOX and inputs of bytes."""
+        in_bytes = self._layout.bytes_in or self._type == np.uint8
         if image.ndim == 2:
             planes = np.broadcast_to(image, (3, *image.shape))
         else:
-            ordered = image[:, :, ::-1] if self.layout == "yolov8" else image
+            ordered = image if in_bytes else image[:, :, ::-1]
             planes = ordered.transpose(2, 0, 1)
-        scale = 1.0 / 255.0 if self.layout == "yolov8" else 1.0
+        if self._type == np.uint8:
+            return np.ascontiguousarray(planes[None])
+        scale = 1.0 if in_bytes else 1.0 / 255.0
         return np.multiply(planes[None], scale, dtype=np.float32).astype(self._type, copy=False)
 
-    def _run(self, images: NDArray[Any]) -> NDArray[np.float32]:
+    def _run(self, images: NDArray[Any], width: int, height: int) -> list[NDArray[Any]]:
+        """The outputs for a network's image; width, height : size of the original image, pixels."""
+        feed = {self._input.name: images}
+        if self._sizes_input is not None:
+            sizes = (height, width) if self._sizes_swapped else (width, height)
+            feed[self._sizes_input.name] = np.array([sizes], np.int64)
         try:
-            return np.asarray(self._session.run(None, {self._input.name: images})[0][0], np.float32)
+            return [np.asarray(output) for output in self._session.run(None, feed)]
         except Exception as error:  # ONNX Runtime's exception types have no common base class
             raise DataError(f"ONNX Runtime cannot run this model: {_first_line(error)}", self.path) from None
 
-    def _check_input(self) -> tuple[Any, int, int]:
-        """The model's input with its width and height in pixels, 0 if the model does not fix the size."""
-        inputs = self._session.get_inputs()
-        shape = inputs[0].shape
-        if len(inputs) != 1 or len(shape) != 4 or shape[1] != 3 or shape[0] not in (1, None, str(shape[0])):
-            raise DataError(f"expected one input [1, 3, height, width], found {shape}", self.path)
-        if inputs[0].type not in INPUT_TYPES:
-            raise DataError(f"expected an input of floating-point numbers, found {inputs[0].type}", self.path)
-        height, width = (side if isinstance(side, int) else 0 for side in shape[2:])
-        return inputs[0], width, height
+    def _read(
+        self, outputs: list[NDArray[Any]], letterbox: layout.Letterbox, width: int, height: int
+    ) -> Candidates:
+        """The boxes in a network's outputs, in pixels of its image; width, height : size of the image."""
+        in_image = self._sizes_input is not None
+        unit = (width, height) if in_image else (letterbox.width, letterbox.height)
+        try:
+            corners, scores = self._layout.reader.read(outputs, *unit)
+        except UnusableOutput as error:
+            raise DataError(str(error), self.path) from None
+        if len(corners) and np.isnan(corners).all():
+            raise DataError(
+                "the network's output is not a number for any box: if it calculates with 16 bits, export it "
+                "with 32 (half=False)",
+                self.path,
+            )
+        if in_image:
+            corners = corners * ((letterbox.width / width, letterbox.height / height) * 2)
+        return Candidates(corners, scores)
 
-    def _check_output(self, output: NDArray[np.float32], width: int, height: int) -> tuple[str, int]:
-        """Layout and number of classes, from the output for an image of this size."""
-        rows, columns = output.shape if output.ndim == 2 else (0, 0)
-        cells = layout.yolox_cells(width, height)
-        if rows == cells and columns > 5:
-            return "yolox", columns - 5
-        if columns == cells and rows > 4:
-            return "yolov8", rows - 4
-        raise DataError(
-            f"unknown layout: expected the output [1, 4 + classes, N] of YOLOv8 or [1, N, 5 + classes] of "
-            f"YOLOX, N = {cells} for {width}×{height} px, found {[1, *output.shape]}",
-            self.path,
-        )
+    def _check_boxes(self, boxes: Boxes, letterbox: layout.Letterbox) -> None:
+        """Raise `DataError` if most of the boxes, in the network's image, have their centre far outside."""
+        size = np.array([letterbox.width, letterbox.height])
+        centre = (boxes.xyxy[:, :2] + boxes.xyxy[:, 2:]) / 2
+        outside = np.any((centre < -0.5 * size) | (centre > 1.5 * size), axis=1)
+        if 2 * np.count_nonzero(outside) > len(boxes):
+            raise DataError(
+                f"{np.count_nonzero(outside)} of {len(boxes)} boxes are outside the image: the output, taken "
+                f"as {self.layout}, seems to be of another kind",
+                self.path,
+            )
+
+    def _check_inputs(self) -> tuple[Any, Any]:
+        """The model's input for the image, and that for the size of the original image or None."""
+        images, *others = self._session.get_inputs()
+        sizes = None
+        if len(others) == 1 and others[0].name == SIZES_INPUT and others[0].type == "tensor(int64)":
+            sizes = others.pop()
+        shape = images.shape
+        if others:
+            names = ", ".join(one.name for one in others)
+            raise DataError(
+                f"expected one input [1, 3, height, width], found further ones: {names[:100]}; export the "
+                "model so that it needs the image alone",
+                self.path,
+            )
+        if len(shape) != 4 or shape[1] != 3 or shape[0] not in (1, None, str(shape[0])):
+            remedy = ""
+            if len(shape) == 4 and isinstance(shape[0], int) and shape[0] > 1:
+                remedy = ": export it with batch=1"
+            elif len(shape) == 4 and shape[3] == 3:
+                remedy = ": the order of TensorFlow; export it from PyTorch"
+            raise DataError(f"expected one input [1, 3, height, width], found {shape}{remedy}", self.path)
+        if images.type not in INPUT_TYPES:
+            raise DataError(f"expected an input of floating-point numbers, found {images.type}", self.path)
+        return images, sizes
+
+    def _recognised(self) -> OutputLayout:
+        """The layout of the outputs, from those for a black image.
+
+        A network that takes every size gets a small image, and one of its usual size if that does not tell.
+        """
+        usual = self._default_size
+        sizes = [(self._width or TEST_WIDTH, self._height or TEST_HEIGHT)]
+        if not (self._width and self._height):
+            sizes.append((self._width or usual, self._height or usual))
+        refusals = []
+        names = [output.name for output in self._session.get_outputs()]
+        for width, height in sizes:
+            values = self._run(np.zeros((1, 3, height, width), self._type), width, height)
+            outputs = [Output(name, array) for name, array in zip(names, values, strict=True)]
+            try:
+                return recognise(outputs, self._metadata, width, height)
+            except UnusableOutput as error:
+                refusals.append(str(error))
+        raise DataError(refusals[-1], self.path)
+
+    def _expects_height_first(self) -> bool:
+        """Whether a network with the input of sizes expects the height of the image first, not the width.
+
+        The boxes are pixels of the original image, so that their x grow with its width.
+        """
+        width, height = self._width or self._default_size, self._height or self._default_size
+        black = np.zeros((1, 3, height, width), self._type)
+        widest = []
+        for sizes in TEST_SIZES:
+            corners, _ = self._layout.reader.read(self._run(black, *sizes), *sizes)
+            widest.append(np.abs(corners[:, [0, 2]]).max(initial=0.0))
+        return bool(widest[0] < widest[1])
 
 
 def _open_session(path: Path, threads: int, provider: str) -> Any:
     provider_class = PROVIDERS[provider]
     if provider_class not in onnxruntime.get_available_providers():
         raise DataError(f"provider {provider} is not in this ONNX Runtime: install onnxruntime-gpu instead")
+    model_files(path)  # raises `DataError` for missing files of weights
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
     options.log_severity_level = LOG_FATAL
@@ -166,7 +283,10 @@ def _open_session(path: Path, threads: int, provider: str) -> Any:
     try:
         session = onnxruntime.InferenceSession(str(path), options, providers=[provider_class])
     except Exception as error:  # ONNX Runtime's exception types have no common base class
-        raise DataError(f"is not a model that ONNX Runtime can load: {_first_line(error)}", path) from None
+        words = f"is not a model that ONNX Runtime can load: {_first_line(error)}"
+        if TENSORRT.search(str(error)):
+            words += "; it was exported for TensorRT: export it without its suppression (without --end2end)"
+        raise DataError(words, path) from None
     if session.get_providers()[0] != provider_class:
         raise DataError(f"provider {provider} did not start: expected an NVIDIA GPU with CUDA and cuDNN")
     return session

@@ -10,6 +10,8 @@ import numpy as np
 from vo_lib.config import change, preset
 from vo_lib.data.sequence import Sequence
 from vo_lib.data.truth import matches_on_moving
+from vo_lib.detection.labels import with_label_numbers
+from vo_lib.detection.model_files import model_files
 from vo_lib.detection.models import find_model
 from vo_lib.detection.settings import DetectorConfig
 from vo_lib.detection.yolo import NetworkOutput, YoloDetector
@@ -53,8 +55,8 @@ _motions: Memory[FrameResult] = Memory(48)
 def detector_of(model: str) -> YoloDetector:
     """A detector with all its classes, loaded once; the box rule selects the classes."""
     path = find_model(model.strip())
-    key = (path.resolve(), path.stat().st_mtime_ns)
-    return _detectors.get(key, lambda: YoloDetector(path, DetectorConfig(classes=())))
+    key = (path.resolve(), *(file.stat().st_mtime_ns for file in model_files(path)))
+    return _detectors.get(key, lambda: YoloDetector(path))
 
 
 def frame_candidates(sequence: Sequence, frame: int, detector: YoloDetector) -> NetworkOutput:
@@ -68,7 +70,8 @@ def frame_boxes(sequence: Sequence, frame: int, model: str, score: float, nms: f
     if model.strip() == LABELS:
         return sequence.boxes(frame)
     detector = detector_of(model)
-    return detector.select_boxes(frame_candidates(sequence, frame, detector), score, nms)
+    boxes = detector.select_boxes(frame_candidates(sequence, frame, detector), score, nms)
+    return with_label_numbers(detector, boxes)
 
 
 def filtered_frame(
@@ -202,7 +205,7 @@ class FilteringPanel(Panel):
             return caption(plain, f"{len(boxes)} boxes of the label folder, no network")
         output = frame_candidates(state.sequence, state.frame, detector_of(state.view.model))
         letterbox = output.letterbox
-        corners = (boxes.xyxy + 0.5) * letterbox.scale + (letterbox.left, letterbox.top) * 2
+        corners = letterbox.to_network(boxes.xyxy)
         count = int(np.count_nonzero(output.scores.max(axis=1) >= score))
         words = f"network's image: {count} candidates orange, {len(boxes)} final boxes blue"
         return candidates_picture(image, output, score, corners, words)

@@ -1,0 +1,105 @@
+"""What an ONNX file says about its network: class names, task, image size, the kind of head.
+
+Ultralytics writes these entries as Python text; other programs write JSON, or nothing at all.
+"""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+SMALLEST_INPUT_PX = 32
+MAX_INPUT_PX = 4096  # a larger size in a model's metadata is ignored
+MAX_CLASSES = 10_000  # no detector has more; a larger number is not a class
+TRANSFORMER_HEAD = "RTDETRDecoder"  # Ultralytics' name for the head of RT-DETR
+EXPECTED_NAMES = "expected names such as {0: 'car', 1: 'truck'}, numbered from 0"
+
+# What literal_eval and json raise for text that is not theirs, deep nesting included.
+UNREADABLE = (ValueError, SyntaxError, TypeError, MemoryError, RecursionError)
+
+
+@dataclass(frozen=True)
+class Metadata:
+    """Entries of a model that tell how to read its output.
+
+    Attributes
+    ----------
+    names : class names in the order of the model's class numbers, None if the file has none.
+    task : what the network was made for, such as "detect" or "segment"; "" if the file does not say.
+    one_to_one : the network gives each object one box, so that nothing is left to suppress.
+    transformer : the boxes are those of RT-DETR: centre and size, as shares of the image.
+    size : longer side of the training images, pixels; None if the file does not say.
+    """
+
+    names: tuple[str, ...] | None = None
+    task: str = ""
+    one_to_one: bool = False
+    transformer: bool = False
+    size: int | None = None
+
+
+def read_metadata(entries: Mapping[str, str]) -> Metadata:
+    """The metadata of a model from its entries (text by key).
+
+    Raises ValueError for class names that cannot be read.
+    """
+    arguments = _evaluated(entries.get("args", ""))
+    suppressed = isinstance(arguments, dict) and arguments.get("nms") is True
+    transformer = entries.get("head") == TRANSFORMER_HEAD
+    return Metadata(
+        names=read_names(entries.get("names", "")),
+        task=entries.get("task", "").strip().lower(),
+        one_to_one=entries.get("end2end", "").strip().lower() == "true" or suppressed,
+        transformer=transformer or "rtdetr" in entries.get("description", "").lower(),
+        size=read_size(entries.get("imgsz", "")),
+    )
+
+
+def read_names(text: str) -> tuple[str, ...] | None:
+    """Class names from text: a list, or a mapping from 0, 1, 2 … in any order, as Python or JSON write it.
+
+    None for an empty text or no names. Raises ValueError for other text.
+    """
+    if not text.strip():
+        return None
+    found = _evaluated(text)
+    if isinstance(found, dict):
+        found = _in_order(found)
+    if not isinstance(found, (list, tuple)) or len(found) > MAX_CLASSES:
+        raise ValueError(f"its class names cannot be read: {EXPECTED_NAMES}, found {text.strip()[:60]!r}")
+    if not all(isinstance(name, (str, int)) for name in found):
+        raise ValueError(f"its class names are not all text: {EXPECTED_NAMES}")
+    return tuple(" ".join(str(name).split()) for name in found) or None
+
+
+def read_size(text: str) -> int | None:
+    """Longer side, in pixels, from a model's metadata such as "[640, 640]" or "640"; None for other text."""
+    sides = [int(side) for side in re.findall(r"[0-9]{1,9}", text)]
+    valid = sides and min(sides) >= SMALLEST_INPUT_PX and max(sides) <= MAX_INPUT_PX
+    return max(sides) if valid else None
+
+
+def _evaluated(text: str) -> Any:
+    """The value of a Python literal, else of JSON; None for other text."""
+    for read in (ast.literal_eval, json.loads):
+        try:
+            return read(text.strip())
+        except UNREADABLE:
+            continue
+    return None
+
+
+def _in_order(found: dict[Any, Any]) -> list[Any]:
+    """The names of a mapping, sorted by number; ValueError unless the numbers are 0, 1, 2 … without a gap."""
+    try:
+        by_number = {int(key): name for key, name in found.items()}
+    except (ValueError, TypeError):
+        raise ValueError(f"its class names have no numbers: {EXPECTED_NAMES}") from None
+    if len(by_number) != len(found) or sorted(by_number) != list(range(len(found))):
+        numbers = ", ".join(str(number) for number in sorted(by_number)[:8])
+        raise ValueError(f"its class names have the numbers {numbers}: {EXPECTED_NAMES}")
+    return [by_number[number] for number in range(len(found))]

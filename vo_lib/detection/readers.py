@@ -1,0 +1,216 @@
+"""From the outputs of a network to corners and class scores of all its boxes.
+
+A reader knows where in the outputs the numbers are and what they mean; `outputs.recognise` chooses it. All
+readers return corners in pixels of the network's image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry.types import Array, BoolArray
+from .layout import STRIDES
+from .metadata import MAX_CLASSES
+
+# What the four numbers of a box are: centre and size; two corners; or, relative to the cell of a grid and in
+# logarithms, as in YOLOX before decoding.
+BoxForm = Literal["centre", "corners", "cell"]
+Outputs = Sequence[NDArray[Any]]
+
+LARGEST_SHARE = 2.0  # boxes up to here are shares of the image: no object is this small in pixels
+LARGEST_LOG = 20.0  # of a box's size in strides; avoids an overflow
+NO_OBJECT = 0.01  # rows below this score are empty, whatever their class number
+
+
+class UnusableOutput(ValueError):
+    """The outputs of a network cannot be read; the message says why, without the file's name."""
+
+
+class Candidates(NamedTuple):
+    """All boxes of a network: corners (N, 4) x0, y0, x1, y1 in pixels of its image, and scores (N, C)."""
+
+    corners: Array
+    scores: Array
+
+
+class Reader(Protocol):
+    """How to read the outputs of a network."""
+
+    def read(self, outputs: Outputs, width: int, height: int) -> Candidates:
+        """The boxes in a network's outputs for an image of this size, pixels.
+
+        Raises `UnusableOutput` if the values contradict the layout.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class ClassColumns:
+    """One table with a row per box: four numbers of the box, perhaps objectness, a score for each class.
+
+    Attributes
+    ----------
+    index : number of the output. columns_first : the table is (columns, N), otherwise (N, columns).
+    form : what the numbers of a box are.
+    objectness : column 4 is the probability of an object, by which the class scores are multiplied.
+    classes : number of classes; further columns are mask coefficients.
+    """
+
+    index: int
+    columns_first: bool
+    form: BoxForm
+    objectness: bool
+    classes: int
+
+    def read(self, outputs: Outputs, width: int, height: int) -> Candidates:
+        """See `Reader.read`."""
+        table = table_of(outputs[self.index])
+        rows = (table.T if self.columns_first else table).astype(np.float64)
+        corners = corners_of(rows[:, :4], self.form, width, height)
+        first = 5 if self.objectness else 4
+        scores = rows[:, first : first + self.classes]
+        # A network may return numbers that are not finite; `best_boxes` ignores them.
+        with np.errstate(invalid="ignore"):
+            return Candidates(corners, scores * rows[:, 4:5] if self.objectness else scores)
+
+
+@dataclass(frozen=True)
+class LabelColumn:
+    """One table with a row per box: four numbers of the box, its score, and the number of its class.
+
+    Attributes
+    ----------
+    index : number of the output. form : what the numbers of a box are.
+    box, score, label : first column of the box, columns of score and class number.
+    either : score and class number may also be in each other's column; the values tell.
+    classes : number of classes, None if unknown.
+    """
+
+    index: int
+    form: BoxForm
+    box: int
+    score: int
+    label: int
+    either: bool
+    classes: int | None
+
+    def read(self, outputs: Outputs, width: int, height: int) -> Candidates:
+        """See `Reader.read`."""
+        rows = table_of(outputs[self.index]).astype(np.float64)
+        corners = corners_of(rows[:, self.box : self.box + 4], self.form, width, height)
+        score, label = rows[:, self.score], rows[:, self.label]
+        if self.either and not is_score_and_label(score, label) and is_score_and_label(label, score):
+            score, label = label, score
+        return Candidates(corners, scores_by_class(score, label, self.classes))
+
+
+@dataclass(frozen=True)
+class SeparateOutputs:
+    """Boxes, scores and perhaps class numbers as outputs of their own.
+
+    Attributes
+    ----------
+    boxes, scores, labels, number : numbers of the outputs. Without `labels`, the scores are a table with a
+        column for each class. `number` is the count of the rows that are boxes; None: all.
+    boxes_first, scores_first : the table is (columns, N), otherwise (N, columns).
+    form : what the numbers of a box are. A fifth number is the score; `scores` is then None.
+    classes : number of classes, None if unknown.
+    """
+
+    boxes: int
+    scores: int | None
+    labels: int | None
+    number: int | None
+    boxes_first: bool
+    scores_first: bool
+    form: BoxForm
+    classes: int | None
+
+    def read(self, outputs: Outputs, width: int, height: int) -> Candidates:
+        """See `Reader.read`."""
+        table = table_of(outputs[self.boxes])
+        rows = (table.T if self.boxes_first else table).astype(np.float64)
+        count = len(rows) if self.number is None else min(int(outputs[self.number].ravel()[0]), len(rows))
+        corners = corners_of(rows[:count, :4], self.form, width, height)
+        if self.labels is None and self.scores is not None:
+            table = table_of(outputs[self.scores])
+            scores = (table.T if self.scores_first else table).astype(np.float64)
+            return Candidates(corners, scores[:count])
+        score = rows[:, 4] if self.scores is None else outputs[self.scores].ravel().astype(np.float64)
+        if self.labels is None:
+            return Candidates(corners, score[:count, None])
+        label = outputs[self.labels].ravel().astype(np.float64)
+        return Candidates(corners, scores_by_class(score[:count], label[:count], self.classes))
+
+
+def table_of(output: NDArray[Any]) -> NDArray[Any]:
+    """An output without its batch axis, and without axes of length 1 behind the first that is left."""
+    table = output[0] if output.ndim > 2 and output.shape[0] == 1 else output
+    while table.ndim > 2 and 1 in table.shape[1:]:
+        table = table.squeeze(axis=1 + table.shape[1:].index(1))
+    return table
+
+
+def corners_of(boxes: Array, form: BoxForm, width: int, height: int) -> Array:
+    """Corners (N, 4), pixels, of boxes (N, 4) in pixels or as shares of the image."""
+    if form == "cell":
+        return _decoded(boxes, width, height)
+    largest = np.max(np.abs(boxes), initial=0.0, where=np.isfinite(boxes))
+    if largest <= LARGEST_SHARE:
+        boxes = boxes * ((width, height) * 2)
+    return _around(boxes[:, :2], boxes[:, 2:]) if form == "centre" else boxes
+
+
+def scores_by_class(score: Array, label: Array, classes: int | None) -> Array:
+    """Scores (N, C) from the score (N,) and class number (N,) of each box; 0 for the other classes.
+
+    Raises `UnusableOutput` for a class number that is not a whole number, or is not below `classes`.
+    """
+    there = score >= NO_OBJECT
+    if not np.all(label[there] == np.rint(label[there])):
+        wrong = label[there][label[there] != np.rint(label[there])][0]
+        raise UnusableOutput(f"expected the number of a class for each box, found {wrong:g}")
+    largest = int(np.max(label, initial=0.0, where=there))
+    if largest >= (MAX_CLASSES if classes is None else classes):
+        raise UnusableOutput(f"a box has class {largest}, but the model has {classes or 'fewer'} classes")
+    there &= label >= 0
+    scores = np.zeros((len(score), largest + 1 if classes is None else classes))
+    rows = np.flatnonzero(there)
+    scores[rows, label[rows].astype(np.intp)] = score[rows]
+    return scores
+
+
+def is_score_and_label(score: Array, label: Array) -> bool:
+    """Whether these columns (N,) may be the scores, from 0 to 1, and the class numbers of boxes."""
+    return bool(is_share(score).all() and np.all((label == np.rint(label)) & (label >= -1)))
+
+
+def is_share(values: Array, slack: float = 1e-3) -> BoolArray:
+    """Mask of the values from 0 to 1, as scores are, up to `slack`."""
+    return np.asarray((values >= -slack) & (values <= 1 + slack))
+
+
+@np.errstate(invalid="ignore")
+def _decoded(boxes: Array, width: int, height: int) -> Array:
+    """Corners (N, 4) from the raw boxes (N, 4) of YOLOX.
+
+    A centre is relative to its cell, in strides, and a size is the logarithm of a number of strides.
+    """
+    cells = []
+    for stride in STRIDES:
+        y, x = np.mgrid[: height // stride, : width // stride]
+        cells.append(np.stack([x.ravel(), y.ravel(), np.full(x.size, stride)], axis=1))
+    cell = np.concatenate(cells)
+    stride_of = cell[:, 2:]
+    centre = (boxes[:, :2] + cell[:, :2]) * stride_of
+    return _around(centre, np.exp(np.minimum(boxes[:, 2:], LARGEST_LOG)) * stride_of)
+
+
+@np.errstate(invalid="ignore")
+def _around(centre: Array, size: Array) -> Array:
+    return np.concatenate([centre - size / 2, centre + size / 2], axis=1)
