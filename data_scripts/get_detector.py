@@ -14,10 +14,21 @@ import argparse
 import shlex
 from pathlib import Path
 
-from fetch.detectors import FETCHABLE, LICENCE, NAME, YOLOV8, Detector, fetch_detector, register_detector
+from fetch.detectors import (
+    FETCHABLE,
+    LICENCE,
+    NAME,
+    PAPERS_DETECTOR,
+    Detector,
+    fetch_detector,
+    how_to_export,
+    register_detector,
+)
 from fetch.download import confirm, format_bytes
-from vo_lib.commands.console import print_lines, reporting, show_table, typed
-from vo_lib.detection.models import detector_folder, list_detectors
+from vo_lib.commands.console import print_lines, print_wrapped, reporting, show_table, typed
+from vo_lib.detection.model_files import external_names
+from vo_lib.detection.models import MODELS, ULTRALYTICS, detector_folder, list_detectors
+from vo_lib.detection.yolo import YoloDetector
 from vo_lib.errors import DataError, did_you_mean
 
 
@@ -37,33 +48,64 @@ def run(options: argparse.Namespace) -> int:
     if options.name is None:
         if options.source is not None:
             raise DataError("the name is missing: get_detector NAME --from FILE")
-        local = list_detectors(folder)
-        rows = [
-            [d.name, format_bytes(d.size), d.about, "available" if d.name in local else "not downloaded"]
-            for d in FETCHABLE.values()
-        ]
-        rows += [
-            [name, format_bytes(path.stat().st_size), "registered", "available"]
-            for name, path in local.items()
-            if name not in FETCHABLE
-        ]
-        print_lines(f"detectors in {folder}")
-        show_table(["name", "size", "about", "state"], rows, numbers=False)
+        show_detectors(folder)
     elif options.source is not None:
         path = register_detector(options.name, options.source, folder)
-        print_lines(f"registered as {path}; `vo run` says if the detector finds no vehicle")
+        print_lines(f"registered as {path}", describe_classes(YoloDetector(path)))
     elif options.name in FETCHABLE:
         return fetch(FETCHABLE[options.name], folder, options.yes)
     elif (path := Path(options.name)).is_file():
         name = path.stem if NAME.fullmatch(path.stem) else "mine"
         command = typed(shlex.join(["vo", "data", "get_detector", name, "--from", str(path)]))
         raise DataError(f"is a file, expected a name; to register the file: {command}", path)
-    elif options.name.startswith("yolov8"):
-        print_lines(*YOLOV8)
+    elif ULTRALYTICS.fullmatch(options.name):
+        print_lines(*how_to_export(options.name))
     else:
-        near = did_you_mean(options.name, [*FETCHABLE, "yolov8n"])
+        near = did_you_mean(options.name, [*FETCHABLE, PAPERS_DETECTOR])
         raise DataError(f"unknown detector {options.name!r}; {near}expected one of {', '.join(FETCHABLE)}")
     return 0
+
+
+def show_detectors(folder: Path) -> None:
+    """Print the detectors that can be downloaded, exported, or used at once."""
+    local = list_detectors(folder)
+    rows = [["street", format_bytes(total_size(MODELS["street"])), "drawn streets only", "part of the kit"]]
+    rows += [
+        [d.name, format_bytes(d.size), d.about, "available" if d.name in local else "not downloaded"]
+        for d in FETCHABLE.values()
+    ]
+    if PAPERS_DETECTOR not in local:
+        rows.append([PAPERS_DETECTOR, "", "COCO, the paper's YOLOv8", "export it, see below"])
+    rows += [
+        [name, format_bytes(total_size(path)), "registered", "available"]
+        for name, path in local.items()
+        if name not in FETCHABLE
+    ]
+    print_lines(f"detectors in {folder}")
+    show_table(["name", "size", "about", "state"], rows, numbers=False)
+    print_wrapped(
+        f"`{typed(f'vo data get_detector {PAPERS_DETECTOR}')}` says how to export YOLOv8; the same goes for "
+        "yolo11n, yolo26n, rtdetr-l and Ultralytics' other models. Your own ONNX file: "
+        f"`{typed('vo data get_detector NAME --from FILE')}`, or give its path to --detector."
+    )
+
+
+def total_size(path: Path) -> int:
+    """Size of a model in bytes, with the files of weights that are there."""
+    parts = [path.parent / name for name in external_names(path)]
+    return sum(file.stat().st_size for file in (path, *parts) if file.is_file())
+
+
+def describe_classes(detector: YoloDetector) -> str:
+    """A line on the classes of a detector, and on where their names come from."""
+    if detector.names is None:
+        count = detector.class_count
+        numbers = "" if count is None else f", 0 to {count - 1}"
+        return f"the file has no class names: choose its classes by number{numbers}"
+    listed = ", ".join(detector.names[:8]) + (", …" if len(detector.names) > 8 else "")
+    if not detector.named:
+        return f"the file has no class names; 80 classes are taken as COCO's: {listed}"
+    return f"{len(detector.names)} classes: {listed}"
 
 
 def fetch(detector: Detector, folder: Path, yes: bool) -> int:

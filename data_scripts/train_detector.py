@@ -29,7 +29,9 @@ from training.dataset import SPLITS, DetectionSet, open_set
 from training.evaluated import refuse_evaluated
 from vo_lib.commands.common import parse_whole
 from vo_lib.commands.console import install, print_lines
+from vo_lib.detection.model_files import copy_model
 from vo_lib.detection.models import detector_folder, list_detectors
+from vo_lib.detection.yolo import YoloDetector
 from vo_lib.errors import DataError
 from vo_lib.files import write_atomic
 
@@ -92,7 +94,8 @@ def run(options: argparse.Namespace) -> int:
     except FAILURES as error:
         words = (str(error).splitlines() or [type(error).__name__])[0]
         raise DataError(f"Ultralytics: {words[:160]}") from None
-    write_atomic(model, exported.read_bytes())
+    copy_model(exported, model)
+    YoloDetector(model)  # raises `DataError` if the copy does not work
     (last.parent / "finished").touch()
     print_lines(f"{model}: mAP50 {result.box.map50:.3f}, mAP50-95 {result.box.map:.3f} on {split}")
     if options.register is not None:

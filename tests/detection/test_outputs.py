@@ -532,7 +532,7 @@ def test_results_that_cannot_be_boxes_are_refused(tmp_path: Path) -> None:
     for rows, words in (
         (np.full((300, 6), np.nan), "is not a number for any box: if it calculates with 16 bits"),
         (first(labelled(TRUTH * 64000)), "3 of 3 boxes are outside the image: the output, taken as end2end"),
-        (first(labelled(TRUTH * 640) + [0, 0, 0, 0, 0, 5]), "a box has class 7, but the model has 3 classes"),
+        (first(np.add(labelled(TRUTH * 640), [0, 0, 0, 0, 0, 5])), "a box has class 7, but the model has 3"),
     ):
         outputs = {"output0": rows.astype(np.float32)[None]}
         described = {**metadata, "end2end": "True"}

@@ -14,7 +14,7 @@ from tiny_onnx import write_answering
 
 from vo_lib.data.sequence import Sequence
 from vo_lib.detection.class_names import choose_classes, class_numbers
-from vo_lib.detection.labels import wanted_classes, with_label_numbers
+from vo_lib.detection.label_folders import wanted_classes, with_label_numbers
 from vo_lib.detection.layout import best_boxes, fit_letterbox, yolox_cells
 from vo_lib.detection.models import MODELS
 from vo_lib.detection.yolo import YoloDetector

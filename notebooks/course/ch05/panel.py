@@ -10,7 +10,7 @@ import numpy as np
 from vo_lib.config import change, preset
 from vo_lib.data.sequence import Sequence
 from vo_lib.data.truth import matches_on_moving
-from vo_lib.detection.labels import with_label_numbers
+from vo_lib.detection.label_folders import with_label_numbers
 from vo_lib.detection.model_files import model_files
 from vo_lib.detection.models import find_model
 from vo_lib.detection.settings import DetectorConfig
