@@ -105,7 +105,7 @@ def describe_classes(detector: YoloDetector) -> str:
     listed = ", ".join(detector.names[:8]) + (", …" if len(detector.names) > 8 else "")
     if not detector.named:
         return f"the file has no class names; 80 classes are taken as COCO's: {listed}"
-    return f"{len(detector.names)} classes: {listed}"
+    return f"{len(detector.names)} {'class' if len(detector.names) == 1 else 'classes'}: {listed}"
 
 
 def fetch(detector: Detector, folder: Path, yes: bool) -> int:

@@ -19,7 +19,7 @@ _COCO = """
     microwave, oven, toaster, sink, refrigerator, book, clock, vase, scissors, teddy bear, hair drier,
     toothbrush
 """
-COCO = tuple(name.strip() for name in _COCO.split(","))
+COCO = tuple(" ".join(name.split()) for name in _COCO.split(","))
 # Names of other data sets, KITTI's among them, and the COCO names for them.
 OTHER_NAMES = {
     "vehicle": "car",

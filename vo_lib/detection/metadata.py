@@ -84,8 +84,11 @@ def read_size(text: str) -> int | None:
 
 
 def _evaluated(text: str) -> Any:
-    """The value of a Python literal, else of JSON; None for other text."""
-    for read in (ast.literal_eval, json.loads):
+    """The value of JSON, else of a Python literal; None for other text.
+
+    JSON is first: Python would read the two halves of JSON's escaped characters as two characters.
+    """
+    for read in (json.loads, ast.literal_eval):
         try:
             return read(text.strip())
         except UNREADABLE:

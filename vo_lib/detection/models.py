@@ -48,11 +48,15 @@ def find_model(name: str | Path, folder: Path | None = None) -> Path:
             command = f"yolo export model={path.name} format=onnx"
             raise DataError(f"is a file of PyTorch, expected ONNX; make it with: {command}", path)
         return path
-    known = path.stem in (*files, *DOWNLOADABLE) or ULTRALYTICS.fullmatch(path.stem)
+    obtainable = path.stem in DOWNLOADABLE or ULTRALYTICS.fullmatch(path.stem)
     if path.suffix.lower() in (".onnx", *PYTORCH) or path.parent != Path():
-        how = f"; `vo data get_detector {path.stem}` says how to get this model" if known else ""
+        how = ""
+        if path.stem in files:
+            how = f"; the detector of this name is given as {path.stem}"
+        elif obtainable:
+            how = f"; `vo data get_detector {path.stem}` says how to get this model"
         raise DataError(f"no such file{how}", path)
-    if known:
+    if obtainable:
         raise DataError(f"the detector {name} is not on this machine; use: vo data get_detector {name}")
     near = did_you_mean(path.stem, [*files, *DOWNLOADABLE, "yolov8n"])
     expected = f"expected an ONNX file or one of {', '.join(files)}"
