@@ -254,7 +254,8 @@ def _from_six(
             return OutputLayout("rtdetr", reader, 2, "stretched", one_to_one=True)
         else:
             raise _refusal(outputs, "expected the columns x0, y0, x1, y1, score, class")
-    corners = not metadata.transformer and _are_corners(used[:, :4])
+    # The metadata go first: a network without training may give corners in any order.
+    corners = not metadata.transformer and (metadata.one_to_one or _are_corners(used[:, :4]))
     form: BoxForm = "corners" if corners else "centre"
     reader = LabelColumn(index, form, box=0, score=9 - label, label=label, either=False, classes=classes)
     if form == "centre" and (shares or metadata.transformer):
