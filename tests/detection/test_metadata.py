@@ -44,7 +44,7 @@ def test_any_names_survive(names: list[str], as_json: bool) -> None:
     assert read_names(text) == tuple(" ".join(name.split()) for name in names)
 
 
-@pytest.mark.parametrize("text", ["", "  ", "{}", "[]"])
+@pytest.mark.parametrize("text", ["", "  ", "{}", "[]", "None", "null"])
 def test_no_names_are_no_names(text: str) -> None:
     assert read_names(text) is None
 

@@ -256,9 +256,20 @@ def nas_batch(corners: Table, net: tuple[int, int]) -> Outputs:
     }
 
 
-def mmdeploy(corners: Table, net: tuple[int, int]) -> Outputs:
-    dets = first(np.column_stack([corners, SCORES]), 100)[None]
-    return {"dets": dets, "labels": first(CLASSES[:, None], 100)[None, :, 0].astype(np.int64)}
+def ai_hub(corners: Table, net: tuple[int, int]) -> Outputs:
+    """Qualcomm's exports for phones: all cells, with the best class of each as a byte."""
+    count = cells(net)
+    return {
+        "boxes": table(count, corners)[None],
+        "scores": table(count, SCORES[:, None])[None, :, 0],
+        "class_idx": table(count, CLASSES[:, None])[None, :, 0].astype(np.uint8),
+    }
+
+
+def one_class(corners: Table, net: tuple[int, int]) -> Outputs:
+    """Boxes and the scores of one class; the other two boxes are of no class."""
+    count = cells(net)
+    return {"boxes": table(count, corners)[None], "scores": table(count, SCORES[:, None])[None]}
 
 
 @dataclass(frozen=True)
@@ -320,8 +331,8 @@ EXPORTS = {
     "yolov4": Export(yolov4, "boxes-scores", names=None),
     "four classes": Export(four_classes, "boxes-scores", names=None),
     "without batch": Export(without_batch, "boxes-scores", names=None),
+    "ai hub": Export(ai_hub, "boxes-scores-classes", names=None),
     "yolo-nas batch": Export(nas_batch, "boxes-scores-classes", image_kind=UINT8, names=None),
-    "mmdeploy": Export(mmdeploy, "boxes-scores-classes"),
 }
 
 
@@ -364,6 +375,16 @@ def test_every_kind_of_export_gives_the_boxes(
     tolerance = 0.5 * image[1] / 640 + 0.5 if export.output_type == np.float16 else 0.02
     assert_true_boxes(detector.detect(np.zeros(image, np.uint8)), image, tolerance)
     assert_true_boxes(detector.detect(np.zeros((*image, 3), np.uint8)), image, tolerance)
+
+
+@pytest.mark.parametrize("names", [None, ("car",)])
+def test_boxes_and_scores_of_one_class(names: tuple[str, ...] | None, tmp_path: Path) -> None:
+    path = written(
+        tmp_path / "m.onnx", Export(one_class, "boxes-scores", names=names), (375, 1242), (640, 640)
+    )
+    found = YoloDetector(path).detect(np.zeros((375, 1242), np.uint8))
+    assert found.class_id.tolist() == [0, 0, 0]
+    np.testing.assert_allclose(found.xyxy, TRUTH * [1242, 375, 1242, 375] - 0.5, atol=0.02)
 
 
 def test_only_grids_are_suppressed(tmp_path: Path) -> None:
@@ -469,7 +490,17 @@ REFUSED: dict[str, tuple[dict[str, Any], dict[str, str], str]] = {
     "two heads": (
         {"output0": (1, 84, 8400), "output1": (1, 84, 8400)},
         {},
-        "none, or more than one, of the outputs",
+        "two heads, as of YOLOv9 with its auxiliary",
+    ),
+    "two tables": (
+        {"output0": (1, 84, 8400), "output1": (1, 84, 2100)},
+        {},
+        "none, or more than one, of the outputs looks like boxes",
+    ),
+    "mmdetection": (
+        {"dets": (1, 100, 5), "labels": (1, 100)},
+        {},
+        "as of MMDetection, whose networks expect images with their mean taken out",
     ),
     "ssd": ({"detections": (1, 1, 200, 7)}, {}, "unknown layout of the outputs detections [1, 1, 200, 7]"),
     "indices": (

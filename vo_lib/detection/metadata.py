@@ -16,6 +16,7 @@ SMALLEST_INPUT_PX = 32
 MAX_INPUT_PX = 4096  # a larger size in a model's metadata is ignored
 MAX_CLASSES = 10_000  # no detector has more; a larger number is not a class
 TRANSFORMER_HEAD = "RTDETRDecoder"  # Ultralytics' name for the head of RT-DETR
+NO_NAMES = ("", "None", "null")
 EXPECTED_NAMES = "expected names such as {0: 'car', 1: 'truck'}, numbered from 0"
 
 # What literal_eval and json raise for text that is not theirs, deep nesting included.
@@ -62,9 +63,9 @@ def read_metadata(entries: Mapping[str, str]) -> Metadata:
 def read_names(text: str) -> tuple[str, ...] | None:
     """Class names from text: a list, or a mapping from 0, 1, 2 … in any order, as Python or JSON write it.
 
-    None for an empty text or no names. Raises ValueError for other text.
+    None for an empty text, "None" or no names. Raises ValueError for other text.
     """
-    if not text.strip():
+    if text.strip() in NO_NAMES:
         return None
     found = _evaluated(text)
     if isinstance(found, dict):

@@ -280,7 +280,7 @@ def _from_separate(
     form: BoxForm = "corners" if _are_corners(rows[:, :4]) else "centre"
     names = metadata.names
     known = None if names is None else len(names)
-    if len(wide) == 1 and not lists and rows.shape[1] == 4:
+    if len(wide) == 1 and not lists and number is None and rows.shape[1] == 4:
         scores, scores_first = wide[0], len(table_of(outputs[wide[0]].values)) != len(rows)
         table = table_of(outputs[scores].values)
         classes = table.shape[0] if scores_first else table.shape[1]
@@ -294,21 +294,15 @@ def _from_separate(
         scores, labels = _scores_and_labels(outputs, lists)
         separate = SeparateOutputs(boxes, scores, labels, number, boxes_first, False, form, known)
         return OutputLayout("boxes-scores-classes", separate, known, one_to_one=not on_grid)
-    if not wide and len(lists) == 1 and (rows.shape[1] == 5 or known in (None, 1)):
-        only = lists[0]
-        scored = rows.shape[1] == 5  # the list has the class numbers, otherwise the scores of one class
-        classes_of_boxes = known if scored else 1
-        separate = SeparateOutputs(
-            boxes,
-            None if scored else only,
-            only if scored else None,
-            number,
-            boxes_first,
-            False,
-            form,
-            classes_of_boxes,
+    if not wide and len(lists) == 1 and rows.shape[1] == 4 and known in (None, 1):
+        separate = SeparateOutputs(boxes, lists[0], None, number, boxes_first, False, form, 1)
+        return OutputLayout("boxes-scores", separate, 1, one_to_one=not on_grid)
+    if rows.shape[1] == 5:
+        words = (
+            "boxes with scores and a list of classes, as of MMDetection, whose networks expect images with "
+            "their mean taken out"
         )
-        return OutputLayout("boxes-scores-classes", separate, classes_of_boxes, one_to_one=not on_grid)
+        raise _refusal(outputs, words)
     raise _refusal(outputs, "expected one output of boxes and one of scores, or boxes, scores and classes")
 
 
@@ -328,7 +322,12 @@ def _boxes_output(outputs: Sequence[Output], tables: Sequence[int]) -> tuple[int
         large = [each for each in fitting if each not in scores]
         fitting = next((few for few in (named, large) if len(few) == 1), fitting)
     if len(fitting) != 1:
-        raise _refusal(outputs, "none, or more than one, of the outputs looks like boxes")
+        words = "none, or more than one, of the outputs looks like boxes"
+        if not fitting and len({outputs[k].values.shape for k in tables}) == 1:
+            words = (
+                "two heads, as of YOLOv9 with its auxiliary branch: convert the weights to those without it"
+            )
+        raise _refusal(outputs, words)
     return fitting[0]
 
 

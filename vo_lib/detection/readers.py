@@ -118,12 +118,12 @@ class SeparateOutputs:
     boxes, scores, labels, number : numbers of the outputs. Without `labels`, the scores are a table with a
         column for each class. `number` is the count of the rows that are boxes; None: all.
     boxes_first, scores_first : the table is (columns, N), otherwise (N, columns).
-    form : what the numbers of a box are. A fifth number is the score; `scores` is then None.
+    form : what the numbers of a box are.
     classes : number of classes, None if unknown.
     """
 
     boxes: int
-    scores: int | None
+    scores: int
     labels: int | None
     number: int | None
     boxes_first: bool
@@ -137,13 +137,13 @@ class SeparateOutputs:
         rows = (table.T if self.boxes_first else table).astype(np.float64)
         count = len(rows) if self.number is None else min(int(outputs[self.number].ravel()[0]), len(rows))
         corners = corners_of(rows[:count, :4], self.form, width, height)
-        if self.labels is None and self.scores is not None:
+        if self.labels is None:
             table = table_of(outputs[self.scores])
+            if table.size == len(rows):  # one class, in a row or in a column
+                table = table.reshape(-1, 1)
             scores = (table.T if self.scores_first else table).astype(np.float64)
             return Candidates(corners, scores[:count])
-        score = rows[:, 4] if self.scores is None else outputs[self.scores].ravel().astype(np.float64)
-        if self.labels is None:
-            return Candidates(corners, score[:count, None])
+        score = outputs[self.scores].ravel().astype(np.float64)
         label = outputs[self.labels].ravel().astype(np.float64)
         return Candidates(corners, scores_by_class(score[:count], label[:count], self.classes))
 
