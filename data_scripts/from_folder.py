@@ -38,6 +38,7 @@ from fetch.stereo_sources import MAX_DELAY_S, Drive, FolderSource, Source, Video
 from vo_lib.commands.console import print_lines, reporting, typed
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.kitti import read_times
+from vo_lib.data.pose_times import refuse_intervals
 from vo_lib.data.poses import read_kitti_poses
 from vo_lib.errors import DataError
 
@@ -111,6 +112,7 @@ def run(options: argparse.Namespace) -> int:
     print_lines(*check_source(source, rig, options.anyway, outdoors=not isinstance(source, Drive)))
     if options.times is not None:
         times = read_times(options.times)
+        refuse_intervals(times, options.times)
     elif options.fps is not None:
         times = None
     elif times is None and not rate:

@@ -16,12 +16,12 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from measure.axes import MAX_ANGLE_DEG, fit_axes
+from measure.axes import MAX_ANGLE_DEG, fit_axes, limit_note
 from vo_lib.commands.common import parse_lengths, parse_whole
-from vo_lib.commands.console import print_lines, show_table
+from vo_lib.commands.console import print_lines, print_wrapped, show_table
 from vo_lib.data.poses import read_kitti_poses
 from vo_lib.errors import DataError
-from vo_lib.evaluation.kitti_errors import KITTI_LENGTHS, KITTI_STEP, kitti_errors
+from vo_lib.evaluation.kitti_errors import KITTI_LENGTHS, KITTI_STEP, count_words, kitti_errors
 from vo_lib.report.page import format_number
 
 
@@ -42,7 +42,8 @@ def run(options: argparse.Namespace) -> int:
     lengths, step = parse_lengths(options.lengths), parse_whole("--step", options.step)
     truth, estimate = (read_kitti_poses(path) for path in (options.truth, options.estimate))
     if len(truth) != len(estimate):
-        raise DataError(f"has {len(estimate)} rows, {options.truth} has {len(truth)}", options.estimate)
+        counts = f"has {len(estimate)} rows, {options.truth} has {len(truth)}"
+        raise DataError(f"{counts}: both need a pose for the same frames", options.estimate)
     measured, turned = kitti_errors(truth, estimate, lengths, step), fit_axes(truth, estimate, lengths, step)
     if not len(measured):
         raise DataError(f"is shorter than {min(lengths):g} m: choose smaller --lengths", options.truth)
@@ -56,6 +57,10 @@ def run(options: argparse.Namespace) -> int:
             format_number(turned.kitti.re),
         ],
     ]
-    print_lines(f"{len(measured)} sub-sequences; angles up to {MAX_ANGLE_DEG:g} deg")
+    print_lines(f"{count_words(len(measured))}; angles up to {MAX_ANGLE_DEG:g} deg")
     show_table(["", "pitch deg", "yaw deg", "TE %", "RE deg/100 m"], rows)
+    if turned.at_limit:
+        verb = "is" if len(turned.at_limit) == 1 else "are"
+        angles = " and ".join(turned.at_limit)
+        print_wrapped("note: " + limit_note(f"the fitted {angles} {verb}"))
     return 0

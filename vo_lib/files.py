@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 import hashlib
 import io
@@ -45,12 +46,24 @@ def read_bytes(path: str | Path) -> bytes:
 
 
 def read_text(path: str | Path) -> str:
-    """Text of a UTF-8 file, with line ending \\n; `DataError` if the file cannot be read or is not text."""
+    """Text of a file in UTF-8 or UTF-16, with line ending \\n; `DataError` for a file without such text."""
     data = read_bytes(path)
     try:
-        return data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+        return data.decode(_encoding(data)).replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError:
         raise DataError("is not a text file", path) from None
+
+
+def _encoding(data: bytes) -> str:
+    """The encoding of a text: by its byte order mark or, in UTF-16 without a mark, by its zero bytes."""
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
+    # The first character of a table or of a setting is in ASCII, so one of its two bytes is zero.
+    if len(data) % 2 == 0 and data[1:2] == b"\0" and data[:1] != b"\0":
+        return "utf-16-le"
+    if len(data) % 2 == 0 and data[:1] == b"\0" and data[1:2] not in (b"", b"\0"):
+        return "utf-16-be"
+    return "utf-8-sig"
 
 
 def read_mapping(path: str | Path, expected: str) -> dict[str, Any]:

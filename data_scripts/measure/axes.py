@@ -20,6 +20,7 @@ from vo_lib.geometry.motion import rigid, rotation_from_vector
 from vo_lib.geometry.types import Array
 
 MAX_ANGLE_DEG = 1.0
+AT_LIMIT_DEG = 1e-6  # an angle that is nearer to the limit than this is at the limit
 GRID_SHRINK, GRIDS = 0.6, 40  # the last grid is 1e-9° wide
 
 
@@ -33,6 +34,17 @@ class TurnedErrors:
     pitch: float
     yaw: float
     kitti: KittiErrors
+
+    @property
+    def at_limit(self) -> list[str]:
+        """Names of the angles that are at their limit; empty if the fit found a minimum inside the limits."""
+        angles = {"pitch": self.pitch, "yaw": self.yaw}
+        return [name for name, angle in angles.items() if is_at_limit(angle)]
+
+
+def is_at_limit(angle: float) -> bool:
+    """Whether a fitted angle, degrees, is at ± `MAX_ANGLE_DEG`."""
+    return abs(angle) > MAX_ANGLE_DEG - AT_LIMIT_DEG
 
 
 def axes_rotation(angles: ArrayLike) -> Array:
@@ -71,6 +83,14 @@ def fit_axes(
     turned = turn_axes(estimate, axes_rotation(best))
     pitch, yaw = best.tolist()
     return TurnedErrors(pitch, yaw, kitti_errors(truth, turned, lengths, step))
+
+
+def limit_note(where: str) -> str:
+    """A sentence on angles at their limit; `where` : these angles, such as "the fitted yaw is"."""
+    return (
+        f"{where} at the limit of {MAX_ANGLE_DEG:g}°, so a larger angle would lower TE further: TE is not "
+        "the smallest TE over all rotations."
+    )
 
 
 def is_raw_drive(sequence: Sequence) -> bool:

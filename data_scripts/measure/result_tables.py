@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 
-from measure.axes import fit_axes, is_raw_drive, te_and_re
+from measure.axes import MAX_ANGLE_DEG, fit_axes, is_at_limit, is_raw_drive, limit_note, te_and_re
 from measure.error_tables import Cell, Cells, compared, plain, tables, with_numbers
 from vo_lib.config import VARIANTS, change, preset
 from vo_lib.data.catalogue import SYNTHETIC
@@ -176,13 +176,24 @@ def page_tables(
     result += tables("Effect of the estimated calibration", learning, sentences, "sequence, method")
     result.append(plain("Axes of the truth, and the length of the path", "sequence, method", axes, 3))
     result[-1].notes.append(
-        "The column TE has the smallest TE over all constant rotations between the axes of the camera and "
-        "of the truth; pitch and yaw are the angles of this rotation (`vo data measure_axes`, seed 0). The "
+        "The column TE has the smallest TE over the constant rotations between the axes of the camera and of "
+        f"the truth up to {MAX_ANGLE_DEG:g}°; pitch and yaw are the angles of this rotation (`vo data "
+        "measure_axes`, seed 0). The "
         "column length has the length of the path minus the true length. The settings of the calibration "
         "were chosen on 00, 01, KITTI's raw drive 0005 and the drawn scenes, so these rows do "
         "not test the settings; see the appendix."
     )
+    limited = [label for label, row in axes.items() if any(_angles_at_limit(row))]
+    if limited:
+        result[-1].notes.append(limit_note(f"In {'; '.join(limited)}, a fitted angle is"))
     return result
+
+
+def _angles_at_limit(row: Mapping[str, float | None]) -> Iterator[bool]:
+    """Whether each fitted angle in a row of the table of axes is at its limit."""
+    for name, value in row.items():
+        if "°" in name and value is not None:
+            yield is_at_limit(value)
 
 
 def other_systems(systems: Mapping[str, Cells]) -> list[ReportTable]:

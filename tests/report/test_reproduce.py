@@ -87,25 +87,29 @@ def test_table1_compares_with_the_paper() -> None:
     runs = [(name, method) for name in ("01", *PAPER_ROWS[1:]) for method in methods]
     group = group_of(*(entry_of(f"kitti/{n}", EXPECTED_FRAMES[n], [1.0, 1.2], m) for n, m in runs))
     te, re = layout(group)
-    assert te.columns == ["method", "TE %, ours", "paper", "difference", "removed %"]
+    assert te.columns == ["method", "TE %, ours", "paper", "difference", "sub-seqs", "removed %"]
     assert re.columns[1] == "RE deg/100 m, ours"
     rows = {row[0]: row[1:] for row in te.rows}
     assert list(rows) == [f"{name} {m}" for name in (*PAPER_ROWS, "01", "pooled") for m in methods]
     printed = [row[2] for table in (te, re) for row in table.rows if row[2]]
     assert printed == ["2.00"] * 44 + ["2.000"] * 44
-    ours, _, difference, removed = rows["04 viso2"]
+    ours, _, difference, count, removed = rows["04 viso2"]
     assert ours.startswith("1.1")
     assert "±" in ours
     assert (difference, removed) == (f"−{2 - float(ours.split()[0]):.2f}", "25.0")
+    assert count == str(len(group.entries["kitti/04", "viso2"].results[0].kitti))
+    means, pooled = int(rows["Avg viso2"][3]), int(rows["pooled viso2"][3])
+    assert pooled - means == int(rows["01 viso2"][3])
     assert rows["04 moving_selection"][1:3] == rows["01 viso2"][1:3] == ["", ""]
-    assert rows["pooled viso2"][1:] == ["", "", ""]
+    assert rows["pooled viso2"][1:3] == ["", ""]
+    assert te.title.endswith("every 10 frames (as KITTI)")
 
 
 def test_drawn_scenes_have_no_printed_numbers() -> None:
     group = group_of(*(entry_of("synthetic/jam", 300, [1.0], m) for m in ("viso2", "mesvo_f")))
     (table,) = layout(group)
     assert table.title.startswith("synthetic/jam, variant kit: sub-sequences of")
-    assert table.columns == ["method", "TE %", "RE deg/100 m", "removed %"]
+    assert table.columns == ["method", "TE %", "RE deg/100 m", "sub-seqs", "removed %"]
     assert [row[0] for row in table.rows] == ["viso2", "mesvo_f"]
 
 
@@ -194,7 +198,7 @@ def test_table_as_markdown_and_csv() -> None:
     entries = [entry_of("kitti/00", 300, [1.0, 1.1], m) for m in ("viso2", "mesvo_f")]
     group = group_of(*entries, entry_of("kitti/02", 300, [2.0, 2.1]))
     (table,) = layout(group)
-    assert {len(row) for row in table.rows} == {len(table.columns)} == {4}
+    assert {len(row) for row in table.rows} == {len(table.columns)} == {5}
     assert "02 viso2" in (rows := [row[0] for row in table.rows])
     assert "02 mesvo_f" not in rows  # no row without a run
     assert "over 2 seeds" in table.notes[0]

@@ -19,7 +19,7 @@ from ..loops.find import Loops, find_loops
 from ..loops.graph import LoopClosure
 from ..loops.settings import LoopConfig
 from ..paper.settings import MethodConfig
-from ..report.page import ReportTable, format_number
+from ..report.page import COUNT_COLUMN, ReportTable, few_marked, format_number
 from ..runs.drive import single_threaded
 from ..runs.folder import LOOPS, LOOPS_POSES, POSES
 from ..runs.jobs import Outcome
@@ -74,10 +74,11 @@ def close_outcomes(outcomes: list[Outcome], config: LoopConfig) -> list[ReportTa
 
 
 def _errors_before_and_after(truth: Array, before: Array, closure: LoopClosure) -> list[float]:
-    """Number of loops, then ATE, TE and RE before and the same three after the closing; NaN for no error."""
+    """Numbers of loops and of sub-sequences, then ATE, TE and RE before and after; NaN for no error."""
     paths = {"before": before, "after": closure.poses}
-    numbers: list[float] = [len(closure.loops)]
-    for path in evaluate(truth, paths, suitable_protocol(truth)).paths:
+    result = evaluate(truth, paths, suitable_protocol(truth))
+    numbers: list[float] = [len(closure.loops), result.subsequences]
+    for path in result.paths:
         for error in (rmse(path.ate.distance), path.kitti.te, path.kitti.re):
             numbers.append(np.nan if error is None else error)
     return numbers
@@ -87,16 +88,16 @@ def _errors_table(errors_of_row: dict[str, list[list[float]]]) -> ReportTable:
     """The table of the means over the seeds, from the numbers of `_errors_before_and_after` of each seed."""
     rows = []
     for row, of_seeds in errors_of_row.items():
-        count, *means = np.mean(of_seeds, axis=0)
+        count, subsequences, *means = np.mean(of_seeds, axis=0)
         before = means[:3]
         after = means[3:]
         changes = [
             f"{format_number(old)} → {format_number(new)}" for old, new in zip(before, after, strict=True)
         ]
-        rows.append([row, format_number(count, 1), *changes])
+        rows.append([row, format_number(count, 1), *changes, few_marked(int(subsequences))])
     return ReportTable(
         "Not in the paper: loops closed by a pose graph",
-        ["sequence, variant, method", "loops", "ATE m", "TE %", "RE deg/100 m"],
+        ["sequence, variant, method", "loops", "ATE m", "TE %", "RE deg/100 m", COUNT_COLUMN],
         rows,
         ["Means over the seeds, before → after the closing of loops; ATE with SE3 alignment."],
     )

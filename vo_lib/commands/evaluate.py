@@ -22,9 +22,12 @@ def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo evaluate`."""
     parser.epilog = "example: vo evaluate runs/07 orb/07.txt --out figures"
     option = parser.add_argument
-    text = "folders of runs, and pose files of other systems in the format of KITTI, TUM or EuRoC"
+    text = (
+        "folders of runs, and pose files of other systems: with a line that names the columns (CSV), or in "
+        "the format of KITTI, TUM or EuRoC"
+    )
     option("paths", nargs="+", type=Path, metavar="RUN_OR_FILE", help=text)
-    text = "ground-truth file of all paths (KITTI, TUM or EuRoC); default: the truth of the runs' sequences"
+    text = "ground-truth file of all paths; default: the truth of the runs' sequences"
     option("--truth", type=Path, metavar="FILE", help=text)
     text = "sub-sequence lengths, metres; default 100,…,800, or 20,50,100 for short paths"
     option("--lengths", metavar="L,L,…", help=text)
@@ -50,11 +53,23 @@ def _evaluate(options: argparse.Namespace) -> int:
     alignment, delta = Alignment(options.alignment), parse_delta(options.delta)
     results = []
     for paths in read_paths(options.paths, options.truth, options.t_max_diff):
-        usual = suitable_protocol(paths.truth)
+        usual = suitable_protocol(paths.truth, paths.frames)
         measure = SubsequenceProtocol(lengths or usual.lengths, step or usual.step)
-        errors = evaluate(paths.truth, paths.estimates, measure, paths.times, alignment, delta)
+        errors = evaluate(
+            paths.truth,
+            paths.estimates,
+            measure,
+            paths.times,
+            alignment,
+            delta,
+            frames=paths.frames,
+            is_part=paths.is_part,
+        )
         results.append((paths, errors))
-    numbers = [{"sequence": paths.name} | result.to_dict("systems") for paths, result in results]
+    numbers = [
+        {"sequence": paths.name, "notes": list(paths.notes)} | result.to_dict("systems")
+        for paths, result in results
+    ]
     data = json.dumps({"sequences": numbers}, indent=2, allow_nan=False)
     missing = list[str]()
     if options.out is not None:
@@ -68,8 +83,7 @@ def _evaluate(options: argparse.Namespace) -> int:
     for paths, result in results:
         for table in evaluation_tables(paths.name, result):
             show_report_table(table)
-        if paths.matched:
-            print_wrapped(paths.matched)
+        print_wrapped(*paths.notes)
     if options.out is not None:
         print_wrapped(*missing)
         print_lines(f"written to {options.out}")

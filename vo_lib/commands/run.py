@@ -135,7 +135,8 @@ def _show(result: Run, method: str, estimates: dict[str, Array]) -> None:
         print_lines(f"{title}: no errors, since the sequence has no ground truth")
     else:
         measure = suitable_protocol(sequence.truth)
-        for table in evaluation_tables(title, evaluate(sequence.truth, estimates, measure, sequence.times)):
+        path_errors = evaluate(sequence.truth, estimates, measure, sequence.times, is_part=sequence.is_part)
+        for table in evaluation_tables(title, path_errors):
             show_report_table(table)
     rows = [["matches per frame, median", format_number(result.matches_per_frame, 0)]]
     if result.config.filter.rule != "none":

@@ -1,4 +1,4 @@
-"""Trajectory files in the formats of KITTI (12 numbers per row), TUM (t x y z qx qy qz qw) and EuRoC.
+"""Trajectory files with a header that names the columns, or in the formats of KITTI, TUM and EuRoC.
 
 A trajectory is an array (N, 4, 4) of poses `T_w_c`, which transform points from camera c to the world (for
 KITTI, the first left camera). Positions are in metres, times in seconds.
@@ -6,9 +6,11 @@ KITTI, the first left camera). Positions are in metres, times in seconds.
 
 from __future__ import annotations
 
+import csv
 import math
 import re
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +19,24 @@ from ..errors import DataError
 from ..files import read_text, write_atomic
 from ..geometry.motion import quaternion_from_rotation, rotation_from_quaternion
 from ..geometry.types import Array
+from .pose_columns import (
+    HEADER_EXAMPLE,
+    NANOSECONDS,
+    PoseColumns,
+    find_header,
+    is_comment,
+    read_columns,
+    separator_of,
+    split_cells,
+)
+from .pose_times import UNIT_NAMES, epoch_unit
 
 KITTI_ROW = "12 numbers, the upper 3×4 of a pose, row by row"
 TUM_ROW = "8 numbers, t x y z qx qy qz qw"
 EUROC_ROW = "8 or more numbers separated by commas, t in ns, x y z, qw qx qy qz"
-_EMPTY, _EUROC = re.compile(r"\s*$|#"), re.compile(r"\s*\d+\s*,\s*[^\s,]+\s*,")  # rows of pose files
+SMALLEST_ROW = 7  # numbers of a position and a quaternion
+SEPARATOR_NAMES = {",": "commas", ";": "semicolons", "\t": "tabulators"}
+_WHOLE_NANOSECONDS = re.compile(r"\s*\d+(\.0*)?\s*,(?:[^,]*,){6}")  # the time and six further numbers
 # Large enough for files with three digits, small enough to detect rows in another format.
 ROTATION_TOLERANCE = 1e-2
 TIME_TOLERANCE_S = 0.01  # largest time difference between corresponding poses
@@ -61,41 +76,174 @@ def read_tum(path: str | Path) -> tuple[Array, Array]:
     Lines that start with # are comments. Raises `DataError` with file and line if a row is not a time and a
     pose, or if the time does not increase.
     """
-    return _timed_poses(*read_rows(path, TUM_ROW, 8, comment="#"), path, TUM_ROW)
+    rows, lines = read_rows(path, TUM_ROW, 8, comment="#")
+    _check_increasing(rows[:, 0], lines, path)
+    return rows[:, 0], _poses(rows[:, 1:], lines, path, TUM_ROW)
 
 
 def read_euroc(path: str | Path) -> tuple[Array, Array]:
-    """Times (N,) in seconds and body poses (N, 4, 4) from a EuRoC truth file; errors as in `read_tum`."""
+    """Times (N,) in seconds and body poses (N, 4, 4) from a EuRoC truth file; errors as in `read_tum`.
+
+    A header with names for the columns decides their order and units.
+    """
+    header = find_header(read_text(path).splitlines())
+    if header is not None:
+        named = _read_named(path, header)
+        if named.times is None:
+            raise DataError(
+                "the header names no time: expected a column such as timestamp [ns]", path, header
+            )
+        return named.times, named.poses
     rows, lines = read_rows(path, EUROC_ROW, 8, comment="#", separator=",")
-    rows[:, 0] *= 1e-9
-    return _timed_poses(rows[:, [0, 1, 2, 3, 5, 6, 7, 4]], lines, path, EUROC_ROW)
+    times = NANOSECONDS * rows[:, 0]
+    _check_increasing(times, lines, path)
+    return times, _poses(rows[:, [1, 2, 3, 5, 6, 7, 4]], lines, path, EUROC_ROW)
 
 
-def read_path(path: Path) -> tuple[Array | None, Array]:
-    """Times (N,) and poses (N, 4, 4) from a file in KITTI, TUM or EuRoC format; times are None for KITTI."""
-    rows = (row for row in enumerate(read_text(path).splitlines(), start=1) if not _EMPTY.match(row[1]))
-    number, first = next(rows, (1, ""))
-    if _EUROC.match(first):
-        return read_euroc(path)
+class PoseFile(NamedTuple):
+    """Content of a pose file.
+
+    Attributes
+    ----------
+    times : (N,) seconds, or None for a file without times, whose row k is frame k.
+    poses : (N, 4, 4) T_w_c, metres.
+    notes : sentences on how the file was read, where the file itself does not say it.
+    """
+
+    times: Array | None
+    poses: Array
+    notes: tuple[str, ...] = ()
+
+
+def read_path(path: Path) -> PoseFile:
+    """Poses of a file with a header that names the columns, or in the format of KITTI, TUM or EuRoC.
+
+    Without a header, the order of the numbers is known by convention: 12 numbers separated by blanks are
+    KITTI's, 8 are TUM's, and a whole number of nanoseconds and 7 or more numbers, separated by commas, are
+    EuRoC's. Every other file is refused, since its order cannot be known. Times are not checked for their
+    unit: see `pose_times.refuse_intervals`.
+    """
+    lines = read_text(path).splitlines()
+    header = find_header(lines)
+    if header is not None:
+        return _read_named(path, header)
+    rows = [(number, line) for number, line in enumerate(lines, start=1) if line.strip()]
+    number, first = next(((n, line) for n, line in rows if not is_comment(line)), (1, ""))
+    separator = separator_of(first)
+    if separator == "," and _WHOLE_NANOSECONDS.match(first):
+        note = f"{path}: no line names the columns; read in EuRoC's order, t in ns, x y z, qw qx qy qz."
+        return PoseFile(*read_euroc(path), (note,))
     columns = len(first.split())
-    if columns not in (0, 8, 12):
-        expected = f"expected {KITTI_ROW} (KITTI), {TUM_ROW} (TUM), or {EUROC_ROW} (EuRoC)"
-        raise DataError(f"not a pose file: {columns} columns; {expected}", path, number)
-    return read_tum(path) if columns == 8 else (None, read_kitti_poses(path))
+    if separator in (None, "\t") and columns in (0, 12):
+        return PoseFile(None, read_kitti_poses(path))
+    if separator in (None, "\t") and columns == 8:
+        return PoseFile(*read_tum(path))
+    raise DataError(_unknown_order(first, separator), path, number)
 
 
-def _timed_poses(rows: Array, lines: list[int], path: str | Path, expected: str) -> tuple[Array, Array]:
-    """Checked times (N,) and poses (N, 4, 4) of rows (N, 8) in TUM's order."""
-    times = rows[:, 0]
+def _unknown_order(row: str, separator: str | None) -> str:
+    """The sentence for a file whose first row has no known order."""
+    columns = f"{len(row.split())} columns"
+    if separator is not None and len(row.split(separator)) >= SMALLEST_ROW:
+        columns = f"{len(row.split(separator))} columns separated by {SEPARATOR_NAMES[separator]}"
+    return (
+        f"not a pose file: {columns}; expected {KITTI_ROW} (KITTI), {TUM_ROW} (TUM), {EUROC_ROW} "
+        f"(EuRoC), or the names of the columns in a first line such as {HEADER_EXAMPLE!r}"
+    )
+
+
+def _read_named(path: str | Path, header: int) -> PoseFile:
+    """Poses of a file whose line `header`, counted from 1, names the columns."""
+    lines = read_text(path).splitlines()
+    rows = [
+        (number, line)
+        for number, line in enumerate(lines[header:], start=header + 1)
+        if line.strip() and not is_comment(line)
+    ]
+    if not rows:
+        raise DataError("no rows below the header", path, header)
+    separator = separator_of(rows[0][1])
+    columns = read_columns(lines[header - 1], header, path, separator)
+    numbers, values, without = list[int](), list[list[float]](), 0
+    for number, line in rows:
+        words = _words_of_pose(line, separator, columns, path, number)
+        if not any(words[-7:]):
+            without += 1  # a table of several topics has rows without a pose
+            continue
+        try:
+            values.append([finite_number(word) for word in words])
+        except ValueError as error:
+            raise DataError(f"{error}; the header is in line {header}", path, number) from None
+        numbers.append(number)
+    if not values:
+        raise DataError("no row has a pose", path, header)
+    table = np.array(values)
+    notes = [f"{path}: {without} rows without a pose are skipped."] if without else []
+    table[:, -7:-4] *= columns.metres
+    expected = f"{' '.join(columns.names[place] for place in columns.quaternion)} of length 1"
+    poses = _poses(table[:, -7:], numbers, path, expected)
+    if not columns.time and (columns.frame is None or epoch_unit(table[:, 0]) == 1.0):
+        if columns.frame is not None:
+            _check_frames(table[:, 0], numbers, path)
+        elif without:
+            raise DataError("rows without a pose in a file without times", path, header)
+        return PoseFile(None, poses, tuple(notes))
+    # Some data sets call the time of a frame, in nanoseconds since 1970, its number.
+    time = columns.time or ((columns.places[0], None),)
+    factors = [factor for _, factor in time]
+    times = np.zeros(len(table))
+    for place, factor in enumerate(factors):
+        unit = epoch_unit(table[:, place]) if factor is None else factor
+        times += unit * table[:, place]
+        if factor is None and unit != 1.0:
+            name = columns.names[time[place][0]]
+            notes.append(f"{path}: the numbers in {name} are read as {UNIT_NAMES[unit]} since 1970.")
+    _check_increasing(times, numbers, path)
+    return PoseFile(times, poses, tuple(notes))
+
+
+def _words_of_pose(
+    line: str, separator: str | None, columns: PoseColumns, path: str | Path, number: int
+) -> list[str]:
+    """The cells of a row in the order of `columns.places`."""
+    try:
+        cells = split_cells(line, separator)
+    except csv.Error as error:
+        raise DataError(f"is not CSV: {error}", path, number) from None
+    while len(cells) > len(columns.names) and not cells[-1]:
+        cells.pop()  # some programs write a separator after the last number
+    if len(cells) > len(columns.names):
+        named = f"the header in line {columns.line} names {len(columns.names)}"
+        raise DataError(f"{len(cells)} columns, but {named}", path, number)
+    last = max(columns.places)
+    if len(cells) <= last:
+        named = f"the header in line {columns.line} names {columns.names[last]} as column {last + 1}"
+        raise DataError(f"{len(cells)} columns, but {named}", path, number)
+    return [cells[place] for place in columns.places]
+
+
+def _check_increasing(times: Array, lines: list[int], path: str | Path) -> None:
+    """Raise `DataError` with the line if times (N,) do not increase."""
     _refuse(times[1:] <= times[:-1], "the time does not increase", path, lines[1:])
+
+
+def _check_frames(frames: Array, lines: list[int], path: str | Path) -> None:
+    """Raise `DataError` with the line unless frame numbers (N,) are 0, 1, 2, …"""
+    gaps = frames != np.arange(len(frames))
+    expected = "expected 0, 1, 2, … for every frame, or a column with times"
+    _refuse(gaps, f"a file without times has other frame numbers: {expected}", path, lines)
+
+
+def _poses(rows: Array, lines: list[int], path: str | Path, expected: str) -> Array:
+    """Checked poses (N, 4, 4) of rows (N, 7): x y z qx qy qz qw."""
     with np.errstate(over="ignore"):
-        invalid = ~(np.abs(np.linalg.norm(rows[:, 4:], axis=1) - 1.0) < ROTATION_TOLERANCE)
+        invalid = ~(np.abs(np.linalg.norm(rows[:, 3:], axis=1) - 1.0) < ROTATION_TOLERANCE)
     _refuse(invalid, f"the quaternion does not have length 1; expected {expected}", path, lines)
     T = np.tile(np.eye(4), (len(rows), 1, 1))
-    T[:, :3, :3] = [rotation_from_quaternion(q) for q in rows[:, 4:]]
-    T[:, :3, 3] = rows[:, 1:4]
+    T[:, :3, :3] = [rotation_from_quaternion(q) for q in rows[:, 3:]]
+    T[:, :3, 3] = rows[:, :3]
     _refuse(np.abs(T[:, :3, 3]).max(axis=1) > MAX_COORDINATE_M, TOO_FAR, path, lines)
-    return times, T
+    return T
 
 
 def match_times(
@@ -159,7 +307,7 @@ def read_rows(
             content = f"{len(words)} columns" if any(words) else blank
             raise DataError(f"{content}; expected {expected}", path, number)
         try:
-            rows.append([_number(word) for word in words[:columns]])
+            rows.append([finite_number(word) for word in words[:columns]])
         except ValueError as error:
             raise DataError(f"{error}; expected {expected}", path, number) from None
         numbers.append(number)
@@ -168,7 +316,8 @@ def read_rows(
     return np.array(rows), numbers
 
 
-def _number(word: str) -> float:
+def finite_number(word: str) -> float:
+    """The number in a word; `ValueError` for words that other programs read in another way, and for NaN."""
     try:
         value = math.nan if "_" in word else float(word)  # Python reads 1_0 as 10, other programs do not
     except ValueError:

@@ -16,7 +16,7 @@ from ..errors import DataError
 from ..geometry.boxes import Boxes, no_boxes
 from ..geometry.camera import StereoCamera
 from ..geometry.types import Array, Image
-from .kitti import list_frames, read_calibration, read_image, read_times
+from .kitti import EXPECTED_FRAMES, PART, list_frames, read_calibration, read_image, read_times
 from .label_files import read_labels
 from .poses import read_kitti_poses
 
@@ -36,6 +36,7 @@ class Sequence:
     labels : folder of YOLO label files, or None.
     masks : PNG image, or folder with one image per frame, or None. Features of the left images are ignored
         on non-zero pixels of the mask.
+    is_part : whether these are only a part of the frames of a sequence, such as a clip of the benchmark.
     """
 
     name: str
@@ -46,6 +47,7 @@ class Sequence:
     truth: Array | None
     labels: Path | None
     masks: Path | None = field(default=None, kw_only=True)
+    is_part: bool = field(default=False, kw_only=True)
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -94,6 +96,7 @@ class Sequence:
             frames=self.frames[start:stop],
             times=self.times[start:stop],
             truth=None if self.truth is None else self.truth[start:stop],
+            is_part=self.is_part or stop - start < len(self),
         )
 
 
@@ -131,6 +134,7 @@ def open_folder(folder: Path, name: str, labels: str | Path | None = None) -> Se
         times=_rows_of_frames(read_times(times), frames, times),
         truth=_find_truth(folder, frames),
         labels=_find_labels(folder, frames, labels),
+        is_part=(folder / PART).exists() or len(frames) < EXPECTED_FRAMES.get(folder.name, 0),
     )
 
 

@@ -15,6 +15,10 @@ from ..errors import DataError
 from ..geometry.motion import rotation_angle
 from ..geometry.types import Array, Index
 
+DISPLACEMENTS = 20  # number of parts of a path over which displacements are compared
+MAX_DISAGREEMENT = 0.25  # of displacements as seen from the poses, relative: 14° between the axes
+DISAGREEMENT_RATIO = 4.0  # to the disagreement as seen from the world
+
 
 class Alignment(Enum):
     """Transformation of the estimate before the comparison of positions."""
@@ -124,25 +128,84 @@ def absolute_error(truth: Array, estimate: Array, alignment: Alignment = Alignme
 
 
 def relative_error(
-    truth: Array, estimate: Array, delta: float = 1, path: Array | None = None
+    truth: Array,
+    estimate: Array,
+    delta: float = 1,
+    path: Array | None = None,
+    frames: Index | None = None,
 ) -> RelativeError:
     """RPE over the frames 0 to delta, delta to 2·delta, … (evo's default pairs), without an alignment.
 
+    truth : (N, 4, 4). estimate : (M, 4, 4).
     path : (N,) metres from the first true pose to each pose; `delta` is then in metres. A pair ends at the
     first pose at least `delta` ahead, and the next pair starts at this pose (evo: `--pairs_from_reference`).
+    frames : (M,) increasing numbers of the true poses to which the estimated poses belong; None: all. A pair
+    is `delta` frames of the truth apart, and both of its frames have an estimate.
     """
-    check_pair(truth, estimate)
+    frames = frames_of_truth(truth, estimate, frames)
     if path is None:
-        frames = np.arange(0, len(truth), int(delta))
+        starts, ends = _pairs_by_frames(frames, int(delta))
     else:
-        chain, end = list[int](), 0
-        while end < len(path):
-            chain.append(end)
-            end = int(np.searchsorted(path, path[end] + delta))
-        frames = np.array(chain)
-    error = motion_error(truth, estimate, frames[:-1], frames[1:])
+        starts, ends = _pairs_by_length(path[frames], delta)
+    error = motion_error(truth[frames], estimate, starts, ends)
     apart = Delta(delta, "frames" if path is None else "m")
     return RelativeError(apart, np.linalg.norm(error[:, :3, 3], axis=1), rotation_angle(error[:, :3, :3]))
+
+
+def _pairs_by_frames(frames: Index, delta: int) -> tuple[Index, Index]:
+    """Places in `frames` of pairs that are `delta` frames apart; a pair starts at the end of the previous."""
+    ends = np.searchsorted(frames, frames + delta)
+    starts = list[int]()
+    place = 0
+    while place < len(frames):
+        end = int(ends[place])
+        if end < len(frames) and frames[end] == frames[place] + delta:
+            starts.append(place)
+            place = end
+        else:
+            place += 1
+    chosen = np.array(starts, np.intp)
+    return chosen, ends[chosen]
+
+
+def _pairs_by_length(path: Array, delta: float) -> tuple[Index, Index]:
+    """Places of pairs at least `delta` apart along a path (M,), metres; a pair starts where another ends."""
+    chain = list[int]()
+    end = 0
+    while end < len(path):
+        chain.append(end)
+        end = int(np.searchsorted(path, path[end] + delta))
+    places = np.array(chain, np.intp)
+    return places[:-1], places[1:]
+
+
+def orientations_disagree(truth: Array, estimate: Array) -> bool:
+    """Whether two paths (N, 4, 4) have the same positions, but orientations of another convention.
+
+    Such orientations are those of another sensor, or quaternions in another order: TE and RE are then large
+    although the ATE is small. A displacement, seen from the world and seen from the pose before it, differs
+    between the paths by the drift of an odometry in both cases; here, it differs only as seen from the pose.
+    """
+    path = np.concatenate([np.zeros(1), np.cumsum(np.linalg.norm(np.diff(truth[:, :3, 3], axis=0), axis=1))])
+    if not path[-1] > 0:
+        return False
+    first, last = _pairs_by_length(path, float(path[-1]) / DISPLACEMENTS)
+    moved = truth[last, :3, 3] - truth[first, :3, 3]
+    length = np.linalg.norm(moved, axis=1)
+    if len(first) < 2 or not length.all():
+        return False
+    aligned, scale = align(truth, estimate, Alignment.SIM3)
+    by_world = aligned[last, :3, 3] - aligned[first, :3, 3] - moved
+    error = np.linalg.norm(_seen_from(estimate, first, last) * scale - _seen_from(truth, first, last), axis=1)
+    from_pose = float(np.median(error / length))
+    from_world = float(np.median(np.linalg.norm(by_world, axis=1) / length))
+    return from_pose > MAX_DISAGREEMENT and from_pose > DISAGREEMENT_RATIO * from_world
+
+
+def _seen_from(poses: Array, first: Index, last: Index) -> Array:
+    """Displacements (S, 3) from the poses `first` to the poses `last`, in the axes of the poses `first`."""
+    moved = poses[last, :3, 3] - poses[first, :3, 3]
+    return np.asarray(np.einsum("sij,si->sj", poses[first, :3, :3], moved))
 
 
 def _in(unit: str, errors: Array) -> dict[str, float | None]:
@@ -152,6 +215,19 @@ def _in(unit: str, errors: Array) -> dict[str, float | None]:
         return dict.fromkeys(names)
     values = [rmse(errors), float(np.mean(errors)), float(np.median(errors)), float(np.max(errors))]
     return dict(zip(names, values, strict=True))
+
+
+def frames_of_truth(truth: Array, estimate: Array, frames: Index | None) -> Index:
+    """Numbers (M,) of the true poses (N, 4, 4) to which the poses of an estimate (M, 4, 4) belong.
+
+    `frames` : these numbers, or None if every true pose has an estimated pose. Raises `DataError` if the
+    number of poses is wrong, or a pose is not finite.
+    """
+    if frames is None:
+        check_pair(truth, estimate)
+        return np.arange(len(truth))
+    check_pair(truth[frames], estimate)
+    return frames
 
 
 def check_pair(truth: Array, estimate: Array, where: str = "") -> None:

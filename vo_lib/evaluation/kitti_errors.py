@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..errors import DataError
 from ..geometry.rows import Rows
 from ..geometry.types import Array, Index
-from .ate_rpe import check_pair, motion_error
+from .ate_rpe import frames_of_truth, motion_error
 
 # Lengths for short paths; these sub-sequences start at every frame, and tables name the lengths.
 SHORT_LENGTHS = (20.0, 50.0, 100.0)  # metres
@@ -28,6 +28,8 @@ KITTI_STEP = 10  # frames from one start to the next
 KITTI_SPEEDS = tuple(float(v) for v in range(2, 25, 2))  # bin centres, m/s
 KITTI_FRAME_TIME = 0.1  # seconds; fixed in the devkit
 KITTI_BIN_MINIMUM = 3  # smallest number of sub-sequences for a point of the devkit's curves
+# With fewer sub-sequences, a single place of the path may decide the mean. KITTI's 04, the shortest, has 43.
+FEW_SUBSEQUENCES = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,45 +130,63 @@ def kitti_errors(
     lengths: Sequence[float] = KITTI_LENGTHS,
     step: int = KITTI_STEP,
     times: Array | None = None,
+    frames: Index | None = None,
 ) -> KittiErrors:
     """Errors of all sub-sequences of a sequence, equal to the errors of KITTI's development kit.
 
     For each length, sub-sequences start at every `step`-th frame and end at the first frame that is more than
     this length ahead. Both errors of inverse(Δest) Δgt are divided by the nominal length.
 
+    If some frames have no estimate, the next frame with an estimate takes the place of a missing end and,
+    before the following start, of a missing start. Errors of a sub-sequence that ends later for this reason
+    are divided by its true length.
+
     For KITTI's lengths, errors have the devkit's single precision and agree with the devkit in all digits.
     Single precision, 0.02° for angles, is too coarse for shorter lengths; all others have double precision.
 
     Parameters
     ----------
-    truth, estimate : (N, 4, 4) poses.
+    truth : (N, 4, 4) poses. estimate : (M, 4, 4) poses.
     lengths : nominal lengths, metres.
-    step : frames between starts.
+    step : frames of the truth between starts.
     times : (N,) seconds of the frames, for the speed; None: ten frames per second, as in the devkit.
+    frames : (M,) increasing numbers of the true poses to which the estimated poses belong; None: all.
 
     Returns
     -------
-    KittiErrors, sorted by the first frame, then in the order of `lengths`.
+    KittiErrors, sorted by the first frame, then in the order of `lengths`; frames are those of the truth.
     """
-    check_pair(truth, estimate)
+    frames = frames_of_truth(truth, estimate, frames)
     if len(lengths) == 0 or not all(0 < length < math.inf for length in lengths):
         raise DataError(f"lengths: expected positive numbers of metres, got {list(lengths)}")
     if step < 1:
         raise DataError(f"step: expected 1 frame or more, got {step}")
     path = _devkit_distances(truth)
     nominal = np.asarray(lengths, dtype=np.float32)
-    starts = np.arange(0, len(truth), step)
-    ends = np.searchsorted(path, path[starts, None] + nominal, side="right")
-    start, which = np.nonzero(ends < len(truth))
-    first, last = starts[start], ends[start, which]
+    starts = _first_matches(frames, np.arange(0, len(truth), step), step)
+    limits = path[frames[starts], None] + nominal
+    ends = np.searchsorted(path[frames], limits, side="right")
+    start, which = np.nonzero(ends < len(frames))
+    start_at, end_at = starts[start], ends[start, which]
+    first, last = frames[start_at], frames[end_at]
     length = np.asarray(lengths, dtype=np.float64)[which]
-    error = motion_error(truth, estimate, first, last)
-    single, double = (_sizes(error, length, dtype) for dtype in (np.float32, np.float64))
+    exact = last == np.searchsorted(path, limits, side="right")[start, which]
+    covered = np.where(exact, length, path[last].astype(np.float64) - path[first])
+    error = motion_error(truth[frames], estimate, start_at, end_at)
+    single, double = (_sizes(error, covered, dtype) for dtype in (np.float32, np.float64))
     t_err, r_err = np.where(np.isin(length, KITTI_LENGTHS), single, double)
     seconds = KITTI_FRAME_TIME * (last - first + 1) if times is None else times[last] - times[first]
-    speed = length / np.maximum(seconds, 1e-9)  # all times may be equal
+    speed = covered / np.maximum(seconds, 1e-9)  # all times may be equal
     # The devkit's rounding, so that a speed on the edge of a bin falls on the same side.
     return KittiErrors(first, last, length, t_err, r_err, speed.astype(np.float32).astype(np.float64))
+
+
+def _first_matches(frames: Index, starts: Index, step: int) -> Index:
+    """Places in `frames` of the first frame from each start to the next start, which is `step` later."""
+    places = np.searchsorted(frames, starts)
+    inside = places < len(frames)
+    places = places[inside]
+    return np.asarray(places[frames[places] < starts[inside] + step])
 
 
 @dataclass(frozen=True)
@@ -178,18 +198,40 @@ class SubsequenceProtocol:
 
     @property
     def words(self) -> str:
-        """The measure as text for a table: "100, 200, … 800 m, every 10 frames (as KITTI)"."""
+        """The lengths and starts as text for a table: "100, 200, … 800 m, every 10 frames"."""
         numbers = [f"{length:g}" for length in self.lengths]
         if len(numbers) > 4:
             numbers = [*numbers[:2], f"… {numbers[-1]}"]
         every = "every frame" if self.step == 1 else f"every {self.step} frames"
-        return ", ".join(numbers) + f" m, {every}" + (" (as KITTI)" if self == KITTI_PROTOCOL else "")
+        return ", ".join(numbers) + f" m, {every}"
+
+    def words_with(self, as_kitti: bool) -> str:
+        """`words`, and whether errors are computed as in KITTI's benchmark."""
+        return self.words + (" (as KITTI)" if as_kitti else "")
 
 
 KITTI_PROTOCOL = SubsequenceProtocol(KITTI_LENGTHS, KITTI_STEP)
 SHORT_PROTOCOL = SubsequenceProtocol(SHORT_LENGTHS, 1)
 
 
-def suitable_protocol(truth: Array) -> SubsequenceProtocol:
-    """KITTI's measure if the true path (N, 4, 4) is long enough, otherwise the measure of short paths."""
-    return KITTI_PROTOCOL if len(kitti_errors(truth, truth)) else SHORT_PROTOCOL
+def suitable_protocol(truth: Array, frames: Index | None = None) -> SubsequenceProtocol:
+    """KITTI's measure if the true path (N, 4, 4) is long enough, otherwise the measure of short paths.
+
+    `frames` : (M,) numbers of the true poses that are compared; None: all.
+    """
+    compared = truth if frames is None else truth[frames]
+    return KITTI_PROTOCOL if len(kitti_errors(truth, compared, frames=frames)) else SHORT_PROTOCOL
+
+
+def is_as_kitti(protocol: SubsequenceProtocol, subsequences: int, whole_truth: bool) -> bool:
+    """Whether errors may be called those of KITTI's benchmark: its rule on a whole path that is long enough.
+
+    `whole_truth` : whether every frame of a whole sequence has an estimate.
+    """
+    return protocol == KITTI_PROTOCOL and whole_truth and subsequences >= FEW_SUBSEQUENCES
+
+
+def count_words(subsequences: int) -> str:
+    """A number of sub-sequences as text, with a warning beside a small number: "5 sub-sequences (few)"."""
+    noun = "sub-sequence" if subsequences == 1 else "sub-sequences"
+    return f"{subsequences} {noun}" + (" (few)" if subsequences < FEW_SUBSEQUENCES else "")

@@ -9,10 +9,13 @@ from dataclasses import dataclass, field, replace
 from datetime import date
 from typing import Any
 
+from ..evaluation.kitti_errors import FEW_SUBSEQUENCES
 from ..files import csv_text
 from ..runs.identity import library_versions, machine_info
 
 NO_NUMBER = "–"
+COUNT_COLUMN = "sub-seqs"  # number of sub-sequences from which a row's errors come
+FEW_NOTE = f"few: fewer than {FEW_SUBSEQUENCES} sub-sequences, so a single place of the path may decide."
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,11 @@ def format_number(value: float | None, digits: int = 3) -> str:
 def signed(value: float, digits: int) -> str:
     """A difference as text, with its sign."""
     return f"{value:+.{digits}f}".replace("-", "−")
+
+
+def few_marked(subsequences: int) -> str:
+    """A number of sub-sequences as a cell, with "few" beside a small number."""
+    return str(subsequences) + (" (few)" if subsequences < FEW_SUBSEQUENCES else "")
 
 
 def plus_minus(mean: float | None, deviation: float | None) -> str:

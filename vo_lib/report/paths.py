@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import functools
 import shlex
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..data.catalogue import open_sequence
-from ..data.poses import TIME_TOLERANCE_S, match_times, read_path
+from ..data.pose_times import are_frame_numbers, interval_fault, refuse_intervals, time_mismatch, time_ranges
+from ..data.poses import TIME_TOLERANCE_S, TUM_ROW, PoseFile, match_times, read_path
 from ..errors import DataError
 from ..evaluation.ate_rpe import align, rmse
-from ..evaluation.kitti_errors import SHORT_PROTOCOL
-from ..evaluation.path_errors import Evaluation
+from ..evaluation.kitti_errors import FEW_SUBSEQUENCES, KITTI_PROTOCOL, SHORT_PROTOCOL, count_words
+from ..evaluation.path_errors import Evaluation, PathErrors
 from ..files import write_atomic
 from ..geometry.types import Array, Index
 from ..runs.folder import CONFIG, POSES, POSES_TUM, is_finished, read_config
-from .page import ReportTable, format_number, without_empty_columns
+from .page import COUNT_COLUMN, ReportTable, format_number, without_empty_columns
 from .plots import error_curves_figure, png, trajectories_figure
 from .table1 import ERROR_KINDS, slug
 
@@ -27,21 +28,37 @@ COMMON_STEMS = ("poses", "poses_tum", "data")  # file names in many folders, use
 # Smallest number of points of a curve: the devkit's speed bins overlap, so one speed falls into two or three.
 MIN_CURVE_POINTS = {"length": 2, "speed": 4}
 NEAREST_RUNS = 3  # number of run folders that a message names
+USUAL_MATCHES = 0.5  # share of the poses of the shorter file that have a partner; fewer are told
+USUAL_LENGTH_RATIOS = 0.5, 2.0  # of a path and its truth
 GIVE_TRUTH = "give its ground truth with --truth FILE"
 
 
 @dataclass(frozen=True, eq=False)
 class ComparedPaths:
-    """The true path (N, 4, 4) of a sequence, and estimates (N, 4, 4) of this path by label.
+    """The true path (N, 4, 4) of a sequence, and estimates (M, 4, 4) of this path by label.
 
-    `times` : (N,) seconds, or None if unknown. `matched` : a sentence if some true poses have no estimate.
+    Attributes
+    ----------
+    name : name of the sequence or of the truth file. truth : (N, 4, 4).
+    times : (N,) seconds of the true poses, or None if unknown.
+    estimates : paths (M, 4, 4) by label.
+    frames : (M,) numbers of the true poses that have an estimate in every path.
+    is_part : whether the truth is only a part of that of a sequence.
+    notes : sentences on how files were read, and on poses that are not compared.
     """
 
     name: str
     truth: Array
     times: Array | None
     estimates: dict[str, Array]
-    matched: str = ""
+    frames: Index
+    is_part: bool = False
+    notes: tuple[str, ...] = ()
+
+    @property
+    def compared_truth(self) -> Array:
+        """The true poses (M, 4, 4) that have an estimate in every path."""
+        return self.truth[self.frames]
 
 
 def read_paths(
@@ -63,8 +80,9 @@ def read_paths(
     if truth_file is None:
         truths = {source: _truth_of_run(source, config) for source, config in configs.items()}
     else:
-        times, poses = read_path(truth_file)
-        file_truth = ComparedPaths(_names(truth_file.absolute(), None)[0], poses, times, {})
+        file = read_path(truth_file)
+        name = _names(truth_file.absolute(), None)[0]
+        file_truth = _truth_alone(name, file.poses, file.times, notes=file.notes)
         truths = dict.fromkeys(sources, file_truth)
     by_name: dict[str, ComparedPaths] = {}
     for truth in truths.values():
@@ -81,7 +99,16 @@ def read_paths(
         files = [source / run_file if source in configs else source for source in members]
         labels = [_names(source, configs.get(source)) for source in members]
         compared.append(_compared(truth, files, labels, tolerance))
+    if truth_file is not None and file_truth.times is not None:
+        refuse_intervals(file_truth.times, truth_file, as_column=True)
     return compared
+
+
+def _truth_alone(
+    name: str, poses: Array, times: Array | None, is_part: bool = False, notes: tuple[str, ...] = ()
+) -> ComparedPaths:
+    """A true path before any estimate is compared with it."""
+    return ComparedPaths(name, poses, times, {}, np.arange(len(poses)), is_part, notes)
 
 
 def _without_run(folder: Path) -> DataError:
@@ -107,8 +134,11 @@ def _truth_of_run(folder: Path, config: dict[str, Any]) -> ComparedPaths:
     if (first, last) != (sequence.frames[0], sequence.frames[-1]):
         name += f", frames {int(first)}-{int(last)}"
         sequence = sequence.part(sequence.frames.index(first), sequence.frames.index(last) + 1)
-    assert sequence.truth is not None
-    return ComparedPaths(name, sequence.truth, sequence.times, {})
+    if sequence.truth is None:
+        raise DataError(f"{location} has no truth: {GIVE_TRUTH}", folder)
+    interval = interval_fault(sequence.times)
+    notes = (f"{location}: {interval}; speeds are wrong.",) if interval else ()
+    return _truth_alone(name, sequence.truth, sequence.times, sequence.is_part, notes)
 
 
 def _names(source: Path, config: dict[str, Any] | None) -> list[str]:
@@ -125,35 +155,75 @@ def _compared(
 ) -> ComparedPaths:
     """The paths at their common frames, with the shortest distinct labels."""
     matched = [_matched(file, truth, tolerance) for file in files]
-    common = functools.reduce(np.intersect1d, [rows for rows, _ in matched])
+    common = functools.reduce(np.intersect1d, [each.rows for each in matched])
     if len(common) < 2:
         condition = f"at the times of the other paths of {truth.name}, within --t-max-diff {tolerance:g} s"
         raise DataError(f"has fewer than two poses {condition}", files[-1])
     estimates = {}
-    for labels, (rows, poses) in zip(names, matched, strict=True):
+    for labels, each in zip(names, matched, strict=True):
         others = {name for other in names if other is not labels for name in other}
         label = next(name for name in labels if name not in others)
-        estimates[label] = poses[np.searchsorted(rows, common)]
-    times = None if truth.times is None else truth.times[common]
-    few = f"Matched {len(common)} of {len(truth.truth)} true poses." * (len(common) < len(truth.truth))
-    return ComparedPaths(truth.name, truth.truth[common], times, estimates, few)
+        estimates[label] = each.poses[np.searchsorted(each.rows, common)]
+    notes = list(truth.notes)
+    for each in matched:
+        notes += each.notes
+    if len(common) < len(truth.truth):
+        notes.append(f"Matched {len(common)} of {len(truth.truth)} true poses.")
+    return replace(truth, estimates=estimates, frames=common, notes=tuple(notes))
 
 
-def _matched(path: Path, truth: ComparedPaths, tolerance: float) -> tuple[Index, Array]:
-    """Rows of the truth with a corresponding pose in a file, and these poses."""
-    times, poses = read_path(path)
-    if times is not None and truth.times is not None:
-        rows, pose_rows = match_times(truth.times, times, tolerance)
-        return rows, poses[pose_rows]
-    if len(poses) != len(truth.truth):
-        counts = f"has {len(poses)} poses, but the truth of {truth.name} has {len(truth.truth)}"
-        raise DataError(f"{counts}: without times, row k of both files is frame k; cut the longer file", path)
-    return np.arange(len(poses)), poses
+class _MatchedFile(NamedTuple):
+    """Rows (M,) of the truth with a corresponding pose in a file, these poses (M, 4, 4), and notes."""
+
+    rows: Index
+    poses: Array
+    notes: list[str]
+
+
+def _matched(path: Path, truth: ComparedPaths, tolerance: float) -> _MatchedFile:
+    """The poses of a file that belong to true poses: those of equal times or, without times, all."""
+    file = read_path(path)
+    notes = list(file.notes)
+    if file.times is None or truth.times is None:
+        if file.times is not None:
+            refuse_intervals(file.times, path, as_column=True)
+        _require_same_frames(file, truth, path)
+        return _MatchedFile(np.arange(len(file.poses)), file.poses, notes)
+    rows, pose_rows = match_times(truth.times, file.times, tolerance)
+    if len(rows) < min(2, len(truth.truth)):
+        raise DataError(time_mismatch(file.times, truth.times, truth.name, tolerance), path)
+    refuse_intervals(file.times, path, as_column=True)
+    if len(rows) < USUAL_MATCHES * min(len(file.poses), len(truth.truth)):
+        ranges = time_ranges(file.times, truth.times, truth.name)
+        if are_frame_numbers(file.times):
+            raise DataError(f"the times are frame numbers, expected seconds: {ranges}", path)
+        notes.append(f"{path}: only {len(rows)} of {len(file.poses)} poses have a true pose: {ranges}.")
+    return _MatchedFile(rows, file.poses[pose_rows], notes)
+
+
+def _require_same_frames(file: PoseFile, truth: ComparedPaths, path: Path) -> None:
+    """Raise `DataError` if a file and the truth, one of which has no times, differ in length."""
+    if len(file.poses) == len(truth.truth):
+        return
+    counts = f"has {len(file.poses)} poses, but the truth of {truth.name} has {len(truth.truth)}"
+    if file.times is not None:
+        remedy = "give the truth with times"
+    elif truth.times is not None:
+        remedy = "give this file with times"
+    else:
+        remedy = "give both files with times"
+    raise DataError(
+        f"{counts}: without times, both need a pose for the same frames. If frames are missing, {remedy}, as "
+        f"{TUM_ROW} (TUM)",
+        path,
+    )
 
 
 def evaluation_tables(name: str, result: Evaluation) -> list[ReportTable]:
     """A table of the systems' errors on a sequence, and a table of TE and RE by length."""
-    measure, systems, rows = result.measure, result.paths, []
+    measure = result.measure
+    systems = result.paths
+    rows = []
     for s in systems:
         drift = map(rmse, (s.ate.distance, s.rpe.translation, np.degrees(s.rpe.rotation)))
         rows.append(
@@ -165,30 +235,86 @@ def evaluation_tables(name: str, result: Evaluation) -> list[ReportTable]:
             ]
         )
     columns = ["system", *(unit for unit, _ in ERROR_KINDS.values()), "ATE m", "RPE m", "RPE deg"]
-    first, head, title = systems[0], list[str](), name
+    first = systems[0]
+    title = name
+    head = list[str]()
     path = f"the path, {first.distance:.1f} m in {first.frames} frames, is shorter"
-    notes = [f"ATE {first.ate.alignment.words}: root mean square."]
-    has_rpe, interval = len(first.rpe.rotation) > 0, first.rpe.delta.words
-    notes.append(f"RPE {interval}: root mean square." if has_rpe else f"No RPE {interval}: {path}.")
-    if len(first.kitti):
-        title += f": sub-sequences of {measure.words}"
-        short = "Short path, so sub-sequences are shorter than KITTI's: not comparable with the benchmark."
-        head += [short] if measure == SHORT_PROTOCOL else []
+    notes = [f"ATE {first.ate.alignment.words}: root mean square.", _rpe_note(result, path)]
+    if result.subsequences:
+        title += f": {count_words(result.subsequences)} of {measure.words_with(result.as_kitti)}"
+        head += _caveats(result)
     else:
         notes.append(f"No TE and RE: {path} than the shortest sub-sequence, {min(measure.lengths):g} m.")
+    if result.frame_step > 1:
+        notes.append(
+            f"The compared poses are {result.frame_step} frames of the truth apart; intervals and starts in "
+            "frames are frames of the truth."
+        )
+    for system in systems:
+        notes += _doubts(system)
     by_length = []
     for length in measure.lengths:
         parts = [s.kitti[s.kitti.length == length] for s in systems]
-        if len(parts[0]):
-            by_length.append(
-                [f"{length:g} m", *(f"{format_number(part.te)} / {format_number(part.re)}" for part in parts)]
-            )
+        count = len(parts[0])
+        if count:
+            cells = [f"{format_number(part.te)} / {format_number(part.re)}" for part in parts]
+            by_length.append([f"{length:g} m", str(count), *cells])
     errors = ReportTable(title, columns, rows, notes, head)
     tables = [without_empty_columns(errors)]
     if by_length:
         names = [s.name for s in systems]
-        tables.append(ReportTable("TE % / RE deg/100 m by length", ["length", *names], by_length, []))
+        tables.append(
+            ReportTable("TE % / RE deg/100 m by length", ["length", COUNT_COLUMN, *names], by_length, [])
+        )
     return tables
+
+
+def _caveats(result: Evaluation) -> list[str]:
+    """Sentences above a table of errors that are not those of KITTI's benchmark."""
+    head = list[str]()
+    if result.measure == SHORT_PROTOCOL:
+        head.append(
+            "Short path, so sub-sequences are shorter than KITTI's: not comparable with the benchmark."
+        )
+    elif result.measure != KITTI_PROTOCOL:
+        head.append("Other sub-sequences than KITTI's: not comparable with the benchmark.")
+    elif not result.whole_truth:
+        head.append("Part of the truth, not comparable with whole sequences of the benchmark.")
+    if result.subsequences < FEW_SUBSEQUENCES:
+        head.append(
+            f"Fewer than {FEW_SUBSEQUENCES} sub-sequences: a single place of the path may decide TE and RE."
+        )
+    return head
+
+
+def _rpe_note(result: Evaluation, path: str) -> str:
+    """A sentence on the interval of the RPE, and why there is none; `path` says that the path is shorter."""
+    first = result.paths[0]
+    interval = first.rpe.delta.words
+    if len(first.rpe.rotation):
+        return f"RPE {interval}: root mean square."
+    step = result.frame_step
+    if first.rpe.delta.unit == "frames" and step > first.rpe.delta.size:
+        return f"No RPE {interval}: the compared poses are {step} frames apart; use --delta {step}f."
+    return f"No RPE {interval}: {path}."
+
+
+def _doubts(system: PathErrors) -> list[str]:
+    """Warnings about a path that is probably not in the frames, the units or the axes of the truth."""
+    doubts = list[str]()
+    name = system.name
+    shortest, longest = USUAL_LENGTH_RATIOS
+    if system.length_ratio is not None and not shortest <= system.length_ratio <= longest:
+        doubts.append(
+            f"warning: the path of {name} is {system.length_ratio:.3g} times as long as the truth: other "
+            "frames, another unit, or a path without scale (--alignment sim3)."
+        )
+    if system.other_orientations:
+        doubts.append(
+            f"warning: positions of {name} and of the truth agree, but orientations do not, so TE, RE and "
+            "RPE are meaningless: one file may have qw first, or axes of another sensor (IMU, not camera)."
+        )
+    return doubts
 
 
 def write_pictures(folder: Path, paths: ComparedPaths, result: Evaluation) -> list[str]:
@@ -198,9 +324,10 @@ def write_pictures(folder: Path, paths: ComparedPaths, result: Evaluation) -> li
     """
     file, alignment = slug(paths.name), result.paths[0].ate.alignment
     # The axes of the first camera, in which the path can be seen from above.
-    to_start = np.linalg.inv(paths.truth[0])
-    aligned = {name: to_start @ align(paths.truth, T, alignment)[0] for name, T in paths.estimates.items()}
-    figure = trajectories_figure({f"{paths.name}\n{alignment.words}": (paths.truth, aligned)})
+    truth = paths.compared_truth
+    to_start = np.linalg.inv(truth[0])
+    aligned = {name: to_start @ align(truth, T, alignment)[0] for name, T in paths.estimates.items()}
+    figure = trajectories_figure({f"{paths.name}\n{alignment.words}": (truth, aligned)})
     write_atomic(folder / f"trajectory_{file}.png", png(figure))
     missing = []
     for by, least in MIN_CURVE_POINTS.items():

@@ -15,7 +15,7 @@ from .. import settings
 from ..config import SETTINGS, change
 from ..data.sequence import Sequence
 from ..errors import DataError, did_you_mean
-from ..evaluation.kitti_errors import suitable_protocol
+from ..evaluation.kitti_errors import count_words, is_as_kitti, kitti_errors, suitable_protocol
 from ..evaluation.statistics import change_limit
 from ..paper.settings import MethodConfig
 from ..runs.folder import read_run
@@ -113,8 +113,11 @@ def run_sweep(
         entry = measure_runs(method, runs, measure) if runs else None
         fields = number_fields(np.zeros((2, 0)) if entry is None else entry.errors, entry)
         records.append(words | {"seeds": len(runs)} | fields | {"failed": "; ".join(causes)})
-    runs_text = f"{sequence.name}, {len(sequence)} frames, {method}, {base.variant}"
-    title = f"{runs_text}: {measure.words}; {seeds_text(seeds)}"
+    part = " (part of a sequence)" if sequence.is_part else ""
+    runs_text = f"{sequence.name}, {len(sequence)} frames{part}, {method}, {base.variant}"
+    count = len(kitti_errors(sequence.truth, sequence.truth, measure.lengths, measure.step))
+    measure_words = measure.words_with(is_as_kitti(measure, count, not sequence.is_part))
+    title = f"{runs_text}: {count_words(count)} of {measure_words}; {seeds_text(seeds)}"
     return Sweep(title, axes, records)
 
 

@@ -18,7 +18,13 @@ from ..data.kitti import EXPECTED_FRAMES
 from ..data.scenes import TABLE_SCENES
 from ..data.sequence import Sequence
 from ..errors import DataError
-from ..evaluation.kitti_errors import KITTI_PROTOCOL, KittiErrors, SubsequenceProtocol, suitable_protocol
+from ..evaluation.kitti_errors import (
+    KITTI_PROTOCOL,
+    KittiErrors,
+    SubsequenceProtocol,
+    is_as_kitti,
+    suitable_protocol,
+)
 from ..evaluation.path_errors import PathErrors, evaluate
 from ..evaluation.statistics import mean_and_deviation
 from ..files import read_csv
@@ -36,6 +42,7 @@ PRINTED_NAMES = dict(
 )
 PROPOSAL = "feature_selection"
 AVERAGE = "Avg"
+POOLED = "pooled"
 LEFT_OUT = "01"  # the highway, which has dashes in the paper's table
 # Numbers of sub-sequences of 00, 02 … 10 in the benchmark, the weights of its pooled mean.
 _NUMBERS = (3283, 3453, 184, 43, 1806, 570, 317, 2813, 958, 464)
@@ -98,6 +105,7 @@ class Entry:
     labels : whether the sequence has vehicle boxes.
     removed_share : share of matches removed in boxes for the first seed, in [0, 1].
     back_end_ms : mean time per frame of the back end (everything after the matches), milliseconds.
+    is_part : whether the sequence is only a part, such as a clip.
     """
 
     sequence: str
@@ -111,6 +119,17 @@ class Entry:
     labels: bool
     removed_share: float
     back_end_ms: float
+    is_part: bool
+
+    @property
+    def subsequences(self) -> int:
+        """Number of sub-sequences from which TE and RE of a seed come."""
+        return len(self.results[0].kitti)
+
+    @property
+    def as_kitti(self) -> bool:
+        """Whether TE and RE are computed as in KITTI's benchmark, over the truth of a whole sequence."""
+        return is_as_kitti(self.measure, self.subsequences, not self.is_part)
 
     @property
     def errors(self) -> Array:
@@ -156,6 +175,11 @@ class Group:
         complete = {entry.sequence for entry in self.entries.values() if entry.is_whole}
         return {f"{KITTI}{row}" for row in PAPER_ROWS[1:]} <= complete
 
+    @property
+    def measure_words(self) -> str:
+        """The sub-sequences as text, with "as KITTI" if that is true of every sequence."""
+        return self.measure.words_with(all(entry.as_kitti for entry in self.entries.values()))
+
     def of_method(self, method: str) -> list[Entry]:
         """Entries of a method, in the order of the sequences."""
         return [entry for (_, name), entry in self.entries.items() if name == method]
@@ -194,7 +218,7 @@ def measure_runs(method: str, runs: list[Run], measure: SubsequenceProtocol | No
         raise DataError(f"{sequence.name} has no ground truth, so there are no errors")
     measure = suitable_protocol(sequence.truth) if measure is None else measure
     estimates = {f"seed {run.config.seed}": run.poses for run in runs}
-    errors = evaluate(sequence.truth, estimates, measure, sequence.times)
+    errors = evaluate(sequence.truth, estimates, measure, sequence.times, is_part=sequence.is_part)
     back_end_ms = [
         sum(ms for stage, ms in motion.ms.items() if stage not in FRONT_END_STAGES)
         for run in runs
@@ -212,6 +236,7 @@ def measure_runs(method: str, runs: list[Run], measure: SubsequenceProtocol | No
         labels=sequence.labels is not None,
         removed_share=runs[0].removed_share,
         back_end_ms=float(np.mean(back_end_ms)),
+        is_part=sequence.is_part,
     )
 
 
@@ -357,7 +382,7 @@ def group_records(group: Group, paper: PaperTable) -> list[dict[str, Any]]:
     for (sequence, method), entry in highway_last:
         records.append(_record(group, paper, sequence, method, entry.errors))
     if several:
-        records += [_record(group, paper, "pooled", name, group.pooled(name)) for name in group.methods]
+        records += [_record(group, paper, POOLED, name, group.pooled(name)) for name in group.methods]
     return records
 
 
@@ -365,11 +390,15 @@ def _record(group: Group, paper: PaperTable, row: str, method: str, errors: Arra
     entry = group.entries.get((row, method))
     whole = group.is_papers if entry is None else entry.is_whole
     printed = paper.value(row.removeprefix(KITTI), method) if whole else (None, None)
+    counted = [entry] if entry is not None else group.of_method(method)
+    if entry is None and row != POOLED:
+        counted = [each for each in counted if each.sequence in group.averaged]
     record: dict[str, Any] = {
         "variant": group.variant,
         "sequence": row,
         "method": method,
-        "sub_sequences": group.measure.words,
+        "sub_sequences": group.measure_words,
+        "sub_sequence_count": sum(each.subsequences for each in counted),
         "seeds": errors.shape[1],
     }
     for kind, value in zip(ERROR_KINDS, printed, strict=True):

@@ -9,14 +9,17 @@ from urllib.parse import quote
 import numpy as np
 
 from ..data.catalogue import KITTI
-from ..evaluation.kitti_errors import KITTI_PROTOCOL
+from ..evaluation.kitti_errors import FEW_SUBSEQUENCES, KITTI_PROTOCOL, count_words
 from ..evaluation.statistics import COUNTED, NO_CHANGE, change_limit, mean_and_deviation
 from ..files import write_atomic
 from ..geometry.types import Array
 from .film import FILM_ENDING
 from .page import (
+    COUNT_COLUMN,
+    FEW_NOTE,
     Picture,
     ReportTable,
+    few_marked,
     format_number,
     markdown,
     plus_minus,
@@ -88,6 +91,8 @@ def layout_tables(group: Group, paper: PaperTable) -> list[ReportTable]:
         )
     if count > 1:
         tables[-1].notes.append(COUNTED)
+    if any(record["sub_sequence_count"] < FEW_SUBSEQUENCES for record in records):
+        tables[-1].notes.append(FEW_NOTE)
     return tables
 
 
@@ -113,9 +118,10 @@ def _table_of_ours(group: Group, records: list[dict[str, Any]]) -> ReportTable:
     rows = []
     for record in records:
         errors = [plus_minus(record[kind], record[f"{kind}_std"]) for kind in ERROR_KINDS]
-        rows.append([_row_name(group, record), *errors, _removed(record)])
-    title = f"{_title(group)}: sub-sequences of {group.measure.words}"
-    return ReportTable(title, ["method", *units, "removed %"], rows, [])
+        count = few_marked(record["sub_sequence_count"])
+        rows.append([_row_name(group, record), *errors, count, _removed(record)])
+    title = f"{_title(group)}: sub-sequences of {group.measure_words}"
+    return ReportTable(title, ["method", *units, COUNT_COLUMN, "removed %"], rows, [])
 
 
 def _table_beside_paper(group: Group, records: list[dict[str, Any]], kind: str) -> ReportTable:
@@ -129,9 +135,11 @@ def _table_beside_paper(group: Group, records: list[dict[str, Any]], kind: str) 
             beside = ["", ""]
         else:
             beside = [format_number(theirs, digits), signed(record[kind] - theirs, digits)]
-        rows.append([_row_name(group, record), ours, *beside, _removed(record)])
-    title = f"{_title(group)}, {unit.split()[0]}: sub-sequences of {group.measure.words}"
-    return ReportTable(title, ["method", f"{unit}, ours", "paper", "difference", "removed %"], rows, [])
+        count = few_marked(record["sub_sequence_count"])
+        rows.append([_row_name(group, record), ours, *beside, count, _removed(record)])
+    title = f"{_title(group)}, {unit.split()[0]}: sub-sequences of {group.measure_words}"
+    columns = ["method", f"{unit}, ours", "paper", "difference", COUNT_COLUMN, "removed %"]
+    return ReportTable(title, columns, rows, [])
 
 
 def _row_name(group: Group, record: dict[str, Any]) -> str:
@@ -146,10 +154,8 @@ def _removed(record: dict[str, Any]) -> str:
 
 def caveats(group: Group) -> list[str]:
     """Warnings above a table: incomplete sequences, non-standard sub-sequences."""
-    if not group.kitti:
-        return []
     notes = []
-    frames = {entry.sequence: len(entry.truth) for entry in group.entries.values()}
+    frames = {entry.sequence: len(entry.truth) for entry in group.entries.values() if group.kitti}
     parts = {name: count for name, count in frames.items() if count != BENCHMARK_FRAMES[name]}
     if parts:
         words = ", ".join(f"{name} ({n} of {BENCHMARK_FRAMES[name]} frames)" for name, n in parts.items())
@@ -192,6 +198,9 @@ def _comparison(group: Group, other: str) -> list[str]:
         f"{where}, {VARIANT_WORDS[group.variant]}: {PROPOSAL}, which removes the features in vehicle boxes, "
         f"{words} compared with {other}"
     )
+    count = sum(entry.subsequences for entry in group.of_method(PROPOSAL) if entry.sequence in rows)
+    if count < FEW_SUBSEQUENCES:
+        sentence += f", from {count_words(count)}"
     few = {1: "one seed", 2: "two seeds"}.get(errors_of_proposal.shape[1])
     if few:
         sentence += f"; with {few}, a change may be due to chance"
@@ -266,7 +275,7 @@ def _error_bars(groups: list[Group]) -> list[Picture]:
         errors = {key: entry.errors for key, entry in group.entries.items()}
         finite = {key: values for key, values in errors.items() if np.isfinite(values).all()}
         if finite:
-            figure = errors_figure(f"sub-sequences of {group.measure.words}", finite)
+            figure = errors_figure(f"sub-sequences of {group.measure_words}", finite)
             caption = f"Errors, one bar per method; {VARIANT_WORDS[group.variant]}."
             pictures.append(Picture(png(figure), caption))
     return pictures

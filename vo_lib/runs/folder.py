@@ -14,6 +14,7 @@ import numpy as np
 
 from .. import settings
 from ..config import config_class
+from ..data.pose_times import FRAME_INTERVALS_S
 from ..data.poses import format_kitti_poses, format_tum, read_kitti_poses
 from ..data.sequence import Sequence
 from ..errors import DataError
@@ -36,7 +37,6 @@ CALIBRATION = "calibration.json"
 PICTURE = "trajectory.png"
 LOOPS, LOOPS_POSES = "loops.csv", "poses_loops.txt"  # only after the closing of loops
 RUN_FILES = (CONFIG, POSES, POSES_TUM, LOG, CALIBRATION, METRICS, PICTURE, LOOPS, LOOPS_POSES)
-FRAME_INTERVALS_S = 1e-3, 10.0  # plausible; intervals in nanoseconds or milliseconds are outside
 COUNTS = {"matches": "matches", "removed": "removed_by_boxes", "used": "used", "inliers": "inliers"}
 STAGES = ("wait_images", "matching", "cached_matches", "filter", "rotation", "translation", "calibration")
 
@@ -85,9 +85,10 @@ def evaluate_run(result: Run) -> dict[str, Evaluation]:
     sequence, estimates = result.sequence, {result.sequence.name: result.poses}
     if sequence.truth is None:
         return {}
-    errors = {"kitti": evaluate(sequence.truth, estimates, times=sequence.times)}
+    is_part = sequence.is_part
+    errors = {"kitti": evaluate(sequence.truth, estimates, times=sequence.times, is_part=is_part)}
     if trajectory_distances(sequence.truth)[-1] < KITTI_LENGTHS[-1]:
-        errors["short"] = evaluate(sequence.truth, estimates, SHORT_PROTOCOL, sequence.times)
+        errors["short"] = evaluate(sequence.truth, estimates, SHORT_PROTOCOL, sequence.times, is_part=is_part)
     return errors
 
 

@@ -1,0 +1,155 @@
+"""Times of poses: plausible intervals, the likely unit, and the reason why the times of two files differ."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import DataError
+from ..geometry.types import Array, Index
+from .pose_columns import HEADER_EXAMPLE
+
+FRAME_INTERVALS_S = 1e-3, 10.0  # plausible; intervals in nanoseconds or milliseconds are outside
+ROUNDING = 0.01  # times since 1970 in seconds have steps of 2e-7 s, so an interval of 1 ms is not exact
+USUAL_INTERVAL_S = 0.1
+UNIT_NAMES = {1e-3: "milliseconds", 1e-6: "microseconds", 1e-9: "nanoseconds"}
+UNIT_SYMBOLS = {1e-3: "ms", 1e-6: "us", 1e-9: "ns"}
+_FACTORS = {1e-3: "1e3", 1e-6: "1e6", 1e-9: "1e9"}
+# Numbers of seconds since 1970 in the years 1973 to 5138; in another unit they are as many times larger.
+EPOCH_SECONDS = 1e8, 1e11
+MIN_COMMON_TIME = 0.1  # of the time of both paths together
+
+
+def median_interval(times: Array) -> float | None:
+    """Median difference of times (N,); None for a single time."""
+    return float(np.median(np.diff(times))) if len(times) > 1 else None
+
+
+def is_plausible(seconds: float) -> bool:
+    """Whether an interval, seconds, is one between the frames of a camera."""
+    shortest, longest = FRAME_INTERVALS_S
+    return shortest * (1 - ROUNDING) <= seconds <= longest * (1 + ROUNDING)
+
+
+def likely_unit(interval: float) -> float | None:
+    """The unit, seconds, in which an interval would be plausible and nearest to that of a camera."""
+    units = [unit for unit in (1.0, *UNIT_NAMES) if is_plausible(unit * interval)]
+    return min(units, key=lambda unit: abs(np.log(unit * interval / USUAL_INTERVAL_S)), default=None)
+
+
+def epoch_unit(times: Array) -> float:
+    """The unit, seconds, of times (N,) since 1970, from their size; 1 for other times."""
+    first, last = EPOCH_SECONDS
+    for unit in UNIT_NAMES:
+        if first <= unit * float(np.median(times)) < last:
+            return unit
+    return 1.0
+
+
+def interval_fault(times: Array) -> str:
+    """A sentence if the median interval of times (N,), seconds, is not plausible; "" otherwise."""
+    interval = median_interval(times)
+    if interval is None or is_plausible(interval):
+        return ""
+    shortest, longest = FRAME_INTERVALS_S
+    return f"the median interval of the times is {interval:.6g} s, expected {shortest:g} to {longest:g} s"
+
+
+def refuse_intervals(times: Array, path: str | Path, as_column: bool = False) -> None:
+    """Raise `DataError` with the likely unit if the median interval of times (N,), seconds, is not plausible.
+
+    `as_column` : whether the file may name the unit of its times in a header.
+    """
+    fault = interval_fault(times)
+    if fault:
+        unit = likely_unit(median_interval(times) or 1.0)
+        raise DataError(fault + _unit_words(unit, "they", as_column), path)
+
+
+def are_frame_numbers(times: Array) -> bool:
+    """Whether times (N,) are 0, 1, 2, … or 1, 2, 3, …"""
+    return bool(times[0] in (0.0, 1.0) and (np.diff(times) == 1.0).all())
+
+
+def time_ranges(times: Array, true_times: Array, truth_name: str) -> str:
+    """The first and last times (seconds) of a file and of the truth, as a sentence."""
+    return (
+        f"its times are {_digits(times[0])} to {_digits(times[-1])}, those of {truth_name} "
+        f"{_digits(true_times[0])} to {_digits(true_times[-1])}"
+    )
+
+
+def time_mismatch(times: Array, true_times: Array, truth_name: str, tolerance: float) -> str:
+    """The reason why fewer than two of `times` (N,) are those of true poses `true_times` (M,), seconds."""
+    ranges = time_ranges(times, true_times, truth_name)
+    start = f"fewer than two poses at the times of true poses, within --t-max-diff {tolerance:g} s: {ranges}"
+    theirs = f"those of {truth_name}"
+    own_unit = _unit_of(times)
+    true_unit = _unit_of(true_times)
+    if own_unit == true_unit == 1.0:
+        own_unit = _common_unit(times, true_times) or 1.0
+        true_unit = _common_unit(true_times, times) or 1.0
+    words = _unit_words(own_unit, "its times", as_column=True)
+    words += _unit_words(true_unit, theirs, as_column=True)
+    seconds = own_unit * times
+    true_seconds = true_unit * true_times
+    if _common_share(seconds, true_seconds) < MIN_COMMON_TIME:
+        offset = float(seconds[0] - true_seconds[0])
+        words += (
+            f"; the clocks differ by about {_digits(offset)} s: write the times of one clock in both files"
+        )
+    elif not words:
+        nearest = np.abs(times - true_times[_nearest(true_times, times)])
+        words = (
+            f"; the nearest times are {float(nearest.min()):.3g} s apart, so another clock, or --t-max-diff"
+        )
+    return start + words
+
+
+def _unit_of(times: Array) -> float:
+    """The unit, seconds, of times (N,), from their size if they count from 1970, or from their interval."""
+    unit = epoch_unit(times)
+    interval = median_interval(times)
+    if unit != 1.0 or interval is None or is_plausible(interval):
+        return unit
+    return likely_unit(interval) or 1.0
+
+
+def _common_unit(times: Array, true_times: Array) -> float | None:
+    """The unit, seconds, in which `times` are partly within the range of `true_times`, or None."""
+    shares = {unit: _common_share(unit * times, true_times) for unit in (1.0, *UNIT_NAMES)}
+    best = max(shares, key=lambda unit: shares[unit])
+    return best if shares[best] >= MIN_COMMON_TIME else None
+
+
+def _common_share(times: Array, others: Array) -> float:
+    """Time in which both paths have poses, divided by the time from the first to the last pose of both."""
+    common = min(times[-1], others[-1]) - max(times[0], others[0])
+    total = max(times[-1], others[-1]) - min(times[0], others[0])
+    return float(common / total) if total > 0 else 0.0
+
+
+def _nearest(sorted_times: Array, times: Array) -> Index:
+    """Indices (N,) of the nearest of the increasing `sorted_times` for each of `times` (N,)."""
+    after = np.clip(np.searchsorted(sorted_times, times), 1, max(len(sorted_times) - 1, 1))
+    before_is_nearer = np.abs(times - sorted_times[after - 1]) <= np.abs(
+        times - sorted_times[np.minimum(after, len(sorted_times) - 1)]
+    )
+    return np.asarray(np.minimum(after - before_is_nearer, len(sorted_times) - 1))
+
+
+def _unit_words(unit: float | None, whose: str, as_column: bool) -> str:
+    """What times probably are, and the remedy; "" for seconds or an unknown unit."""
+    if unit is None or unit == 1.0:
+        return ""
+    words = f"; {whose} are probably {UNIT_NAMES[unit]}: divide them by {_FACTORS[unit]}"
+    if not as_column:
+        return words
+    header = HEADER_EXAMPLE.replace("[s]", f"[{UNIT_SYMBOLS[unit]}]")
+    return f"{words}, or name their unit in a first line such as {header!r}"
+
+
+def _digits(seconds: float) -> str:
+    """A time with the digits that a file in seconds, or in nanoseconds, has."""
+    return f"{seconds:.3f}".rstrip("0").rstrip(".")
