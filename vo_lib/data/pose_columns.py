@@ -46,9 +46,10 @@ _POSITION_WORDS = {"p", "t", "pos", "position", "trans", "translation", "loc", "
 _QUATERNION_WORDS = {"q", "quat", "quaternion", "orientation", "ori", "rotation", "rot"}
 # Columns with one of these words have no part of a pose, although they may end in x, y or z.
 _OTHER_WORDS = {
-    *("v", "b", "vel", "velocity", "linear", "angular", "twist", "omega", "acc", "accel", "acceleration"),
+    *("vel", "velocity", "linear", "angular", "twist", "omega", "acc", "accel", "acceleration"),
     *("gyro", "mag", "bias", "gravity", "cov", "covariance", "std", "sigma", "var", "error"),
 }
+EUROC_OTHER = ("v_", "b_")  # velocities and biases in EuRoC's files
 _ANGLE_WORDS = {"roll", "pitch", "yaw", "euler", "heading", "rotvec", "rx", "ry", "rz"}
 _TAIT_OR_MATRIX = re.compile(r"(r|rot|t|m|q) ?\d ?\d?")  # r11, rot_00, T00 or q0, without blanks otherwise
 _JOINED = re.compile(
@@ -186,13 +187,15 @@ def _words(name: str) -> tuple[tuple[str, ...], str]:
     words = re.findall(r"[a-zµμ]+|\d+", separate)
     if not unit and len(words) > 1 and words[-1] in TIME_UNITS | LENGTH_UNITS:
         unit = words.pop()
+    if len(words) == 1 and len(words[0]) > 1 and words[0] in TIME_UNITS:
+        return ("time",), words[0]  # columns such as sec and nsec
     return tuple(words), unit
 
 
 def _role(column: Column) -> str | None:
     """The part of a pose in a column: x, y, z, qx, qy, qz or qw; None for every other column."""
     words = column.words
-    if _OTHER_WORDS.intersection(words):
+    if _OTHER_WORDS.intersection(words) or column.name.lower().startswith(EUROC_OTHER):
         return None
     for word in words:
         joined = _JOINED.fullmatch(word)

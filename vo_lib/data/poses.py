@@ -29,14 +29,16 @@ from .pose_columns import (
     separator_of,
     split_cells,
 )
-from .pose_times import UNIT_NAMES, epoch_unit
+from .pose_times import UNIT_NAMES, epoch_unit, is_plausible, likely_unit, median_interval
 
 KITTI_ROW = "12 numbers, the upper 3×4 of a pose, row by row"
 TUM_ROW = "8 numbers, t x y z qx qy qz qw"
 EUROC_ROW = "8 or more numbers separated by commas, t in ns, x y z, qw qx qy qz"
 SMALLEST_ROW = 7  # numbers of a position and a quaternion
 SEPARATOR_NAMES = {",": "commas", ";": "semicolons", "\t": "tabulators"}
-_WHOLE_NANOSECONDS = re.compile(r"\s*\d+(\.0*)?\s*,(?:[^,]*,){6}")  # the time and six further numbers
+_WHOLE_NUMBER = re.compile(r"\s*\d+(\.0*)?\s*,")  # the time in nanoseconds at the beginning of a row
+# Time and pose; with the velocity, as VINS writes them; with velocity and biases, as EuRoC does.
+EUROC_COLUMNS = (8, 11, 17)
 # Large enough for files with three digits, small enough to detect rows in another format.
 ROTATION_TOLERANCE = 1e-2
 TIME_TOLERANCE_S = 0.01  # largest time difference between corresponding poses
@@ -130,15 +132,36 @@ def read_path(path: Path) -> PoseFile:
     rows = [(number, line) for number, line in enumerate(lines, start=1) if line.strip()]
     number, first = next(((n, line) for n, line in rows if not is_comment(line)), (1, ""))
     separator = separator_of(first)
-    if separator == "," and _WHOLE_NANOSECONDS.match(first):
+    if separator == "," and _WHOLE_NUMBER.match(first) and _count_cells(first) in EUROC_COLUMNS:
+        times, poses = read_euroc(path)
+        _refuse_other_unit(times / NANOSECONDS, path)
         note = f"{path}: no line names the columns; read in EuRoC's order, t in ns, x y z, qw qx qy qz."
-        return PoseFile(*read_euroc(path), (note,))
+        return PoseFile(times, poses, (note,))
     columns = len(first.split())
     if separator in (None, "\t") and columns in (0, 12):
         return PoseFile(None, read_kitti_poses(path))
     if separator in (None, "\t") and columns == 8:
         return PoseFile(*read_tum(path))
     raise DataError(_unknown_order(first, separator), path, number)
+
+
+def _count_cells(row: str) -> int:
+    """Number of the cells of a row separated by commas; a comma after the last one does not count."""
+    return len(row.rstrip(" ,\r").split(","))
+
+
+def _refuse_other_unit(numbers: Array, path: Path) -> None:
+    """Raise `DataError` if the times (N,) of a file without a header are probably not nanoseconds."""
+    interval = median_interval(numbers)
+    if interval is None or is_plausible(NANOSECONDS * interval):
+        return
+    unit = likely_unit(interval)
+    words = "" if unit is None else f", and these are probably {UNIT_NAMES.get(unit, 'seconds')}"
+    raise DataError(
+        f"no line names the columns, and in EuRoC's order the first is the time in nanoseconds{words}: name "
+        f"the columns in a first line such as {HEADER_EXAMPLE!r}",
+        path,
+    )
 
 
 def _unknown_order(row: str, separator: str | None) -> str:
@@ -187,6 +210,7 @@ def _read_named(path: str | Path, header: int) -> PoseFile:
             _check_frames(table[:, 0], numbers, path)
         elif without:
             raise DataError("rows without a pose in a file without times", path, header)
+        notes.append(f"{path}: the header names no time, so row k is frame k.")
         return PoseFile(None, poses, tuple(notes))
     # Some data sets call the time of a frame, in nanoseconds since 1970, its number.
     time = columns.time or ((columns.places[0], None),)

@@ -251,7 +251,7 @@ def evaluation_tables(name: str, result: Evaluation) -> list[ReportTable]:
             "frames are frames of the truth."
         )
     for system in systems:
-        notes += _doubts(system)
+        head += _doubts(system)
     by_length = []
     for length in measure.lengths:
         parts = [s.kitti[s.kitti.length == length] for s in systems]
