@@ -24,7 +24,7 @@ from training.kitti_set import read_object_set
 from vo_lib import open_sequence, preset, run
 from vo_lib.data.kitti import read_calibration, read_image, read_part, read_times
 from vo_lib.data.label_files import read_labels
-from vo_lib.data.poses import read_euroc, read_kitti_poses, read_tum
+from vo_lib.data.poses import read_euroc, read_kitti_poses, read_path, read_tum
 from vo_lib.data.scenes import scene_config
 from vo_lib.data.truth import open_truth
 from vo_lib.kit.calibration import read_learnt_calibration
@@ -48,6 +48,7 @@ distortion_model: radial-tangential
 distortion_coefficients: [-0.2, 0.07, 0.0002, 0.00002]
 """
 TRUTH = "#timestamp, p, q\n1000000000, 0, 0, 0, 1, 0, 0, 0\n1050000000, 0, 0, 1, 1, 0, 0, 0\n"
+NAMED = "t [ns],x [m],y,z,qw,qx,qy,qz\n1000000000,0,0,0,1,0,0,0\n1050000000,0,0,1,1,0,0,0\n"
 STAMPS = "2011-09-26 13:02:25.964389445\n2011-09-26 13:02:26.064389445\n"
 
 
@@ -157,6 +158,7 @@ def readers() -> dict[str, Reader]:
         "poses": _alone("poses.txt", read_kitti_poses, KITTI.format(0) + KITTI.format(1)),
         "tum": _alone("poses.txt", read_tum, "# t\n0 0 0 0 0 0 0 1\n1 0 0 1 0 0 0 1\n"),
         "euroc truth": _alone("data.csv", read_euroc, TRUTH),
+        "named poses": _alone("path.csv", read_path, NAMED),
         "calib": _alone("calib.txt", read_calibration, CALIB),
         "part": Reader("part.txt", read_part, {"part.txt": "--sequences 00 --frames 0:201\n"}),
         "times": _alone("times.txt", read_times, "0.0\n0.1\n0.2\n"),

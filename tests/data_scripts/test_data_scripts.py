@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from conftest import write_bands
 from data_command import load
@@ -99,6 +100,17 @@ def test_from_folder_checks_pairs_and_writes_a_sequence(
     assert "baseline 0.500 m, with truth" in printed
     assert f"vo run {out}" in printed
     assert "note: 10 pairs per second are assumed; give the times by --fps or --times" in printed
+    for unit, name in ((1e3, "milliseconds"), (1e9, "nanoseconds")):
+        moments = unit * 0.1 * np.arange(6)
+        (tmp_path / "times.txt").write_text("".join(f"{t:.0f}\n" for t in moments), encoding="utf-8")
+        words = [*swapped, *camera, "0.5", "--times", str(tmp_path / "times.txt")]
+        assert main([*words, "--out", str(tmp_path / "other")]) == 2
+        error = capsys.readouterr().err
+        assert (
+            f"times.txt: the median interval of the times is {0.1 * unit:g} s, expected 0.001 to 10" in error
+        )
+        assert f"they are probably {name}: divide them by" in error
+        assert not (tmp_path / "other").exists()
     # Names that are times replace the frame rate.
     for side in (left, right):
         for frame in range(2):

@@ -49,6 +49,11 @@ def test_measure_axes_prints_the_angles(tmp_path: Path, capsys: pytest.CaptureFi
     printed = capsys.readouterr().out
     assert "+0.250" in printed
     assert "-0.500" in printed
+    assert "limit" not in printed
+    write_kitti_poses(tmp_path / "turned.txt", turn_axes(TRUTH, axes_rotation((0.25, -1.3)).T))
+    assert load("measure_axes")([*words, "--lengths", "20,50"]) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "note: the fitted yaw is at the limit of 1°, so a larger angle would lower TE further" in printed
     write_kitti_poses(tmp_path / "turned.txt", TRUTH[:-1])
     assert load("measure_axes")(words) == 2
     assert "turned.txt: has 149 rows" in capsys.readouterr().err

@@ -13,7 +13,13 @@ from made_entries import straight
 
 from vo_lib.data.poses import read_kitti_poses
 from vo_lib.errors import DataError
-from vo_lib.evaluation.ate_rpe import Alignment, absolute_error, align, relative_error
+from vo_lib.evaluation.ate_rpe import (
+    Alignment,
+    absolute_error,
+    align,
+    orientations_disagree,
+    relative_error,
+)
 from vo_lib.evaluation.kitti_errors import (
     KITTI_BIN_MINIMUM,
     KITTI_LENGTHS,
@@ -22,7 +28,13 @@ from vo_lib.evaluation.kitti_errors import (
     trajectory_distances,
 )
 from vo_lib.evaluation.path_errors import evaluate
-from vo_lib.geometry.motion import nearest_rotation, rigid, rotation_from_vector
+from vo_lib.geometry.motion import (
+    nearest_rotation,
+    quaternion_from_rotation,
+    rigid,
+    rotation_from_quaternion,
+    rotation_from_vector,
+)
 from vo_lib.geometry.types import Array
 
 KITTI_TRUTH = Path(__file__).resolve().parents[3] / "shared" / "data" / "kitti_poses"
@@ -266,3 +278,75 @@ def test_curves_omit_bins_with_few_sub_sequences() -> None:
     assert re == pytest.approx(0.0, abs=1e-6)
     # 9.8 m/s is in the bins around 8 and 10 m/s.
     assert [at for at, _, _ in errors.curve("speed")] == pytest.approx([3.6 * 8, 3.6 * 10])
+
+
+def test_key_frames_count_in_frames_of_the_truth() -> None:
+    """With every tenth pose, the same sub-sequences and pairs of frames as with all poses."""
+    truth, _ = random_pair(3, 1200)
+    estimate = truth.copy()
+    estimate[:, :3, 3] *= 1.02
+    frames = np.arange(0, len(truth), 10)
+    all_frames = kitti_errors(truth, estimate)
+    key_frames = kitti_errors(truth, estimate[frames], frames=frames)
+    # No start is lost, but the last, after whose end there is no other key frame.
+    np.testing.assert_array_equal(np.unique(key_frames.first), np.unique(all_frames.first)[:-1])
+    assert set(key_frames.last) <= set(frames)
+    assert key_frames.te == pytest.approx(all_frames.te, rel=0.01)
+    for delta in (10, 30):
+        dense, sparse = (
+            relative_error(truth, poses, delta, frames=chosen)
+            for poses, chosen in ((estimate, None), (estimate[frames], frames))
+        )
+        np.testing.assert_array_equal(sparse.translation, dense.translation)
+    assert len(relative_error(truth, estimate[frames], 1, frames=frames).translation) == 0
+    result = evaluate(truth, {"orb": estimate[frames]}, frames=frames)
+    (path,) = result.paths
+    assert (path.frames, result.frame_step, result.whole_truth, result.as_kitti) == (120, 10, False, False)
+    assert path.distance == pytest.approx(STEP_LENGTH * 1190)
+
+
+def test_pairs_of_irregular_frames_are_delta_apart() -> None:
+    frames = np.array([0, 1, 3, 4, 5, 9, 12])
+    truth = straight(13)
+    estimate = straight(13, 1.5)[frames]
+    # From 0 to 3, then from the next frame that has a partner: 9 to 12.
+    np.testing.assert_allclose(relative_error(truth, estimate, 3, frames=frames).translation, [1.5, 1.5])
+    # Starts at the frames 0 and 10, of which the second is missing; the frame 12 takes its place.
+    errors = kitti_errors(straight(40), straight(40)[frames], (3.0,), 10, frames=frames)
+    assert list(zip(errors.first.tolist(), errors.last.tolist(), strict=True)) == [(0, 4)]
+
+
+def test_later_ends_are_divided_by_the_true_length() -> None:
+    frames = np.arange(0, 400, 40)
+    errors = kitti_errors(straight(400), straight(400, 1.01)[frames], (100.0,), frames=frames)
+    assert set((errors.last - errors.first).tolist()) == {120}
+    np.testing.assert_allclose(errors.t_err, 0.01, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("frames", "is_part", "as_kitti"), [(900, False, True), (900, True, False), (110, False, False)]
+)
+def test_only_enough_of_a_whole_path_is_as_kitti(frames: int, is_part: bool, as_kitti: bool) -> None:
+    result = evaluate(straight(frames), {"a": straight(frames, 1.01)}, is_part=is_part)
+    assert result.as_kitti is as_kitti
+    stored = result.to_dict()
+    assert stored["subsequences"] == len(result.paths[0].kitti) == stored["sequences"][0]["subsequences"] > 0
+    assert stored["as_kitti"] is as_kitti
+    assert stored["few_subsequences"] is (frames == 110)
+
+
+def test_orientations_in_another_order_or_of_another_sensor_are_found() -> None:
+    truth, drift = random_pair(7, 600)
+    assert not orientations_disagree(truth, drift)
+    assert not orientations_disagree(truth, random_rigid(1) @ drift)
+    assert not orientations_disagree(straight(50), straight(50, 3.0))
+    assert not orientations_disagree(straight(50, 0.0), straight(50, 0.0))
+    other = drift.copy()
+    for k, pose in enumerate(drift):
+        x, y, z, w = quaternion_from_rotation(pose[:3, :3])
+        other[k, :3, :3] = rotation_from_quaternion(np.array([w, x, y, z]))
+    assert orientations_disagree(truth, other)
+    camera_in_body = rotation_from_vector(np.array([0.0, np.pi / 2, 0.0]))
+    imu = drift.copy()
+    imu[:, :3, :3] = drift[:, :3, :3] @ camera_in_body
+    assert orientations_disagree(truth, imu)

@@ -17,6 +17,7 @@ from vo_lib.commands.cli import main
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.poses import format_tum, read_euroc, read_kitti_poses, write_kitti_poses
 from vo_lib.evaluation.ate_rpe import Alignment
+from vo_lib.evaluation.kitti_errors import kitti_errors
 from vo_lib.geometry.motion import rigid, rotation_from_vector
 from vo_lib.geometry.types import Array
 from vo_lib.runs.folder import write_run
@@ -158,6 +159,13 @@ def test_evaluate_refuses_missing_truth_and_other_lengths(
     )
     (tmp_path / "later.txt").write_text(format_tum(np.arange(10.0, 15.0), straight(5)))
     assert "fewer than two poses at the times" in refused(capsys, runs / "a", tmp_path / "later.txt")
+    write_kitti_poses(tmp_path / "truth.txt", straight(150))
+    write_kitti_poses(tmp_path / "tenth.txt", straight(150)[::10])
+    message = refused(capsys, tmp_path / "tenth.txt", "--truth", tmp_path / "truth.txt")
+    assert (
+        "both need a pose for the same frames. If frames are missing, give both files with times" in message
+    )
+    assert "cut" not in message
 
 
 def test_evaluate_writes_the_same_bytes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -225,3 +233,99 @@ def test_evaluate_matches_euroc_and_tum_times(tmp_path: Path, capsys: pytest.Cap
     assert f"Matched 65 of {len(truth)} true poses." in capsys.readouterr().out.splitlines()
     assert tum["te_percent"] == pytest.approx(0.0, abs=1e-5)
     assert other["te_percent"] == pytest.approx(10.0, rel=0.1)
+
+
+def printed(capsys: pytest.CaptureFixture[str], *words: Path | str) -> str:
+    """The text of `vo evaluate` without line breaks."""
+    capsys.readouterr()
+    assert main(["evaluate", *map(str, words)]) == 0
+    return " ".join(capsys.readouterr().out.split())
+
+
+def test_evaluate_says_how_many_sub_sequences_and_when_they_are_few(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for frames in (103, 900):
+        write_kitti_poses(tmp_path / f"truth{frames}.txt", straight(frames))
+        write_kitti_poses(tmp_path / f"ours{frames}.txt", straight(frames, 1.01))
+    few = printed(capsys, tmp_path / "ours103.txt", "--truth", tmp_path / "truth103.txt")
+    assert "truth103: 1 sub-sequence (few) of 100, 200, … 800 m, every 10 frames Fewer than 20" in few
+    assert "KITTI" not in few
+    many = printed(capsys, tmp_path / "ours900.txt", "--truth", tmp_path / "truth900.txt")
+    count = len(kitti_errors(straight(900), straight(900)))
+    assert f"truth900: {count} sub-sequences of 100, 200, … 800 m, every 10 frames (as KITTI)" in many
+    assert "few" not in many.lower()
+    words = ["--truth", tmp_path / "truth900.txt", "--step", "1", "--lengths", "50"]
+    other = printed(capsys, tmp_path / "ours900.txt", *words)
+    assert "849 sub-sequences of 50 m, every frame Other sub-sequences than KITTI's" in other
+
+
+def test_key_frames_of_another_system_are_frames_of_the_truth(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    truth, times = winding_road(600, 0.03, 1.07), 0.1 * np.arange(600)
+    (tmp_path / "truth.tum").write_text(format_tum(times, truth))
+    (tmp_path / "ours.tum").write_text(format_tum(times[::10], scaled(truth, 1.02)[::10]))
+    (tmp_path / "all.tum").write_text(format_tum(times, scaled(truth, 1.02)))
+    words = ["--truth", tmp_path / "truth.tum", "--delta", "10f"]
+    ours = numbers(capsys, tmp_path / "ours.tum", *words)["ours"]
+    dense = numbers(capsys, tmp_path / "all.tum", *words)["all"]
+    assert ours["rpe"]["translation"] == pytest.approx(dense["rpe"]["translation"], abs=1e-6)
+    assert ours["te_percent"] == pytest.approx(dense["te_percent"], rel=0.05)
+    assert 0.9 * dense["subsequences"] < ours["subsequences"] <= dense["subsequences"]
+    text = printed(capsys, tmp_path / "ours.tum", "--truth", tmp_path / "truth.tum")
+    assert "No RPE from frame to frame: the compared poses are 10 frames apart; use --delta 10f." in text
+    assert "Part of the truth, not comparable" in text
+    assert "(as KITTI)" not in text
+
+
+def test_times_in_other_units_are_refused_with_both_ranges(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    truth = winding_road(150, 0.03, 1.07)
+    times = 1403636579.75 + 0.1 * np.arange(150)
+    for name, unit in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)):
+        (tmp_path / f"{name}.tum").write_text(format_tum(times / unit, truth))
+    for name, unit in (("ms", "milliseconds"), ("us", "microseconds"), ("ns", "nanoseconds")):
+        message = refused(capsys, tmp_path / f"{name}.tum", "--truth", tmp_path / "s.tum")
+        assert f"its times are probably {unit}" in message
+        assert "those of s 1403636579.75 to 1403636594.65" in message
+        message = refused(capsys, tmp_path / f"{name}.tum", "--truth", tmp_path / f"{name}.tum")
+        assert f"expected 0.001 to 10 s; they are probably {unit}" in message
+    (tmp_path / "numbers.tum").write_text(format_tum(np.arange(150.0), truth))
+    (tmp_path / "zero.tum").write_text(format_tum(times - times[0], truth))
+    message = refused(capsys, tmp_path / "numbers.tum", "--truth", tmp_path / "zero.tum")
+    assert (
+        "the times are frame numbers, expected seconds: its times are 0 to 149, those of zero 0 to" in message
+    )
+    # The remedy of the message: a first line with the unit.
+    header = "# timestamp [ns] tx ty tz qx qy qz qw\n"
+    (tmp_path / "named.tum").write_text(header + (tmp_path / "ns.tum").read_text())
+    assert numbers(capsys, tmp_path / "named.tum", "--truth", tmp_path / "s.tum")["named"]["frames"] == 150
+
+
+def test_paths_that_do_not_fit_the_truth_are_doubted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    truth = winding_road(150, 0.3, 1.07)
+    write_kitti_poses(tmp_path / "truth.txt", truth)
+    imu = truth.copy()
+    imu[:, :3, :3] = truth[:, :3, :3] @ rotation_from_vector(np.array([0.0, np.pi / 2, 0.0]))
+    for name, poses in (("imu", imu), ("mono", scaled(truth, 0.1)), ("right", scaled(truth, 1.1))):
+        write_kitti_poses(tmp_path / f"{name}.txt", poses)
+    words = ["--truth", tmp_path / "truth.txt"]
+    assert "positions of imu and of the truth agree, but orientations do not" in printed(
+        capsys, tmp_path / "imu.txt", *words
+    )
+    assert "the path of mono is 0.1 times as long as the truth" in printed(
+        capsys, tmp_path / "mono.txt", *words
+    )
+    assert "warning" not in printed(capsys, tmp_path / "right.txt", *words)
+
+
+def test_a_part_of_a_sequence_is_never_as_kitti(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    sequence = open_sequence(write_bands(tmp_path / "bands"))
+    assert not sequence.is_part
+    assert sequence.part(0, 4).is_part
+    (tmp_path / "bands" / "part.txt").write_text("--sequences 00 --frames 0:6\n", encoding="utf-8")
+    assert open_sequence(tmp_path / "bands").is_part
