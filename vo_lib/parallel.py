@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -14,6 +16,9 @@ from typing import Any
 import loky
 
 PARENT_CHECK_S = 0.5  # interval at which a worker checks that its parent process exists
+# Numbers of the Windows API: the right to wait for a process, and a time without end.
+MAY_WAIT = 0x00100000
+FOR_EVER = 0xFFFFFFFF
 
 
 class ThisProcess(Executor):
@@ -51,6 +56,13 @@ def _set_up_worker(parent: int) -> None:
 
 
 def _end_with(parent: int) -> None:
-    while os.getppid() == parent:
-        time.sleep(PARENT_CHECK_S)
+    """Wait for the end of the parent process, then end this process."""
+    if sys.platform == "win32":
+        # On Windows, getppid keeps the number of a parent that has ended; a handle can be waited for.
+        kernel = ctypes.windll.kernel32
+        handle = kernel.OpenProcess(MAY_WAIT, False, parent)
+        kernel.WaitForSingleObject(handle, FOR_EVER)
+    else:
+        while os.getppid() == parent:
+            time.sleep(PARENT_CHECK_S)
     os._exit(1)
