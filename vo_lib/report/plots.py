@@ -198,7 +198,7 @@ def match_image(
     """The current left image in BGR (H, W, 3); a match is a line from the previous to the current position.
 
     Kept matches are blue (`by_age`: cyan to yellow), removed matches orange. With the boxes' `state` (K,)
-    from `kit.judgement`, moving boxes have a thick solid line, parked boxes a dashed line, unknown boxes a
+    of a `Removal`, moving boxes have a thick solid line, parked boxes a dashed line, unknown boxes a
     dotted line. `words` are written above the boxes.
     """
     picture = np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), np.uint8)
