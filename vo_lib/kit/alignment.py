@@ -92,7 +92,8 @@ def refine_over_time(
         return start[0], start[1], np.ones(len(slope), np.bool_)
     R, t = motion
     # The right camera is one baseline to the right of the left camera.
-    sides = (slope, t), (right_slope(slope), t + camera.baseline * (R[:, 0] - (1.0, 0.0, 0.0)))
+    t_right = t + camera.baseline * (R[:, 0] - (1.0, 0.0, 0.0))
+    sides = ((slope, t), (right_slope(slope), t_right))
     disparity = previous[0][:, 0] - previous[1][:, 0]
     positions = [np.array(start[side], np.float64) for side in (0, 1)]
     # Features lost in the left images are not tracked in the right images.
@@ -141,21 +142,29 @@ def track_warped(
         return np.zeros((0, 2)), np.zeros(0)
     # A tile contains the window at its largest displacement, and the border that Lucas-Kanade needs.
     tile = window + 2 * int(np.ceil(MAX_REFINEMENT_PX)) + 1
-    pixel, anchor = np.rint(uv), np.rint(start * GRID_CELL_PX) / GRID_CELL_PX
+    pixel = np.rint(uv)
+    anchor = np.rint(start * GRID_CELL_PX) / GRID_CELL_PX
     # Every row of a picture is full; the unused tiles of the last row are black.
     index = np.arange(len(uv) + -len(uv) % TILES_IN_A_ROW)
     row, column = np.divmod(index[: len(uv)], TILES_IN_A_ROW)
     centre = np.stack([column, row], axis=1) * float(tile) + tile // 2
     index %= len(uv)
-    before, after = _tiles(first, pixel[index], tile), _warped_tiles(second, anchor[index], A[index], tile)
+    before = _tiles(first, pixel[index], tile)
+    after = _warped_tiles(second, anchor[index], A[index], tile)
     if equal_brightness:
         gain, offset = brightness_change(before[: len(uv)], after[: len(uv)])
         tone = np.clip(np.rint(gain * np.arange(256) + offset), 0, 255).astype(np.uint8)
         after = np.asarray(cv2.LUT(after, tone), np.uint8)
-    before[len(uv) :] = after[len(uv) :] = 0
-    pictures = _side_by_side(before, tile), _side_by_side(after, tile)
+    before[len(uv) :] = 0
+    after[len(uv) :] = 0
     tracked, ok, difference = track(
-        *pictures, centre + (uv - pixel), centre, window, MAX_REFINEMENT_PX, ends=(15, 0.01)
+        _side_by_side(before, tile),
+        _side_by_side(after, tile),
+        centre + (uv - pixel),
+        centre,
+        window,
+        MAX_REFINEMENT_PX,
+        ends=(15, 0.01),
     )
     positions = anchor + np.einsum("nij,nj->ni", A, tracked - centre)
     return np.where(ok[:, None], positions, start), difference
@@ -168,10 +177,12 @@ def brightness_change(before: Tiles, after: Tiles) -> tuple[float, float]:
     then again without the 20 % of tiles that have the largest residuals. If the fitted tiles hardly differ in
     brightness, the gain is 1.
     """
-    a, b = (cv2.reduce(tiles, 1, cv2.REDUCE_AVG, dtype=cv2.CV_32F)[:, 0] for tiles in (before, after))
+    a = cv2.reduce(before, 1, cv2.REDUCE_AVG, dtype=cv2.CV_32F)[:, 0]
+    b = cv2.reduce(after, 1, cv2.REDUCE_AVG, dtype=cv2.CV_32F)[:, 0]
     inliers = np.ones(len(a), np.bool_)
     for _ in range(2):
-        x, y = a[inliers], b[inliers]
+        x = a[inliers]
+        y = b[inliers]
         spread = y - y.mean()
         if spread @ spread < len(a) * MIN_CONTRAST_LEVELS**2:
             return 1.0, float(np.median(a - b))
@@ -196,10 +207,13 @@ def _warped_tiles(image: Image, uv: Array, A: Array, tile: int) -> Tiles:
     """Neighbourhoods of pixels (N, 2), warped back by A (N, 2, 2)."""
     dv, du = np.indices((tile, tile)).reshape(2, -1) - tile // 2
     offset = np.stack([du, dv, np.ones_like(du)]).astype(np.float32)
-    u, v = (np.column_stack([A[:, axis], uv[:, axis]]).astype(np.float32) @ offset for axis in (0, 1))
+    u = np.column_stack([A[:, 0], uv[:, 0]]).astype(np.float32) @ offset
+    v = np.column_stack([A[:, 1], uv[:, 1]]).astype(np.float32) @ offset
     # cv2.remap is limited to 32767 rows and columns.
-    u, v = (coordinate.reshape(-1, TILES_IN_A_REMAP_ROW * tile * tile) for coordinate in (u, v))
-    warped = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    row = TILES_IN_A_REMAP_ROW * tile * tile
+    warped = cv2.remap(
+        image, u.reshape(-1, row), v.reshape(-1, row), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
     return np.asarray(warped.reshape(len(uv), -1), np.uint8)
 
 

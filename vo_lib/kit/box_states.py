@@ -49,11 +49,13 @@ def states(steps: BoxSteps, config: MovingConfig) -> IntArray:
     A box is moving if its displacement is significant and longer than `min_step`. Any other box is parked if
     the standard deviation of its displacement is below `min_step` in every direction.
     """
-    state, measured = np.full(len(steps), UNKNOWN), steps.information.any(axis=(1, 2))
-    step, information = steps.step[measured], steps.information[measured]
+    measured = steps.information.any(axis=(1, 2))
+    step = steps.step[measured]
+    information = steps.information[measured]
     deviations = np.sqrt(np.einsum("ki,kij,kj->k", step, information, step))
     moves = (deviations > config.significance) & (np.linalg.norm(step, axis=1) > config.min_step)
     certain = 1.0 / np.sqrt(np.linalg.eigvalsh(information)[:, 0]) < config.min_step
+    state = np.full(len(steps), UNKNOWN)
     state[measured] = np.where(moves, MOVING, np.where(certain, PARKED, UNKNOWN))
     return state
 

@@ -118,14 +118,17 @@ def describe_errors(errors: Array, covariance: Array, camera: StereoCamera) -> s
     The standard deviations include the spread between drives. Effects below two standard deviations or below
     `MIN_REPORTED_ERROR_PX` are omitted.
     """
-    u, v = (np.linspace(UNREPORTED_EDGE, 1.0 - UNREPORTED_EDGE, 9) * size for size in camera.size)
+    width, height = camera.size
+    u = np.linspace(UNREPORTED_EDGE, 1.0 - UNREPORTED_EDGE, 9) * width
+    v = np.linspace(UNREPORTED_EDGE, 1.0 - UNREPORTED_EDGE, 9) * height
     x, y = camera.normalise(np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)).T
     covariance = SPREAD_BETWEEN_DRIVES**2 * covariance
-    terms, deviations = powers(x, y), np.sqrt(np.diag(covariance))
+    terms = powers(x, y)
+    deviations = np.sqrt(np.diag(covariance))
+    of_disparity, of_row = field_at(errors, x, y)
+    fields = (("disparities", of_disparity, slice(0, N)), ("rows", of_row, slice(N, FIELD)))
     parts = []
-    for name, field, part in zip(
-        ("disparities", "rows"), field_at(errors, x, y), (slice(0, N), slice(N, FIELD)), strict=True
-    ):
+    for name, field, part in fields:
         largest = int(np.argmax(np.abs(field)))
         term = terms[: part.stop - part.start, largest]
         deviation = float(np.sqrt(term @ covariance[part, part] @ term))

@@ -19,7 +19,8 @@ def corner_strength(image: Image) -> NDArray[np.float32]:
     contrast over all directions in a window of 3×3 pixels. A threshold therefore has the same meaning in
     every image. Half the size saves time; for tracking, which uses wider windows, the accuracy is sufficient.
     """
-    height, width = image.shape[0] // 2, image.shape[1] // 2
+    height = image.shape[0] // 2
+    width = image.shape[1] // 2
     # A factor of exactly two is by far the fastest; an odd last row or column is ignored.
     half = cv2.resize(image[: 2 * height, : 2 * width], (width, height), interpolation=cv2.INTER_AREA)
     strength = cv2.cornerMinEigenVal(half, 3, ksize=3)
@@ -41,10 +42,14 @@ def detect_corners(strength: NDArray[np.float32], config: KitFeatureConfig) -> t
     # A corner is a local maximum over all neighbours, including neighbours in the next cell.
     peaks = (strength >= cv2.dilate(strength, np.ones((5, 5), np.uint8))) & (strength > config.quality)
     border = -(-config.border // 2)
-    peaks[:border], peaks[-border:], peaks[:, :border], peaks[:, -border:] = False, False, False, False
+    peaks[:border] = False
+    peaks[-border:] = False
+    peaks[:, :border] = False
+    peaks[:, -border:] = False
     v, u = np.divmod(np.flatnonzero(peaks), strength.shape[1])
     # A pixel at half size is the mean of four pixels of the full image; its centre is between the four.
-    uv, value = 2.0 * np.stack([u, v], axis=1) + 0.5, strength[v, u].astype(np.float64)
+    uv = 2.0 * np.stack([u, v], axis=1) + 0.5
+    value = strength[v, u].astype(np.float64)
     one_per_cell = BucketConfig(size=config.cell, features=1)
     best = select_by_bucket(uv, np.zeros(len(uv), np.int64), value, one_per_cell)
     return uv[best], value[best]

@@ -29,6 +29,7 @@ from .weighted_translation import papers_translation, robust_translation
 
 # Largest Sampson distance of an inlier of the previous essential matrix, as a multiple of the threshold.
 PREVIOUS_INLIER_THRESHOLDS = 3.0
+MIN_INLIER_SHARE = 0.1  # lower bound of the estimated share of matches without an error
 
 
 class SelfCalibratingOdometry(Odometry):
@@ -106,12 +107,13 @@ class KitOdometry(SelfCalibratingOdometry):
         Few sets are sufficient, since the winner is refined. The share of outliers is estimated with the
         previous essential matrix. In mode `literal`, and in a sharp turn, all n sets are drawn.
         """
-        config, sets = self.config.selection, self.config.selection.sets
+        config = self.config.selection
+        sets = config.sets
         if config.mode == "refined" and self.e_prev is not None:
-            near = sampson_inliers(
-                self.e_prev.reshape(3, 3), x_p, x_c, PREVIOUS_INLIER_THRESHOLDS * self.threshold
-            )
-            sets = min(sets, int(config.clean_sets / max(float(np.mean(near)), 0.1) ** 5))
+            E_prev = self.e_prev.reshape(3, 3)
+            near = sampson_inliers(E_prev, x_p, x_c, PREVIOUS_INLIER_THRESHOLDS * self.threshold)
+            inlier_share = max(float(np.mean(near)), MIN_INLIER_SHARE)
+            sets = min(sets, int(config.clean_sets / inlier_share**5))
         return sample_sets(self.random(), len(x_p), sets)
 
     def select(self, E: Array, set_index: Index, x_p: Array, x_c: Array) -> Winner:

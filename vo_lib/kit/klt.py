@@ -22,6 +22,11 @@ from .surface import CoarseDisparity, coarse_disparity
 
 NO_MATCHES = empty_matches(), np.zeros((0, 2))  # matches, and the slopes (N, 2) of their surfaces
 MAX_CONTRAST_RATIO = 1.25  # a larger change of contrast makes Lucas-Kanade fail
+# With smaller shares, the search with a predicted position has failed: of features that are matched, and of
+# matches that agree with one motion.
+MIN_MATCHED_SHARE = 0.3
+MIN_AGREEING_SHARE = 0.5
+MIN_MOTION_MATCHES = 10  # smallest number of matches for a motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,12 +76,17 @@ class KltMatcher:
 
     def prepare(self, pair: Pair) -> PreparedPair:
         """Corners and coarse disparity of a stereo pair."""
-        corners = detect_corners(corner_strength(pair[0]), self.features)
-        return PreparedPair(pair, *corners, coarse_disparity(*pair, self.config.max_disparity))
+        left, right = pair
+        corners, strength = detect_corners(corner_strength(left), self.features)
+        disparity = coarse_disparity(left, right, self.config.max_disparity)
+        return PreparedPair(pair, corners, strength, disparity)
 
     def step(self, pair: PreparedPair) -> StereoMatches:
         """Matches between the previous pair and `pair`; empty for the first pair."""
-        matches, slope = NO_MATCHES if self._previous is None else self._follow(*self._previous, pair)
+        if self._previous is None:
+            matches, slope = NO_MATCHES
+        else:
+            matches, slope = self._follow(*self._previous, pair)
         one_per_cell = BucketConfig(size=self.features.cell, features=1)
         rows = select_by_bucket(matches.cur_left, matches.age, matches.strength, one_per_cell)
         best = matches[rows]
@@ -87,15 +97,20 @@ class KltMatcher:
     def _follow(
         self, before: PreparedPair, features: _Features, pair: PreparedPair
     ) -> tuple[StereoMatches, Array]:
-        result, agree, last = NO_MATCHES, 0, self._motion
+        """Matches with the next pair, and the slopes (N, 2) of their surfaces."""
         without = self.config.without
         predicts = "prediction" not in without
+        last = self._motion
+        motion = last
+        result = NO_MATCHES
+        agree = 0
         if last is not None and predicts:
             R, t = last
             guess = self.camera.project(self.camera.triangulate(features.left, features.right) @ R.T + t)
-            result = self._close_loop(before, pair, features, guess, self.config.levels)
-            self._motion, agree = next_motion(self.camera, result[0], last)
-        failed = len(result[0]) < 0.3 * len(features.id) or agree < 0.5 * len(result[0])
+            result = self._close_loop(before, pair, features, guess, self.config.levels, motion)
+            motion, agree = next_motion(self.camera, result[0], last)
+        failed = len(result[0]) < MIN_MATCHED_SHARE * len(features)
+        failed |= agree < MIN_AGREEING_SHARE * len(result[0])
         if failed and ("second-search" not in without or last is None or not predicts):
             # Without a motion, or after an abrupt change of motion or exposure, many matches may be wrong:
             # search again, starting at the previous positions.
@@ -103,11 +118,13 @@ class KltMatcher:
             if "equal-exposure" not in without:
                 left, right = map(lit_like, before.images, pair.images)
                 lit = replace(before, images=(left, right))
-            start = features.left, features.right
-            second = self._close_loop(lit, pair, features, start, self.config.search_levels)
-            motion, second_agree = next_motion(self.camera, second[0], None)
+            start = (features.left, features.right)
+            second = self._close_loop(lit, pair, features, start, self.config.search_levels, motion)
+            second_motion, second_agree = next_motion(self.camera, second[0], None)
             if (second_agree, len(second[0])) > (agree, len(result[0])):
-                result, self._motion = second, motion
+                result = second
+                motion = second_motion
+        self._motion = motion
         return result
 
     def _close_loop(
@@ -117,39 +134,64 @@ class KltMatcher:
         features: _Features,
         guess: tuple[Array, Array],
         levels: int,
+        motion: tuple[Array, Array] | None,
     ) -> tuple[StereoMatches, Array]:
         """Matches that pass all checks, and the slopes (N, 2) of their surfaces.
+
+        guess : (N, 2) start positions in the current left and right image; motion : predicted R_cp and t_cp.
 
         Lucas-Kanade (left image) and block matching (right image) give coarse positions, which are refined.
         """
         left, right = pair.images
         start = np.flatnonzero(_inside(guess[0], left) & _inside(guess[1], right))
         # A coarse tolerance is sufficient, since the refinement below provides the accuracy.
-        window, ends = self.config.window, (10, 0.03)
         cur_left, ok, difference = track(
-            before.images[0], left, features.left[start], guess[0][start], window, np.inf, levels, ends
+            before.images[0],
+            left,
+            features.left[start],
+            guess[0][start],
+            self.config.window,
+            np.inf,
+            levels,
+            ends=(10, 0.03),
         )
         ok &= (difference <= self.config.max_difference) & _inside(cur_left, left)
         over_time, has_depth = _in_right_image(pair.disparity, cur_left)
         ok &= has_depth & is_stereo(cur_left, over_time, self.config)
-        tracks, motion = features[start[ok]], self._motion or (np.eye(3), np.zeros(3))
-        positions = (tracks.left, tracks.right), tracks.slope, (cur_left[ok], over_time[ok])
+        tracks = features[start[ok]]
         cur_left, over_time, ok = refine_over_time(
-            self.camera, before.images, pair.images, *positions, motion, self.config
+            self.camera,
+            before.images,
+            pair.images,
+            (tracks.left, tracks.right),
+            tracks.slope,
+            (cur_left[ok], over_time[ok]),
+            motion or (np.eye(3), np.zeros(3)),
+            self.config,
         )
-        tracks, cur_left, over_time = tracks[ok], cur_left[ok], over_time[ok]
+        tracks = tracks[ok]
+        cur_left = cur_left[ok]
+        over_time = over_time[ok]
         cur_right, slope, ok = refine_stereo(pair.images, pair.disparity, cur_left, over_time, self.config)
         ok &= _inside(cur_left, left) & _inside(cur_right, right)
         ok &= np.linalg.norm(cur_right - over_time, axis=1) <= self.config.loop_tolerance
-        tracks, places_now = tracks[ok], (cur_left[ok], cur_right[ok])
-        return StereoMatches(
-            tracks.left, tracks.right, *places_now, tracks.age, tracks.strength, tracks.id
-        ), slope[ok]
+        tracks = tracks[ok]
+        matches = StereoMatches(
+            tracks.left,
+            tracks.right,
+            cur_left[ok],
+            cur_right[ok],
+            tracks.age,
+            tracks.strength,
+            tracks.id,
+        )
+        return matches, slope[ok]
 
     def _add_corners(self, pair: PreparedPair, features: _Features) -> _Features:
         free = in_empty_cells(pair.corners, features.left, self.features.cell)
         guess, ok = _in_right_image(pair.disparity, pair.corners[free])
-        uv, strength = pair.corners[free][ok], pair.strength[free][ok]
+        uv = pair.corners[free][ok]
+        strength = pair.strength[free][ok]
         right, slope, ok = refine_stereo(pair.images, pair.disparity, uv, guess[ok], self.config)
         ok &= _inside(right, pair.images[1])
         number = int(np.count_nonzero(ok))
@@ -168,7 +210,8 @@ def _in_right_image(coarse: CoarseDisparity, uv: Array) -> tuple[Array, BoolArra
     """Coarse positions (N, 2) in the right image for left pixels (N, 2), and a mask (N,) of validity."""
     column, row = np.clip(np.rint(uv / 2).astype(int), 0, np.array(coarse.shape[::-1]) - 1).T
     disparity = coarse[row, column].astype(np.float64)
-    return uv - np.stack([disparity, np.zeros_like(disparity)], axis=1), disparity > 0
+    right = uv - np.stack([disparity, np.zeros_like(disparity)], axis=1)
+    return right, disparity > 0
 
 
 def lit_like(image: Image, target: Image) -> Image:
@@ -189,10 +232,11 @@ def next_motion(
 
     With too few matches, the motion is None. The fit starts from the previous motion.
     """
-    if len(matches) < 10:
+    if len(matches) < MIN_MOTION_MATCHES:
         return None, 0
     X_p = camera.triangulate(matches.prev_left, matches.prev_right)
     start = last or (np.eye(3), np.zeros(3))
-    current = matches.cur_left, matches.cur_right
-    R, t, residual = fit_motion(camera, X_p, *current, *start, tolerance=CONVERGED_TRIAL_STEP)
+    R, t, residual = fit_motion(
+        camera, X_p, matches.cur_left, matches.cur_right, *start, tolerance=CONVERGED_TRIAL_STEP
+    )
     return (R, t), int(np.count_nonzero(residual < MAX_AGREEMENT_RESIDUAL_PX))

@@ -30,12 +30,15 @@ AGREES_CHI2 = 11.3
 STEP_ITERATIONS = 3
 # Information on a direction that no feature measures, 1/m².
 MIN_INFORMATION = 1e-6
-# COCO number of cars, and the largest heights of a car and of any other vehicle.
-CAR, MAX_CAR_HEIGHT_M, MAX_VEHICLE_HEIGHT_M = 2, 2.3, 4.2
+CAR = 2  # COCO number of cars
+MAX_CAR_HEIGHT_M = 2.3
+MAX_VEHICLE_HEIGHT_M = 4.2  # of any other vehicle
 # Smallest number and smallest share of a box's features that must agree on a displacement.
-MIN_BOX_FEATURES, MIN_MOVED_SHARE = 3, 0.3
+MIN_BOX_FEATURES = 3
+MIN_MOVED_SHARE = 0.3
 # Standard deviations of the camera's motion that is estimated from the features outside boxes.
-STEP_DEVIATION_M, TURN_DEVIATION_RAD = 0.01, np.radians(0.01)
+STEP_DEVIATION_M = 0.01
+TURN_DEVIATION_RAD = np.radians(0.01)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +64,8 @@ class PointSteps(Rows):
 
 def background_motion(camera: StereoCamera, matches: StereoMatches, start: Array, iterations: int) -> Array:
     """Motion T_cp (4, 4) of the camera from features that are mostly static."""
-    sample = matches[select_by_bucket(matches.cur_left, matches.age, matches.strength, BACKGROUND_BUCKETS)]
+    selected = select_by_bucket(matches.cur_left, matches.age, matches.strength, BACKGROUND_BUCKETS)
+    sample = matches[selected]
     sample = sample[sample.prev_left[:, 0] > sample.prev_right[:, 0]]
     X_p = camera.triangulate(sample.prev_left, sample.prev_right)
     R, t, _ = fit_motion(
@@ -151,7 +155,9 @@ def box_steps(
     """
     static_error = points.squared_error(np.zeros(3)) / noise
     owned = (owner >= 0) & np.isfinite(static_error)
-    points, owner, static_error = points[owned], owner[owned], static_error[owned]
+    points = points[owned]
+    owner = owner[owned]
+    static_error = static_error[owned]
     member = (owner == np.arange(number)[:, None]).astype(np.float64)
     total = member.sum(axis=1)
     moved = static_error > AGREES_CHI2
@@ -170,12 +176,11 @@ def box_steps(
     moves = (agreeing >= np.maximum(MIN_BOX_FEATURES, MIN_MOVED_SHARE * total)).astype(np.int64)
     if not moving_mean:
         moves[:] = 0
-    winner = moves, np.arange(number)
+    winner = (moves, np.arange(number))
     depth = member @ points.depth / np.maximum(total, 1.0)
     # More features in the box do not reduce the uncertainty of the camera's motion.
     shared = STEP_DEVIATION_M**2 + (TURN_DEVIATION_RAD * depth) ** 2
-    spread = np.linalg.inv(information[winner] + MIN_INFORMATION * np.eye(3)) + shared[
-        :, None, None
-    ] * np.eye(3)
+    spread = np.linalg.inv(information[winner] + MIN_INFORMATION * np.eye(3))
+    spread += shared[:, None, None] * np.eye(3)
     enough = (total >= MIN_BOX_FEATURES)[:, None, None]
     return BoxSteps(steps[winner], np.where(enough, np.linalg.inv(spread), 0.0), total.astype(np.int64))

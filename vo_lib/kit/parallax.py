@@ -49,21 +49,27 @@ def parallax_information(
     matches = matches[matches.prev_left[:, 0] - matches.prev_right[:, 0] > MIN_PARALLAX_DISPARITY_PX]
     if len(matches) < MIN_PARALLAX_FEATURES:
         return None
-    f, fb = camera.f, camera.f * camera.baseline
-    x_p, x_c = camera.normalise(matches.prev_left).T, camera.normalise(matches.cur_left).T
-    D, d_c = (matches.prev_left - matches.prev_right)[:, 0], (matches.cur_left - matches.cur_right)[:, 0]
+    f = camera.f
+    fb = camera.f * camera.baseline
+    x_p = camera.normalise(matches.prev_left).T
+    x_c = camera.normalise(matches.cur_left).T
+    D = (matches.prev_left - matches.prev_right)[:, 0]
+    d_c = (matches.cur_left - matches.cur_right)[:, 0]
     one = np.ones_like(D)
     ray = R_cp @ np.vstack([x_p, one])
     X, Y, Z = ray + D / fb * t_cp[:, None]
     Z = np.maximum(Z, MIN_DEPTH_RATIO)
-    predicted, s = np.stack([X, Y]) / Z, f / Z
+    predicted = np.stack([X, Y]) / Z
+    s = f / Z
     residual = np.stack([0.0 * D, *(f * (x_c - predicted)), d_c - D / Z])
     # Evaluated at the predicted positions: at the measured positions, derivative and residual would have
     # the same noise.
-    before, now = effects(x_p, D), effects(predicted, D / Z)
+    before = effects(x_p, D)
+    now = effects(predicted, D / Z)
     # Derivatives (6 + K, 3, N) of the position with respect to the rotation, t and the errors.
     moves = np.zeros((6 + len(now), 3, len(D)))
-    moves[[0, 1, 2], [1, 2, 0]], moves[[0, 1, 2], [2, 0, 1]] = -ray[[2, 0, 1]], ray[[1, 2, 0]]
+    moves[[0, 1, 2], [1, 2, 0]] = -ray[[2, 0, 1]]
+    moves[[0, 1, 2], [2, 0, 1]] = ray[[1, 2, 0]]
     moves[[3, 4, 5], [0, 1, 2]] = D / fb
     moves[6:] = -np.einsum("ij,kjn->kin", R_cp[:, :2] / f, before[:, :2])
     by = np.zeros((len(moves), 4, len(D)))
@@ -79,11 +85,14 @@ def parallax_information(
     by = by - by_D * (np.sum(by_D * by, axis=1) / norm)[:, None]
     squared = np.sum(residual**2, axis=0)
     weighted = (by / (1.0 + squared / scale**2)).reshape(len(by), -1)
-    H, g = weighted @ by.reshape(len(by), -1).T, weighted @ residual.ravel()
+    H = weighted @ by.reshape(len(by), -1).T
+    g = weighted @ residual.ravel()
+    # Elimination of the motion, the first six unknowns.
     try:
         by_motion = np.linalg.solve(H[:6, :6], np.column_stack([g[:6], H[:6, 6:]]))
     except np.linalg.LinAlgError:
         return None
+    information = H[6:, 6:] - H[6:, :6] @ by_motion[:, 1:]
+    vector = g[6:] - H[6:, :6] @ by_motion[:, 0]
     noise = max(float(np.median(squared)) / MEDIAN_SQUARED_RESIDUAL, MIN_NOISE_PX**2)
-    change, information = by_motion[:, 0], H[6:, 6:] - H[6:, :6] @ by_motion[:, 1:]
-    return information / noise, (g[6:] - H[6:, :6] @ change) / noise
+    return information / noise, vector / noise

@@ -51,9 +51,8 @@ def choose_candidate(
     The winner's index, and whether the prior was dropped.
     """
     errors = WINNER_CRITERIA[config.winner](E, x_p, x_c, config.threshold / focal)
-    return choose_unless_prior_bad(
-        errors, candidates_near_prior(E, set_index, e_prev, config), config.prior_rejection_ratio
-    )
+    compete = candidates_near_prior(E, set_index, e_prev, config)
+    return choose_unless_prior_bad(errors, compete, config.prior_rejection_ratio)
 
 
 def choose_unless_prior_bad(errors: Array, kept: BoolArray, ratio: float) -> tuple[int, bool]:
@@ -62,9 +61,11 @@ def choose_unless_prior_bad(errors: Array, kept: BoolArray, ratio: float) -> tup
     The winner is the best kept candidate, or the best candidate of all if the prior is rejected. The prior is
     rejected, for example in a sharp turn, if the best kept error exceeds `ratio` times the smallest error.
     """
-    winner, choice = int(np.argmin(errors)), int(np.argmin(np.where(kept, errors, np.inf)))
-    dropped = bool(errors[choice] > ratio * errors[winner])
-    return (winner if dropped else choice), dropped
+    best = int(np.argmin(errors))
+    best_kept = int(np.argmin(np.where(kept, errors, np.inf)))
+    if errors[best_kept] > ratio * errors[best]:
+        return best, True
+    return best_kept, False
 
 
 def motion_of_winner(
@@ -77,16 +78,15 @@ def motion_of_winner(
     threshold = config.threshold / focal
     matches = match_terms(x_p, x_c)
     inliers = _squared(E, matches) < threshold**2
-    trusted = np.flatnonzero(inliers if np.count_nonzero(inliers) >= 5 else np.ones_like(inliers))
+    trusted = np.flatnonzero(inliers) if np.count_nonzero(inliers) >= 5 else np.arange(len(inliers))
     R, t = resolve_by_depth(E, x_p[trusted], x_c[trusted], X_p[trusted])
     if config.mode == "refined":
         # A coarse refinement, then a refinement with the noise as scale of the weights: the distances of the
         # features on a slow car may be smaller than the threshold.
         kept = matches.take(trusted)
         R, t = refine(R, t, kept, threshold / 2, COARSE_ITERATIONS)
-        deviation = DEVIATION_OVER_MEDIAN * float(
-            np.sqrt(np.median(_squared(essential_from_motion(R, t), kept)))
-        )
+        median_squared = np.median(_squared(essential_from_motion(R, t), kept))
+        deviation = DEVIATION_OVER_MEDIAN * float(np.sqrt(median_squared))
         scale = min(config.refine_scale * max(deviation, 1e-3 * threshold), threshold / 2)
         R, t = refine(R, t, kept, scale)
         E = essential_from_motion(R, t)

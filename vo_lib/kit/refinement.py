@@ -29,7 +29,8 @@ def refine(
     -------
     R_cp (3, 3) and unit direction (3,).
     """
-    R, t = R_cp, direction / np.linalg.norm(direction)
+    R = R_cp
+    t = direction / np.linalg.norm(direction)
     for _ in range(iterations):
         r, jac = distances_and_derivatives(R, t, matches)
         weight = 1.0 / (1.0 + (r / scale) ** 2)
@@ -38,7 +39,8 @@ def refine(
         H[np.diag_indices(5)] += 1e-12 * np.trace(H)
         # Constant weights make the step too short: the cost has curvature 2 w² - w, not w (Huber 1981).
         curvature = 2.0 * float(weight @ weight / weight.sum()) - 1.0
-        delta = -np.linalg.solve(H, weighted @ r) / min(max(curvature, 1.0 / MAX_STEP_RATIO), 1.0)
+        curvature = min(max(curvature, 1.0 / MAX_STEP_RATIO), 1.0)
+        delta = -np.linalg.solve(H, weighted @ r) / curvature
         R = cv2.Rodrigues(delta[:3])[0] @ R
         t = t + delta[3:] @ _tangent_basis(t)
         t = t / np.linalg.norm(t)
@@ -51,14 +53,15 @@ def distances_and_derivatives(R_cp: Array, direction: Array, matches: MatchTerms
     """Sampson distances (N,), and derivatives (5, N) with respect to the rotation and the direction of t.
 
     The distance is d = cᵀ E p / norm, with norm² = |(E p)₁,₂|² + |(Eᵀ c)₁,₂|². A rotation δω of R and a
-    tangential change δt of t change E by [t]× [δω]× R + [δt]× R. The rest is the quotient rule. Without
-    the derivative of the norm, noise biases the direction towards the matches, that is downwards.
+    tangential change δt of t change E by [t]× [δω]× R + [δt]× R. The derivative of the quotient follows.
+    Without the derivative of the norm, noise biases the direction towards the matches, that is downwards.
     """
     basis = np.concatenate([direction[None], _tangent_basis(direction)])
     t, *across = (basis @ GENERATORS.reshape(3, 9)).reshape(3, 3, 3)
     E = np.concatenate([t[None], t @ GENERATORS, across]) @ R_cp  # E and its five derivatives, (6, 3, 3)
     p, c = matches.points
-    line_c, line_p = E[:, :2] @ p, E[:, :, :2].swapaxes(1, 2) @ c
+    line_c = E[:, :2] @ p
+    line_p = E[:, :, :2].swapaxes(1, 2) @ c
     norm2 = np.maximum(np.sum(line_c[0] ** 2 + line_p[0] ** 2, axis=0), 1e-20)
     half_change = np.sum(line_c[0] * line_c[1:] + line_p[0] * line_p[1:], axis=1)
     error = (E.reshape(6, 9) @ matches.outer) / np.sqrt(norm2)

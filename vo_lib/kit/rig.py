@@ -44,7 +44,8 @@ ROW_TERMS = DISPARITY_TERMS[:6]
 # that more frames do not reduce: on drawn scenes with perfect lenses, cars cause up to 2.6 px of k1, and a
 # highway causes 0.8 px of p2.
 LENS_PX = {"p1": (1.5, 0.7), "p2": (1.5, 1.2), "k1": (15.0, 2.0), "k2": (10.0, 4.0)}
-N, FIELD = len(DISPARITY_TERMS), len(DISPARITY_TERMS) + len(ROW_TERMS)
+N = len(DISPARITY_TERMS)
+FIELD = N + len(ROW_TERMS)
 ERROR_NAMES = (
     *(f"disparity {term}" for term in DISPARITY_TERMS),
     *(f"row {term}" for term in ROW_TERMS),
@@ -109,20 +110,25 @@ class Rig:
         errors = self.errors if errors is None else errors
         if not errors.any():
             return matches
-        views = (matches.prev_left, matches.cur_left), (matches.prev_right, matches.cur_right)
-        left, right = self._without(errors, *(np.concatenate(view) for view in views))
-        prev, cur = slice(len(matches)), slice(len(matches), None)
+        left = np.concatenate([matches.prev_left, matches.cur_left])
+        right = np.concatenate([matches.prev_right, matches.cur_right])
+        left, right = self._without(errors, left, right)
+        n = len(matches)
         return dataclasses.replace(
-            matches, prev_left=left[prev], prev_right=right[prev], cur_left=left[cur], cur_right=right[cur]
+            matches, prev_left=left[:n], prev_right=right[:n], cur_left=left[n:], cur_right=right[n:]
         )
 
     def _without(self, errors: Array, left: Array, right: Array) -> tuple[Array, Array]:
-        true = left, right
+        """Left and right pixels (N, 2) without the `errors` (19,)."""
+        true_left = left
+        true_right = right
         for _ in range(2):  # the errors depend on the true positions
-            added = effects(self.camera, self.camera.normalise(true[0]).T, (true[0] - true[1])[:, 0])
-            u, v, disparity, row = np.tensordot(errors, added, 1)
-            true = left - np.stack([u, v], axis=1), right - np.stack([u - disparity, v - row], axis=1)
-        return true
+            disparity = (true_left - true_right)[:, 0]
+            added = effects(self.camera, self.camera.normalise(true_left).T, disparity)
+            of_u, of_v, of_disparity, of_row = np.tensordot(errors, added, 1)
+            true_left = left - np.stack([of_u, of_v], axis=1)
+            true_right = right - np.stack([of_u - of_disparity, of_v - of_row], axis=1)
+        return true_left, true_right
 
     def update_from_rows(self, matches: StereoMatches) -> None:
         """Update the errors from the rows of a frame's uncorrected stereo matches, with Cauchy weights."""
@@ -132,14 +138,15 @@ class Rig:
         A = effects(self.camera, self.camera.normalise(left).T, (left - right)[:, 0])[:, 3]
         difference = (matches.cur_left - matches.cur_right)[:, 1]
         prior_information = np.linalg.inv(self.covariance + self.config.drift**2 * self._prior)
-        start, estimate = prior_information @ self.estimate, self.estimate
+        prior_vector = prior_information @ self.estimate
+        estimate = self.estimate
         for _ in range(ROW_REWEIGHTINGS):
             residual = difference - estimate @ A
             noise = max(DEVIATION_OVER_MEDIAN**2 * float(np.median(residual**2)), MIN_NOISE_PX**2)
             weighted = A / (1.0 + (residual / self.config.row_scale) ** 2)
             weighted /= noise * self.config.noise_inflation**2
             information = prior_information + weighted @ A.T
-            estimate = np.asarray(np.linalg.solve(information, start + weighted @ difference))
+            estimate = np.asarray(np.linalg.solve(information, prior_vector + weighted @ difference))
         self.set_estimate(estimate, np.asarray(np.linalg.inv(information)))
 
     def update(self, matches: StereoMatches, R_cp: Array, t_cp: Array) -> None:
@@ -151,35 +158,48 @@ class Rig:
         evidence = parallax_information(self.camera, matches, R_cp, t_cp, added, self.config.scale)
         if evidence is None:
             return
-        information, vector = np.zeros((ERROR_COUNT, ERROR_COUNT)), np.zeros(ERROR_COUNT)
-        information[np.ix_(BY_PARALLAX, BY_PARALLAX)], vector[BY_PARALLAX] = evidence
+        measured_information, measured_vector = evidence
+        information = np.zeros((ERROR_COUNT, ERROR_COUNT))
+        vector = np.zeros(ERROR_COUNT)
+        information[np.ix_(BY_PARALLAX, BY_PARALLAX)] = measured_information
+        vector[BY_PARALLAX] = measured_vector
         information /= self.config.noise_inflation**2
         vector /= self.config.noise_inflation**2
         prior_information = np.linalg.inv(self.covariance)
         # The matches were corrected by the shrunk errors, not by the estimate.
         vector -= information @ (self.estimate - self.errors)
-        change = np.linalg.solve(prior_information + information, vector)
-        self.set_estimate(self.estimate + change, np.asarray(np.linalg.inv(prior_information + information)))
+        information += prior_information
+        change = np.linalg.solve(information, vector)
+        self.set_estimate(self.estimate + change, np.asarray(np.linalg.inv(information)))
 
     def set_estimate(self, estimate: Array, covariance: Array) -> None:
         """Set the estimate (19,) and its covariance (19, 19), and compute the shrunk errors."""
-        self.estimate, self.covariance = estimate, covariance
-        if "shrinking" in self.config.without:
-            self.errors = estimate.copy()
-            return
-        errors, covariance, lens = estimate.copy(), covariance.copy(), {}
-        for i in (K2, K1, P1, P2):
-            (prior, floor), variance = LENS_PX[ERROR_NAMES[i]], covariance[i, i]
+        self.estimate = estimate
+        self.covariance = covariance
+        self.errors = estimate.copy() if "shrinking" in self.config.without else shrunk(estimate, covariance)
+
+
+def shrunk(estimate: Array, covariance: Array) -> Array:
+    """The errors (19,) for the correction, from the estimate (19,) and its covariance; see `Rig.errors`."""
+    errors = estimate.copy()
+    covariance = covariance.copy()
+    lens = {}
+    for i in (K2, K1, P1, P2):
+        prior, floor = LENS_PX[ERROR_NAMES[i]]
+        variance = covariance[i, i]
+        if variance <= 0.5 * prior**2:
             share = max(0.0, 1.0 - (variance + floor**2) / max(errors[i] ** 2, 1e-12))
-            lens[i] = errors[i] * share * (variance <= 0.5 * prior**2)
-            # The other errors, conditioned on this lens error.
-            gain = covariance[i] / variance
-            errors += gain * (lens[i] - errors[i])
-            covariance -= np.outer(gain, covariance[i])
-        squared = float(errors[:FIELD] @ np.linalg.solve(covariance[:FIELD, :FIELD], errors[:FIELD]))
-        errors[:FIELD] *= max(0.0, 1.0 - FIELD / max(squared, 1e-12))
-        errors[[*lens]] = [*lens.values()]
-        self.errors = errors
+        else:
+            share = 0.0
+        lens[i] = errors[i] * share
+        # The other errors, conditioned on this lens error.
+        gain = covariance[i] / variance
+        errors += gain * (lens[i] - errors[i])
+        covariance -= np.outer(gain, covariance[i])
+    squared = float(errors[:FIELD] @ np.linalg.solve(covariance[:FIELD, :FIELD], errors[:FIELD]))
+    errors[:FIELD] *= max(0.0, 1.0 - FIELD / max(squared, 1e-12))
+    errors[[*lens]] = [*lens.values()]
+    return errors
 
 
 def effects(camera: StereoCamera, x: Array, disparity: Array) -> Array:
@@ -188,10 +208,15 @@ def effects(camera: StereoCamera, x: Array, disparity: Array) -> Array:
     x : (2, N) normalised left positions; disparity : (N,) pixels.
     """
     right = np.array([x[0] - disparity / camera.f, x[1]])
-    added, on_left, on_right = np.zeros((ERROR_COUNT, 4, len(disparity))), powers(*x), powers(*right)
-    for terms, n, axis in ((slice(N), N, 0), (slice(N, FIELD), len(ROW_TERMS), 1)):
-        added[terms, axis] = 0.5 * on_left[:n]
-        added[terms, axis + 2] = 0.5 * (on_left + on_right)[:n]
+    on_left = powers(*x)
+    both = on_left + powers(*right)
+    rows = len(ROW_TERMS)
+    added = np.zeros((ERROR_COUNT, 4, len(disparity)))
+    # Half of the field is attributed to each camera, at the point's position in its image.
+    added[:N, 0] = 0.5 * on_left
+    added[:N, 2] = 0.5 * both
+    added[N:FIELD, 1] = 0.5 * on_left[:rows]
+    added[N:FIELD, 3] = 0.5 * both[:rows]
     added[FIELD:, :2] = lens_shapes(x)
     added[FIELD:, 2:] = added[FIELD:, :2] - lens_shapes(right)
     return added
@@ -212,7 +237,8 @@ def powers(x: Array, y: Array) -> Array:
 def lens_shapes(points: Array) -> Array:
     """Displacements (4, 2, N) of normalised points (2, N), for each term of `LENS_PX` with size 1."""
     x, y = points
-    r2, xy = x * x + y * y, 2.0 * x * y
+    r2 = x * x + y * y
+    xy = 2.0 * x * y
     radial = r2 * points
     return np.array([(xy, r2 + 2.0 * y * y), (r2 + 2.0 * x * x, xy), radial, r2 * radial])
 

@@ -25,7 +25,8 @@ MAX_SLOPE = 0.6
 # The middle is excluded, so that a feature on an outline has half of its square on either side.
 SURROUNDING_OFFSETS = np.array([-4, -2, -1, 1, 2, 4])
 # Largest residual of a disparity on the plane, pixels of the full image; larger in the first round.
-SURFACE_RESIDUAL_PX, FIRST_SURFACE_RESIDUAL_PX = 0.75, 3.0
+SURFACE_RESIDUAL_PX = 0.75
+FIRST_SURFACE_RESIDUAL_PX = 3.0
 # Smallest share of pixels on the plane for an estimate of its slope.
 MIN_KNOWN_SHARE = 0.3
 
@@ -71,7 +72,8 @@ def fit_surface(coarse: CoarseDisparity, uv: Array, disparity: Array) -> Surface
     The fit is by least squares: first over the pixels with a disparity near the feature's, then over the
     pixels with a disparity near the plane's.
     """
-    du, dv = (o.ravel() for o in np.meshgrid(SURROUNDING_OFFSETS, SURROUNDING_OFFSETS))
+    du = np.tile(SURROUNDING_OFFSETS, len(SURROUNDING_OFFSETS))
+    dv = np.repeat(SURROUNDING_OFFSETS, len(SURROUNDING_OFFSETS))
     column = np.clip(np.rint(uv[:, :1] / 2).astype(np.intp) + du, 0, coarse.shape[1] - 1)
     row = np.clip(np.rint(uv[:, 1:] / 2).astype(np.intp) + dv, 0, coarse.shape[0] - 1)
     # Relative to the feature's disparity, so that single precision is sufficient.
@@ -88,9 +90,10 @@ def fit_surface(coarse: CoarseDisparity, uv: Array, disparity: Array) -> Surface
         plane = times(invert(N), np.asarray(((weight * d) @ basis).T, np.float64))
         near = valid & (np.abs(d - plane.T.astype(np.float32) @ basis.T) < SURFACE_RESIDUAL_PX)
     share = near.mean(axis=1)
-    centre, slope = plane[0] + disparity, plane[1:].T
+    at_feature = np.where(near.any(axis=1), plane[0] + disparity, np.nan)
+    slope = plane[1:].T
     unknown = (share < MIN_KNOWN_SHARE) | (np.abs(slope).max(axis=1, initial=0) > MAX_SLOPE)
-    return Surface(np.where(unknown[:, None], 0.0, slope), np.where(near.any(axis=1), centre, np.nan), share)
+    return Surface(np.where(unknown[:, None], 0.0, slope), at_feature, share)
 
 
 def stereo_warp(slope: Array) -> Array:

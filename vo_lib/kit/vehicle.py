@@ -28,7 +28,8 @@ class Vehicle:
     def __init__(self, config: VehicleConfig):
         self.config = config
         self._plausible = np.eye(4)  # last plausible motion
-        self._velocity, self._elapsed = np.zeros(3), START_INTERVAL_S  # of that motion; seconds since then
+        self._velocity = np.zeros(3)  # of that motion, m/s
+        self._elapsed = START_INTERVAL_S  # seconds since that motion
 
     def check_vehicle(self, motion: FrameResult, seconds: float) -> FrameResult:
         """The next frame's motion with its flags, or the last plausible motion if no motion was measured.
@@ -47,13 +48,16 @@ class Vehicle:
             return replace(motion, flags=(*motion.flags, *flags))
         self._plausible = motion.T_cp
         if seconds > 0.0:
-            self._velocity, self._elapsed = motion.T_cp[:3, 3] / seconds, 0.0
+            self._velocity = motion.T_cp[:3, 3] / seconds
+            self._elapsed = 0.0
         return motion
 
     def _flags(self, T_cp: Array, seconds: float) -> tuple[Flag, ...]:
-        *axis, w = quaternion_from_rotation(T_cp[:3, :3])
-        sine = max(float(np.linalg.norm(axis)), 1e-12)
-        pitch, yaw, roll = np.degrees(2.0 * np.arctan2(sine, w)) / seconds * np.abs(axis) / sine
+        # The quaternion of a rotation by an angle about a unit axis is (sin(angle / 2) axis, cos(angle / 2)).
+        quaternion = quaternion_from_rotation(T_cp[:3, :3])
+        sine = max(float(np.linalg.norm(quaternion[:3])), 1e-12)
+        angle = np.degrees(2.0 * np.arctan2(sine, quaternion[3]))
+        pitch, yaw, roll = angle / seconds * np.abs(quaternion[:3]) / sine
         change = float(np.linalg.norm(T_cp[:3, 3] / seconds - self._velocity))
         exceeded = {
             Flag.DOUBTFUL_SPEED: change > self.config.speed_change * max(MIN_INTERVAL_S, self._elapsed),

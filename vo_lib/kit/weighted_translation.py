@@ -62,14 +62,16 @@ def robust_translation(
         return None
     before = stereo_points(camera, matches.prev_left[rows], matches.prev_right[rows]).rotated(R_cp)
     now = stereo_points(camera, matches.cur_left[rows], matches.cur_right[rows])
-    scale, system = config.scale / camera.f, EliminatedPoints(before, now, depth[rows], depth[rows])
+    scale = config.scale / camera.f
+    system = EliminatedPoints(before, now, depth[rows], depth[rows])
     try:
         t = least_squares(system) if "robust-start" in config.without else robust_start(system, 4.0 * scale)
         for _ in range(config.iterations):
             # The weights of the rows use the estimated depth of each point in both frames.
             system = EliminatedPoints(before, now, *system.depths(t))
             weight = 1.0 / (1.0 + system.squared_residuals(t) / scale**2)
-            previous_t, t = t, np.linalg.solve((system.W @ weight)[FULL], system.right_sides() @ weight)
+            previous_t = t
+            t = np.linalg.solve((system.W @ weight)[FULL], system.right_sides() @ weight)
             if np.linalg.norm(t - previous_t) < CONVERGED_TRANSLATION_M:
                 break
     except np.linalg.LinAlgError:
@@ -129,7 +131,8 @@ def stereo_points(camera: StereoCamera, left: Array, right: Array) -> StereoPoin
 
     If the two rows differ, y is their mean. Equal rows give the points of `StereoCamera.triangulate`.
     """
-    (x, y), (x_r, y_r) = camera.normalise(left).T, camera.normalise(right).T
+    x, y = camera.normalise(left).T
+    x_r, y_r = camera.normalise(right).T
     d2 = np.maximum((x - x_r) ** 2 + (y - y_r) ** 2, MIN_SQUARED_DISPARITY)
     ray = np.stack([0.5 * (x + x_r), 0.5 * (y + y_r), np.ones_like(x)])
     X = ray * (camera.baseline * (x - x_r) / d2)
@@ -150,7 +153,9 @@ class EliminatedPoints:
     """
 
     def __init__(self, before: StereoPoints, now: StereoPoints, depth_p: Array, depth_c: Array):
-        self.before, self.now, self.apart = before, now, now.X - before.X
+        self.before = before
+        self.now = now
+        self.apart = now.X - before.X
         self.C_p = before.covariance(depth_p)
         self.W = invert(self.C_p + now.covariance(depth_c))
         self.residual_floor = before.residual_floor / depth_p**2 + now.residual_floor / depth_c**2
@@ -162,12 +167,15 @@ class EliminatedPoints:
     def squared_residuals(self, t: Array) -> Array:
         """Sum (N,) of each feature's eight squared residuals at t (3,), for the feature's best point."""
         v = self.apart - t[:, None]
-        return np.asarray(np.maximum(np.einsum("in,in->n", v, times(self.W, v)) + self.residual_floor, 0.0))
+        squared = np.einsum("in,in->n", v, times(self.W, v)) + self.residual_floor
+        return np.asarray(np.maximum(squared, 0.0))
 
     def depths(self, t: Array) -> tuple[Array, Array]:
         """Depths (N,) of each feature's best point for t, in the previous and in the current pair."""
         RQ = self.before.X + times(self.C_p, times(self.W, self.apart - t[:, None]))
-        return np.maximum(self.before.axis @ RQ, MIN_ROW_DEPTH_M), np.maximum(RQ[2] + t[2], MIN_ROW_DEPTH_M)
+        previous_depth = np.maximum(self.before.axis @ RQ, MIN_ROW_DEPTH_M)
+        current_depth = np.maximum(RQ[2] + t[2], MIN_ROW_DEPTH_M)
+        return previous_depth, current_depth
 
 
 def least_squares(system: EliminatedPoints) -> Array:
@@ -182,9 +190,10 @@ def robust_start(system: EliminatedPoints, limit: float) -> Array:
     is used twice, and the result is deterministic. The best translation has the smallest sum of squared
     residuals, each truncated at `limit`².
     """
-    H, g = system.W, system.right_sides()
-    third = H.shape[1] // 3
-    A, b = (a[:, : 3 * third].reshape(-1, 3, third).sum(axis=1) if third else a[:, :1] for a in (H, g))
+    H = system.W
+    g = system.right_sides()
+    A = _sums_of_triples(H)
+    b = _sums_of_triples(g)
     # A small regularisation for triples of features on one line of sight, which do not fix all directions.
     A = np.moveaxis(A[FULL], 2, 0)
     A = A + 1e-9 * np.trace(A, axis1=1, axis2=2)[:, None, None] * np.eye(3)
@@ -194,3 +203,11 @@ def robust_start(system: EliminatedPoints, limit: float) -> Array:
     monomials = np.stack([x * x, y * y, z * z, 2 * x * y, 2 * x * z, 2 * y * z, *(-2 * t.T)], axis=1)
     squared = monomials @ np.concatenate([H, g]) + system.squared_residuals(np.zeros(3))
     return np.asarray(t[np.argmin(np.minimum(squared, limit**2).sum(axis=1))])
+
+
+def _sums_of_triples(columns: Array) -> Array:
+    """Sums (K, n) over the columns i, i + n and i + 2 n of (K, N); the first column if N is less than 3."""
+    n = columns.shape[1] // 3
+    if n == 0:
+        return columns[:, :1]
+    return np.asarray(columns[:, : 3 * n].reshape(-1, 3, n).sum(axis=1))

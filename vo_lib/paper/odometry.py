@@ -71,7 +71,7 @@ class Odometry:
         self.clock = Clock()
         self._frame = 0
         self._last_motion = np.eye(4)
-        self._before: PairBefore | None = None
+        self._pair_before: PairBefore | None = None
 
     def start(self, boxes: Boxes) -> None:
         """Store the boxes of the first frame."""
@@ -90,10 +90,10 @@ class Odometry:
         elif self.stands_still(used):
             motion = replace(self.stationary_motion(used), still=True)
         else:
-            motion = self.moving_camera(used)
+            motion = self.motion_or_previous(used)
         self._last_motion = motion.T_cp
         # Only a measured motion is precise enough for the rows of a third frame.
-        self._before = None if motion.flags else PairBefore(static, motion.T_cp)
+        self._pair_before = None if motion.flags else PairBefore(static, motion.T_cp)
         motion = replace(
             motion,
             matches=len(matches),
@@ -104,8 +104,8 @@ class Odometry:
         )
         return StepResult(motion, removal, used)
 
-    def moving_camera(self, matches: StereoMatches) -> FrameResult:
-        """The measured motion, or the motion of the previous frame if none can be measured."""
+    def motion_or_previous(self, matches: StereoMatches) -> FrameResult:
+        """The motion from the matches; without a result, the previous frame's motion with a flag."""
         return self.motion(matches) or FrameResult(self._last_motion, flags=(Flag.NO_MOTION,))
 
     def motion(self, matches: StereoMatches) -> FrameResult | None:
@@ -150,7 +150,7 @@ class Odometry:
     def translate(self, matches: StereoMatches, rotation: Rotation) -> Array | None:
         """Step 6 (equations 2 and 3): t_cp (3,), metres, from the inliers; None with too few inliers."""
         config = self.config.translation
-        before = self._before if config.pairs == 3 else None
+        before = self._pair_before if config.pairs == 3 else None
         solution = solve_translation(self.camera, matches[rotation.inliers], rotation.R_cp, config, before)
         if solution is None:
             return None

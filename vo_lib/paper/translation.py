@@ -53,11 +53,13 @@ def feature_rows(camera: StereoCamera, matches: StereoMatches, R_cp: Array) -> t
     n = len(matches)
     views = (matches.prev_left, matches.prev_right, matches.cur_left, matches.cur_right)
     A = np.stack([view_rows(camera, uv) for uv in views], axis=1)
-    c = np.zeros((n, 4, 2))
-    c[:, 1::2, 0] = -camera.baseline
+    # In the current pair, P = R Q + t: the rows are multiplied by R for Q, and stay as they are for t.
     B = np.zeros_like(A)
     B[:, 2:] = A[:, 2:]
     A[:, 2:] = A[:, 2:] @ R_cp
+    # In the right images, the x rows equal -b.
+    c = np.zeros((n, 4, 2))
+    c[:, [1, 3], 0] = -camera.baseline
     return A.reshape(n, 8, 3), B.reshape(n, 8, 3), c.reshape(n, 8)
 
 

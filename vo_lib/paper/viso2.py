@@ -25,7 +25,7 @@ class Viso2(Odometry):
 
     def stationary_motion(self, matches: StereoMatches) -> FrameResult:
         """The measured motion, since the reprojection error is also defined for a camera at rest."""
-        return self.moving_camera(matches)
+        return self.motion_or_previous(matches)
 
     def motion(self, matches: StereoMatches) -> FrameResult | None:
         """Rotation and translation from one fit; None with too few inliers."""

@@ -13,6 +13,7 @@ from ..geometry.camera import StereoCamera
 from ..geometry.matches import StereoMatches
 from ..geometry.result import Clock
 from ..geometry.types import Image
+from ..kit.settings import KitConfig
 from ..paper.matching import LoopMatcher
 from ..paper.settings import FeatureConfig, MatchingConfig, MethodConfig, PublishedConfig, StereoLimits
 
@@ -38,12 +39,12 @@ def make_front_end(camera: StereoCamera, config: MethodConfig) -> FrontEnd:
     """The front end of the configuration's variant."""
     if isinstance(config, PublishedConfig):
         return LoopMatcher(config.features, config.matching)
-    from ..kit.klt import KltMatcher
-    from ..kit.settings import KitConfig
-
-    assert isinstance(config, KitConfig)
+    if not isinstance(config, KitConfig):
+        raise TypeError(f"no variant has the settings {type(config).__name__}")
     if "tracking" in config.matching.without:
         return _papers_matcher(config)
+    from ..kit.klt import KltMatcher
+
     return KltMatcher(camera, config.features, config.matching)
 
 
