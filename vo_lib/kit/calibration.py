@@ -14,7 +14,7 @@ from ..files import read_mapping
 from ..geometry.camera import StereoCamera
 from ..geometry.types import Array
 from ..settings import to_dict
-from .rig import ERROR_COUNT, ERROR_NAMES, FIELD, RIG_FAULTS, N, Rig, field_at, powers
+from .rig import DISPARITIES, ERROR_COUNT, ERROR_NAMES, FIELD, RIG_FAULTS, Rig, field_at, powers
 from .settings import CalibrationConfig
 
 MAX_LENGTH_DIFFERENCE = 0.01  # largest relative difference of focal length and baseline for the same camera
@@ -126,7 +126,10 @@ def describe_errors(errors: Array, covariance: Array, camera: StereoCamera) -> s
     terms = powers(x, y)
     deviations = np.sqrt(np.diag(covariance))
     of_disparity, of_row = field_at(errors, x, y)
-    fields = (("disparities", of_disparity, slice(0, N)), ("rows", of_row, slice(N, FIELD)))
+    fields = (
+        ("disparities", of_disparity, slice(0, DISPARITIES)),
+        ("rows", of_row, slice(DISPARITIES, FIELD)),
+    )
     parts = []
     for name, field, part in fields:
         largest = int(np.argmax(np.abs(field)))

@@ -44,8 +44,9 @@ ROW_TERMS = DISPARITY_TERMS[:6]
 # that more frames do not reduce: on drawn scenes with perfect lenses, cars cause up to 2.6 px of k1, and a
 # highway causes 0.8 px of p2.
 LENS_PX = {"p1": (1.5, 0.7), "p2": (1.5, 1.2), "k1": (15.0, 2.0), "k2": (10.0, 4.0)}
-N = len(DISPARITY_TERMS)
-FIELD = N + len(ROW_TERMS)
+# The errors are, in this order: of disparities, of rows (together the field), and of the lenses.
+DISPARITIES = len(DISPARITY_TERMS)
+FIELD = DISPARITIES + len(ROW_TERMS)
 ERROR_NAMES = (
     *(f"disparity {term}" for term in DISPARITY_TERMS),
     *(f"row {term}" for term in ROW_TERMS),
@@ -53,8 +54,8 @@ ERROR_NAMES = (
 )
 ERROR_COUNT = len(ERROR_NAMES)
 P1, P2, K1, K2 = range(FIELD, ERROR_COUNT)
-# Indices of the errors that the motion measures; the rows measure the errors with indices from N on.
-BY_PARALLAX = [*range(N), *range(FIELD, ERROR_COUNT)]
+# Indices of the errors that the motion measures; the rows measure the errors from `DISPARITIES` on.
+BY_PARALLAX = [*range(DISPARITIES), *range(FIELD, ERROR_COUNT)]
 # Faults of one camera relative to the other: shape in the columns, shape in the rows, prior standard
 # deviation in pixels. To first order, a yaw is a shift along the rows and a tilt about the vertical. Brown's
 # decentering is three times a tilt plus one of the last two faults.
@@ -213,10 +214,10 @@ def effects(camera: StereoCamera, x: Array, disparity: Array) -> Array:
     rows = len(ROW_TERMS)
     added = np.zeros((ERROR_COUNT, 4, len(disparity)))
     # Half of the field is attributed to each camera, at the point's position in its image.
-    added[:N, 0] = 0.5 * on_left
-    added[:N, 2] = 0.5 * both
-    added[N:FIELD, 1] = 0.5 * on_left[:rows]
-    added[N:FIELD, 3] = 0.5 * both[:rows]
+    added[:DISPARITIES, 0] = 0.5 * on_left
+    added[:DISPARITIES, 2] = 0.5 * both
+    added[DISPARITIES:FIELD, 1] = 0.5 * on_left[:rows]
+    added[DISPARITIES:FIELD, 3] = 0.5 * both[:rows]
     added[FIELD:, :2] = lens_shapes(x)
     added[FIELD:, 2:] = added[FIELD:, :2] - lens_shapes(right)
     return added
@@ -225,7 +226,9 @@ def effects(camera: StereoCamera, x: Array, disparity: Array) -> Array:
 def field_at(errors: Array, x: Array, y: Array) -> Array:
     """Errors (2, N) of disparity and row difference, pixels, at normalised left positions x, y (N,)."""
     terms = powers(x, y)
-    return np.stack([errors[:N] @ terms, errors[N:FIELD] @ terms[: len(ROW_TERMS)]])
+    of_disparity = errors[:DISPARITIES] @ terms
+    of_row = errors[DISPARITIES:FIELD] @ terms[: len(ROW_TERMS)]
+    return np.stack([of_disparity, of_row])
 
 
 def powers(x: Array, y: Array) -> Array:

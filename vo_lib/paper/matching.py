@@ -106,18 +106,21 @@ def close_loop(before: DescribedPair, pair: DescribedPair, radius: int) -> tuple
     -------
     Indices (N,) of these features in each image: previous left, previous right, current left, current right.
     """
-    # Left features with the same right feature share the rest of the loop, so each right feature is matched
-    # once.
+    # Left to right in the previous pair. Left features with the same right feature share the rest of the
+    # loop, so each right feature is matched once.
     prev_right = np.unique(before.to_right[before.to_right >= 0])
+    # Previous to current right image.
     cur_right = best_matches(before.in_right[prev_right], pair.in_right, radius)
     matched = cur_right >= 0
     prev_right = prev_right[matched]
     cur_right = cur_right[matched]
+    # Right to left in the current pair.
     cur_left = pair.to_left[cur_right]
     matched = cur_left >= 0
     prev_right = prev_right[matched]
     cur_right = cur_right[matched]
     cur_left = cur_left[matched]
+    # Current to previous left image; the loop is closed if it began at this feature.
     distinct, which = np.unique(cur_left, return_inverse=True)
     prev_left = best_matches(pair.in_left[distinct], before.in_left, radius)[which]
     closed = np.flatnonzero((prev_left >= 0) & (before.to_right[prev_left] == prev_right))
