@@ -10,6 +10,7 @@ import pytest
 from course.ch03 import SelectionPanel
 from course.ch03 import exercises as ch03
 from course.ch06.panel import EvaluationPanel
+from vo_lib.data.poses import format_tum, read_kitti_poses
 
 NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
 LONG = 300.0  # seconds; a safeguard
@@ -24,6 +25,21 @@ def test_a_method_is_run_and_judged(bands: Path, tmp_path: Path, monkeypatch: py
     panel.wait(LONG)
     assert panel.error == ""
     assert 0 < panel.facts["TE"] < 20
+
+
+def test_a_pose_file_is_compared_at_the_times_of_its_poses(bands: Path, tmp_path: Path) -> None:
+    truth = read_kitti_poses(bands / "poses.txt")
+    times = 0.05 * np.arange(-1.0, 12.0)
+    poses = np.concatenate([truth[:1], np.repeat(truth, 2, axis=0)])
+    (tmp_path / "fast.tum").write_text(format_tum(times, poses), encoding="utf-8")
+    panel = EvaluationPanel(str(bands), view__lengths="1,2", view__file=str(tmp_path / "fast.tum"))
+    panel.wait(LONG)
+    assert panel.error == ""
+    assert panel.facts["ATE"] == pytest.approx(0.0, abs=1e-6)
+    (tmp_path / "other.tum").write_text(format_tum(1e9 * times[1::2], truth), encoding="utf-8")
+    panel = EvaluationPanel(str(bands), view__file=str(tmp_path / "other.tum"))
+    panel.wait(LONG)
+    assert "its times are probably nanoseconds" in panel.error
 
 
 def test_without_truth_no_error_of_a_rotation_is_stated(bands: Path) -> None:

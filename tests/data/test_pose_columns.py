@@ -17,7 +17,7 @@ from vo_lib.geometry.types import Array
 START_NS = 1403636579763555584
 FRAMES = 12
 TIMES_NS = START_NS + 100_000_000 * np.arange(FRAMES, dtype=np.int64)
-TIMES = 1e-9 * TIMES_NS
+TIMES: Array = 1e-9 * TIMES_NS.astype(np.float64)
 WORLD = rigid(rotation_from_vector(np.array([0.4, -0.9, 0.3])), np.array([12.0, -45.0, 7.0]))
 POSES = WORLD @ winding_road(FRAMES, 0.3, 1.0)
 

@@ -10,7 +10,7 @@ import pytest
 from vo_lib.data.pose_times import epoch_unit, interval_fault, likely_unit, refuse_intervals, time_mismatch
 from vo_lib.errors import DataError
 
-SECONDS = 1403636579.75 + 0.1 * np.arange(150)
+SECONDS = 1403636579.75 + 0.1 * np.arange(150.0)
 
 
 @pytest.mark.parametrize(("interval", "unit"), [(0.1, 1.0), (100.0, 1e-3), (50_000.0, 1e-6), (5e7, 1e-9)])
@@ -20,7 +20,7 @@ def test_the_unit_follows_from_the_interval(interval: float, unit: float) -> Non
 
 @pytest.mark.parametrize("interval", [0.001, 0.005, 0.1, 10.0])
 def test_plausible_intervals_since_1970_are_accepted(interval: float) -> None:
-    times = 1403636579.75 + interval * np.arange(20)
+    times = 1403636579.75 + interval * np.arange(20.0)
     assert interval_fault(times) == ""
     assert epoch_unit(times) == 1.0
 
@@ -31,7 +31,7 @@ def test_plausible_intervals_since_1970_are_accepted(interval: float) -> None:
 )
 def test_times_in_another_unit_are_refused_with_its_name(unit: float, name: str, symbol: str) -> None:
     for start in (0.0, SECONDS[0]):
-        times = (start + 0.1 * np.arange(20)) / unit
+        times = (start + 0.1 * np.arange(20.0)) / unit
         with pytest.raises(
             DataError, match=f"expected 0.001 to 10 s; they are probably {name}: divide"
         ) as caught:
@@ -54,5 +54,5 @@ def test_other_clocks_and_shifts_are_told() -> None:
     assert "the clocks differ by about 1403636579.75 s" in message
     assert "the nearest times are 0.03 s apart" in time_mismatch(SECONDS + 0.03, SECONDS, "gt", 0.01)
     # Two hundred frames per second in milliseconds have intervals of 5, which could be seconds.
-    fast = 0.005 * np.arange(400)
+    fast = 0.005 * np.arange(400.0)
     assert "its times are probably milliseconds" in time_mismatch(1e3 * fast + 1.0, fast, "gt", 0.0001)

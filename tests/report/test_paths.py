@@ -255,7 +255,7 @@ def test_evaluate_says_how_many_sub_sequences_and_when_they_are_few(
     count = len(kitti_errors(straight(900), straight(900)))
     assert f"truth900: {count} sub-sequences of 100, 200, … 800 m, every 10 frames (as KITTI)" in many
     assert "few" not in many.lower()
-    words = ["--truth", tmp_path / "truth900.txt", "--step", "1", "--lengths", "50"]
+    words: list[Path | str] = ["--truth", tmp_path / "truth900.txt", "--step", "1", "--lengths", "50"]
     other = printed(capsys, tmp_path / "ours900.txt", *words)
     assert "849 sub-sequences of 50 m, every frame Other sub-sequences than KITTI's" in other
 
@@ -263,11 +263,11 @@ def test_evaluate_says_how_many_sub_sequences_and_when_they_are_few(
 def test_key_frames_of_another_system_are_frames_of_the_truth(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    truth, times = winding_road(600, 0.03, 1.07), 0.1 * np.arange(600)
+    truth, times = winding_road(600, 0.03, 1.07), 0.1 * np.arange(600.0)
     (tmp_path / "truth.tum").write_text(format_tum(times, truth))
     (tmp_path / "ours.tum").write_text(format_tum(times[::10], scaled(truth, 1.02)[::10]))
     (tmp_path / "all.tum").write_text(format_tum(times, scaled(truth, 1.02)))
-    words = ["--truth", tmp_path / "truth.tum", "--delta", "10f"]
+    words: list[Path | str] = ["--truth", tmp_path / "truth.tum", "--delta", "10f"]
     ours = numbers(capsys, tmp_path / "ours.tum", *words)["ours"]
     dense = numbers(capsys, tmp_path / "all.tum", *words)["all"]
     assert ours["rpe"]["translation"] == pytest.approx(dense["rpe"]["translation"], abs=1e-6)
@@ -283,15 +283,15 @@ def test_times_in_other_units_are_refused_with_both_ranges(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     truth = winding_road(150, 0.03, 1.07)
-    times = 1403636579.75 + 0.1 * np.arange(150)
+    times = 1403636579.75 + 0.1 * np.arange(150.0)
     for name, unit in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)):
         (tmp_path / f"{name}.tum").write_text(format_tum(times / unit, truth))
-    for name, unit in (("ms", "milliseconds"), ("us", "microseconds"), ("ns", "nanoseconds")):
+    for name, words in (("ms", "milliseconds"), ("us", "microseconds"), ("ns", "nanoseconds")):
         message = refused(capsys, tmp_path / f"{name}.tum", "--truth", tmp_path / "s.tum")
-        assert f"its times are probably {unit}" in message
+        assert f"its times are probably {words}" in message
         assert "those of s 1403636579.75 to 1403636594.65" in message
         message = refused(capsys, tmp_path / f"{name}.tum", "--truth", tmp_path / f"{name}.tum")
-        assert f"expected 0.001 to 10 s; they are probably {unit}" in message
+        assert f"expected 0.001 to 10 s; they are probably {words}" in message
     (tmp_path / "numbers.tum").write_text(format_tum(np.arange(150.0), truth))
     (tmp_path / "zero.tum").write_text(format_tum(times - times[0], truth))
     message = refused(capsys, tmp_path / "numbers.tum", "--truth", tmp_path / "zero.tum")
@@ -313,7 +313,7 @@ def test_paths_that_do_not_fit_the_truth_are_doubted(
     imu[:, :3, :3] = truth[:, :3, :3] @ rotation_from_vector(np.array([0.0, np.pi / 2, 0.0]))
     for name, poses in (("imu", imu), ("mono", scaled(truth, 0.1)), ("right", scaled(truth, 1.1))):
         write_kitti_poses(tmp_path / f"{name}.txt", poses)
-    words = ["--truth", tmp_path / "truth.txt"]
+    words: list[Path | str] = ["--truth", tmp_path / "truth.txt"]
     assert "positions of imu and of the truth agree, but orientations do not" in printed(
         capsys, tmp_path / "imu.txt", *words
     )

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from vo_lib.config import PUBLISHED, preset
-from vo_lib.data.poses import from_first, read_path
+from vo_lib.data.pose_times import time_mismatch
+from vo_lib.data.poses import TIME_TOLERANCE_S, from_first, match_times, read_path
 from vo_lib.errors import DataError
 from vo_lib.evaluation.ate_rpe import Alignment, absolute_error, align, check_pair, relative_error, rmse
 from vo_lib.evaluation.kitti_errors import KittiErrors, kitti_errors, suitable_protocol
@@ -45,7 +46,9 @@ class EvaluationView(Checked):
     yaw: float = setting(1.0, "added: excess turn to the right", unit="deg/100 m", low=-5, high=5)
     noise: float = setting(5.0, "added: noise of each step", unit="mm", low=0, high=100)
     jitter: float = setting(0.0, "added: noise of each rotation", unit="deg", low=0, high=0.5)
-    file: str = setting("", "path of a pose file (KITTI, TUM or EuRoC) that replaces the estimate")
+    file: str = setting(
+        "", "path of a pose file (named columns, KITTI, TUM or EuRoC) that replaces the estimate"
+    )
 
 
 class EvaluationPanel(Panel):
@@ -92,7 +95,7 @@ class EvaluationPanel(Panel):
     def _estimate(self, state: State, truth: Array) -> Array | None:
         view = state.view
         if path := view.file.strip():
-            poses = read_path(Path(path))[1]
+            poses = _poses_of_frames(Path(path), state.sequence.times)
             check_pair(truth, poses, f"{path}: ")
             return poses
         if view.estimate == MADE_UP:
@@ -134,6 +137,17 @@ class EvaluationPanel(Panel):
             Fact("scale", scale, "", 4),
         )
         return Drawing([paths, by_length], _sentence(errors, part), facts)
+
+
+def _poses_of_frames(path: Path, times: Array) -> Array:
+    """The poses of a file at the times of the frames (N,), seconds, or all poses of a file without times."""
+    file = read_path(path)
+    if file.times is None:
+        return file.poses
+    rows, pose_rows = match_times(times, file.times)
+    if len(rows) < 2:
+        raise DataError(time_mismatch(file.times, times, "the sequence", TIME_TOLERANCE_S), path)
+    return file.poses[pose_rows]
 
 
 def longest_from(truth: Array, estimate: Array, lengths: tuple[float, ...], first: int) -> KittiErrors:
