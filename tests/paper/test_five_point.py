@@ -153,6 +153,47 @@ def test_degenerate_sets_give_finite_candidates() -> None:
         assert np.max(off_essential(E), initial=0.0) <= 1e-6
 
 
+@pytest.mark.parametrize("parallax", [1e-4, 1e-5, 1e-6, 1e-7, 0.0])
+def test_exact_points_with_little_parallax_have_at_most_ten_candidates(parallax: float) -> None:
+    """The less parallax there is, the more matrices fit to within rounding; without any, a whole family."""
+    simulated = problems("general", 1000)
+    X_c = simulated.X_p @ np.swapaxes(simulated.R_cp, 1, 2) + parallax * simulated.t_cp[:, None]
+    E, index = five_point(simulated.x_p, X_c[..., :2] / X_c[..., 2:])
+    assert np.bincount(index, minlength=1000).max() <= (10 if parallax else 0)
+    assert np.isfinite(E).all()
+
+
+@pytest.mark.parametrize(
+    ("shape_p", "shape_c", "message"),
+    [
+        ((5, 2), (5, 2), r"x_p has the shape \(5, 2\), expected \(S, 5, 2\)"),
+        ((2, 8, 2), (2, 8, 2), r"\(2, 8, 2\)"),
+        ((2, 5, 3), (2, 5, 3), r"\(2, 5, 3\)"),
+        ((2, 5, 2), (2, 5, 3), r"x_c has the shape \(2, 5, 3\)"),
+        ((2, 5, 2), (3, 5, 2), r"\(2, 5, 2\) and \(3, 5, 2\)"),
+    ],
+)
+def test_other_shapes_are_refused(shape_p: tuple[int, ...], shape_c: tuple[int, ...], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        five_point(np.ones(shape_p), np.ones(shape_c))
+
+
+@pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
+def test_numbers_that_are_not_finite_are_refused(number: float) -> None:
+    simulated = problems("general", 4)
+    simulated.x_c[2, 3, 1] = number
+    with pytest.raises(
+        ValueError, match=r"x_c of shape \(4, 5, 2\) has a number in set 2 that is not finite"
+    ):
+        five_point(simulated.x_p, simulated.x_c)
+
+
+def test_lists_and_single_precision_are_accepted() -> None:
+    simulated = problems("general", 3)
+    assert len(five_point(simulated.x_p.astype(np.float32), simulated.x_c.astype(np.float32)).E)  # type: ignore[arg-type]
+    assert len(five_point(simulated.x_p.tolist(), simulated.x_c.tolist()).E)  # type: ignore[arg-type]
+
+
 def test_real_roots_are_all_found() -> None:
     """Polynomials with given roots; the solver computes roots outside [-1, 1] as w/z."""
     rng = np.random.default_rng(2)

@@ -73,9 +73,15 @@ def five_point(x_p: Array, x_c: Array) -> Candidates:
 
     Returns
     -------
-    Candidates, up to ten per set. A set has no candidates if its matches are dependent (a repeated match) or
-    if a whole family of E fits the matches (no parallax and no noise). The memory use is about 10 kB per set.
+    Candidates, at most ten per set. A set has no candidates if its matches are dependent (a repeated match)
+    or if a whole family of E fits the matches (no parallax and no noise). The memory use is about 10 kB per
+    set.
+
+    Raises
+    ------
+    ValueError : the arrays have other shapes, or a coordinate is not finite.
     """
+    x_p, x_c = _checked_points(x_p, x_c)
     basis, independent = null_space(epipolar_rows(x_p, x_c))
     solutions = [np.empty((4, 0))]
     indices = [np.empty(0, dtype=np.intp)]
@@ -98,10 +104,32 @@ def five_point(x_p: Array, x_c: Array) -> Candidates:
     distinct = np.ones(index.size, dtype=bool)
     cosine = np.abs(np.einsum("am,am->m", v[:, 1:], v[:, :-1]))
     distinct[1:] = (index[1:] != index[:-1]) | (1.0 - cosine > 0.5 * SAME_CANDIDATE_DISTANCE**2)
-    v = v[:, distinct]
-    index = index[distinct]
+    # Ten polynomials of degree three have at most ten common roots, or a whole family of them. So a set with
+    # more than ten solutions has samples of a family.
+    count = np.bincount(index[distinct], minlength=len(x_p))
+    kept = distinct & (count <= DEGREE)[index]
+    v = v[:, kept]
+    index = index[kept]
     E = np.einsum("am,aijm->mij", v, basis.take(index, axis=-1))
     return Candidates(E, index)
+
+
+def _checked_points(x_p: Array, x_c: Array) -> tuple[Array, Array]:
+    """The points as arrays of double precision; `ValueError` unless there are finite sets of five matches."""
+    checked = []
+    for name, points in (("x_p", x_p), ("x_c", x_c)):
+        array = np.asarray(points, np.float64)
+        if array.ndim != 3 or array.shape[1:] != (5, 2):
+            raise ValueError(f"{name} has the shape {array.shape}, expected (S, 5, 2): S sets of five points")
+        finite = np.isfinite(array).all(axis=(1, 2))
+        if not finite.all():
+            bad = int(np.argmin(finite))
+            raise ValueError(f"{name} of shape {array.shape} has a number in set {bad} that is not finite")
+        checked.append(array)
+    if len(checked[0]) != len(checked[1]):
+        shapes = " and ".join(str(array.shape) for array in checked)
+        raise ValueError(f"x_p and x_c have the shapes {shapes}, expected equal shapes (S, 5, 2)")
+    return checked[0], checked[1]
 
 
 def _solve(basis: Array) -> tuple[Array, Index, BoolArray]:
