@@ -169,9 +169,6 @@ def their_boxes(model: Path, image: NDArray[np.uint8], task: str, rtdetr: bool) 
     network = RTDETR(str(model)) if rtdetr else YOLO(str(model), task=task)
     options = {"imgsz": SIZE, "conf": SCORE, "iou": NMS, "max_det": 1000, "device": "cpu", "verbose": False}
     found = network.predict(image, **options)[0].boxes
-    found = found[
-        (found.xyxy[:, 2:] > found.xyxy[:, :2]).all(1)
-    ]  # without training, corners may be exchanged
     height, width = image.shape[:2]
     xyxy = np.clip(found.xyxy.numpy().astype(np.float64), 0, [width, height, width, height]) - 0.5
     return Boxes(xyxy, found.cls.numpy().astype(np.int64), found.conf.numpy().astype(np.float64))
