@@ -176,7 +176,7 @@ def their_boxes(model: Path, image: NDArray[np.uint8], task: str, rtdetr: bool) 
 
 def with_area(boxes: Boxes) -> Boxes:
     """The boxes that have an area."""
-    return boxes[(boxes.xyxy[:, 2:] > boxes.xyxy[:, :2]).all(axis=1)]
+    return boxes[np.asarray((boxes.xyxy[:, 2:] > boxes.xyxy[:, :2]).all(axis=1))]
 
 
 def has_counterpart(boxes: Boxes, others: Boxes) -> NDArray[np.bool_]:

@@ -61,7 +61,7 @@ def detector_of(model: str) -> YoloDetector:
 
 def frame_candidates(sequence: Sequence, frame: int, detector: YoloDetector) -> NetworkOutput:
     """Output of a detector for a frame's left image."""
-    key = (*key_of(sequence, frame), detector.path)
+    key = (*key_of(sequence, frame), detector)  # another one after a change of the model's files
     return _candidates.get(key, lambda: detector.candidates(stereo(sequence, frame)[0]))
 
 
