@@ -190,8 +190,8 @@ def test_numbers_that_are_not_finite_are_refused(number: float) -> None:
 
 def test_lists_and_single_precision_are_accepted() -> None:
     simulated = problems("general", 3)
-    assert len(five_point(simulated.x_p.astype(np.float32), simulated.x_c.astype(np.float32)).E)  # type: ignore[arg-type]
-    assert len(five_point(simulated.x_p.tolist(), simulated.x_c.tolist()).E)  # type: ignore[arg-type]
+    assert len(five_point(simulated.x_p.astype(np.float32), simulated.x_c.astype(np.float32)).E)
+    assert len(five_point(simulated.x_p.tolist(), simulated.x_c.tolist()).E)
 
 
 def test_real_roots_are_all_found() -> None:
