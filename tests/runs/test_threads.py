@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import cv2
+import pytest
 from threadpoolctl import threadpool_limits
 
 from vo_lib import open_sequence, preset, run
@@ -36,3 +37,18 @@ def test_single_threaded_is_reentrant() -> None:
     assert cv2.getNumThreads() == 1
     other.__exit__(None, None, None)
     assert cv2.getNumThreads() == before
+
+
+def test_a_failed_run_does_not_limit_the_threads(bands: Path) -> None:
+    """The limit ends with the run, not only when the caught error, which refers to the run, is forgotten."""
+
+    def fail(done: int, total: int) -> None:
+        raise ValueError(done)
+
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(3)
+    with pytest.raises(ValueError, match="1") as caught:
+        run(open_sequence(bands), preset("solution_selection"), fail)
+    assert caught.tb
+    assert cv2.getNumThreads() == 3
+    cv2.setNumThreads(before)

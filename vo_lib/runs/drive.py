@@ -91,6 +91,8 @@ def frames(
 ) -> Iterator[Frame]:
     """The frames of a sequence, one after the other, for `Odometry.start` and `Odometry.step`.
 
+    Until the last frame, BLAS and OpenCV use one thread, see `single_threaded`.
+
     matches : matches of every frame with the settings of `config`, such as `CachedMatches`; by default
         computed here.
 
