@@ -139,7 +139,7 @@ def _from_table(
     raise _refusal(outputs, words)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Grid:
     """A table with a row for each cell of a network's grids, and all that decides on its layout."""
 
