@@ -141,3 +141,106 @@ def test_damaged_images_are_refused(
     with pytest.raises(DataError, match="truncated or damaged"):
         read_image(path)
     assert capfd.readouterr() == ("", "")  # no output of libpng and OpenCV
+
+
+def recoloured(folder: Path) -> None:
+    """Only colour images, with matrices P2 and P3 whose left camera is 0.06 m to the right of camera 0."""
+    for grey, colour in zip(SIDES, ("image_2", "image_3"), strict=True):
+        (folder / colour).mkdir()
+        for path in (folder / grey).iterdir():
+            image = np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE))
+            blue = np.stack([image, image // 2, image // 4], axis=-1)
+            cv2.imwrite(str(folder / colour / path.name), blue)
+        shutil.rmtree(folder / grey)
+    matrix = f"{FOCAL} 0 {WIDTH / 2} {{}} 0 {FOCAL} {HEIGHT / 2} 0 0 0 1 0\n"
+    shifts = 0.0, -FOCAL * BASELINE, -FOCAL * 0.06, -FOCAL * (0.06 + 0.4)
+    lines = [f"P{k}: {matrix.format(shift)}" for k, shift in enumerate(shifts)]
+    (folder / "calib.txt").write_text("".join(lines), encoding="utf-8")
+
+
+def test_colour_images_alone_are_read_as_grey_with_their_own_calibration(bands: Path) -> None:
+    grey = open_sequence(bands).stereo(1)[0]
+    recoloured(bands)
+    turned = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])  # 90° to the right
+    rows = [np.eye(3, 4), np.hstack([turned, [[1.0], [0.0], [2.0]]])]
+    text = "".join(" ".join(map(str, row.ravel())) + "\n" for row in [*rows, *[rows[1]] * 4])
+    (bands / "poses.txt").write_text(text, encoding="utf-8")
+    sequence = open_sequence(bands)
+    assert sequence.camera.baseline == pytest.approx(0.4)  # of P2 and P3; P0 and P1 have 0.5
+    assert sequence.notes() == [
+        "there are only colour images: image_2 and image_3 are read as grey, with P2 and P3 of calib.txt"
+    ]
+    # OpenCV's weights of blue, green and red: 0.114, 0.587, 0.299.
+    expected = 0.114 * grey + 0.587 * (grey // 2) + 0.299 * (grey // 4)
+    np.testing.assert_allclose(sequence.stereo(1)[0], expected, atol=1.5)
+    # The truth is the path of camera 0; the left colour camera is 0.06 m beside it and turns with it.
+    assert sequence.truth is not None
+    np.testing.assert_allclose(sequence.truth[0], np.eye(4))
+    np.testing.assert_allclose(sequence.truth[1, :3, 3], [1.0 - 0.06, 0.0, 2.0 - 0.06])
+
+
+@pytest.mark.parametrize("line", ["P2", "P3"])
+def test_colour_images_never_have_the_calibration_of_the_grey_cameras(bands: Path, line: str) -> None:
+    recoloured(bands)
+    text = (bands / "calib.txt").read_text(encoding="utf-8")
+    (bands / "calib.txt").write_text(text.replace(line, "Tr"), encoding="utf-8")
+    with pytest.raises(DataError, match=rf"calib\.txt: {line} is missing"):
+        open_sequence(bands)
+    # With both kinds, the grey images are used.
+    shutil.copytree(bands / "image_2", bands / "image_0")
+    shutil.copytree(bands / "image_3", bands / "image_1")
+    assert open_sequence(bands).camera.baseline == pytest.approx(BASELINE)
+    shutil.rmtree(bands / "image_1")
+    with pytest.raises(DataError, match="the folder image_1 is missing"):
+        open_sequence(bands)
+
+
+def deepened(folder: Path, bits: int, factor: int) -> None:
+    """Images of 16 bits: the grey values 0 to 255 times `factor`; the last right image is the brightest."""
+    for side in SIDES:
+        for path in (folder / side).iterdir():
+            image = np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), np.uint16) * factor
+            cv2.imwrite(str(path), np.minimum(image, 100))  # dark images
+    path = folder / "image_1" / "000005.png"
+    image = np.asarray(cv2.imread(str(path), cv2.IMREAD_UNCHANGED))
+    image[3, 7] = 2**bits - 1
+    cv2.imwrite(str(path), image)
+
+
+@pytest.mark.parametrize(
+    ("bits", "shift"), [(8, 0), (9, 2), (10, 2), (11, 4), (12, 4), (14, 6), (15, 8), (16, 8)]
+)
+def test_grey_values_of_16_bits_are_scaled_by_the_largest_of_all_images(
+    bands: Path, bits: int, shift: int
+) -> None:
+    deepened(bands, bits, 1)
+    sequence = open_sequence(bands)
+    stored = np.asarray(cv2.imread(str(bands / "image_0" / "000002.png"), cv2.IMREAD_UNCHANGED))
+    assert stored.dtype == np.uint16
+    assert stored.max() <= 100
+    for part, index in ((sequence, 2), (sequence.part(1, 4), 1)):  # also without the brightest image
+        np.testing.assert_array_equal(part.stereo(index)[0], stored >> shift)
+    note = [f"the grey values need {8 + shift} bits, so they are divided by {2**shift}"] if shift else []
+    assert sequence.notes() == note
+
+
+def test_images_of_8_and_16_bits_are_not_mixed(bands: Path) -> None:
+    deepened(bands, 10, 1)
+    path = bands / "image_0" / "000003.png"
+    cv2.imwrite(str(path), np.zeros((HEIGHT, WIDTH), np.uint8))
+    with pytest.raises(DataError, match=r"000003\.png: the image has 8 bits, the other images .* of 10 bits"):
+        open_sequence(bands).stereo(3)
+    for side in SIDES:
+        for frame in range(3):
+            cv2.imwrite(str(bands / side / f"{frame:06d}.png"), np.zeros((HEIGHT, WIDTH), np.uint8))
+    with pytest.raises(DataError, match=r"000005\.png: the image has 16 bits and grey values up to 1023"):
+        open_sequence(bands).stereo(5)
+
+
+def test_a_video_and_a_folder_of_images_name_the_import(bands: Path) -> None:
+    film = bands / "film.mp4"
+    film.touch()
+    with pytest.raises(DataError, match=rf"is a file: .* vo data from_folder --video {film} --out DIR"):
+        open_sequence(film)
+    with pytest.raises(DataError, match="vo data from_folder --left DIR --right DIR"):
+        open_sequence(bands / "image_0")

@@ -93,6 +93,7 @@ def open_with_bar(name: str, cache: Path | None, part: argparse.Namespace | None
         parse_frames(part.frames, 0)  # a wrong form is refused before a scene is drawn
     with reporting(f"drawing {name}") as report:
         sequence = open_sequence(name, part.labels if part else None, cache, report)
+    print_wrapped(*(f"note: {sentence}" for sentence in sequence.notes()))
     if part is None:
         return sequence
     sequence = dataclasses.replace(sequence, masks=part.masks)

@@ -53,5 +53,5 @@ def _facts(name: str, folder: Path | None) -> list[str]:
     camera, truth = sequence.camera, sequence.truth
     length = NO_NUMBER if truth is None else f"{trajectory_distances(truth)[-1]:.0f}"
     parts = ["no" if part is None else "yes" for part in (truth, sequence.labels)]
-    megabytes = sum(folder_size(folder / side) for side in ("image_0", "image_1")) / 1e6
+    megabytes = sum(folder_size(folder / side) for side in sequence.sides) / 1e6
     return [str(len(sequence)), length, *parts, f"{camera.width}×{camera.height}", f"{megabytes:.0f}"]

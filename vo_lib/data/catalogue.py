@@ -10,7 +10,7 @@ from ..checkout import checkout_folder
 from ..errors import DataError, did_you_mean
 from ..geometry.types import Progress
 from .drawn import ensure_scene, scene_folder
-from .kitti import EXPECTED_FRAMES
+from .kitti import EXPECTED_FRAMES, has_images
 from .scenes import SCENES
 from .sequence import Sequence, open_folder
 
@@ -49,7 +49,7 @@ def available() -> dict[str, Path | None]:
         folders[f"{SYNTHETIC}{name}"] = folder if folder.is_dir() else None
     for root in kitti_roots():
         for folder in sorted((root / "sequences").iterdir()):
-            if (folder / "image_0").is_dir():
+            if has_images(folder):
                 folders.setdefault(f"{KITTI}{folder.name}", folder)
     return folders
 
@@ -91,6 +91,9 @@ def _find_folder(name: str, cache: Path | None, progress: Progress | None) -> Pa
         near = f"did you mean {KITTI}{sequence}? "
     if name.startswith(KITTI):
         raise DataError(f"the sequence {name} was not found; {near}looked in {kitti_places()}")
+    if Path(name).is_file():
+        video = f"for a video with both images side by side: vo data from_folder --video {name} --out DIR …"
+        raise DataError(f"is a file: expected a folder or a name from `vo list`; {video}", name)
     raise DataError(f"the folder is missing: {near}expected a folder or a name from `vo list`", name)
 
 

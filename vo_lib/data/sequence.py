@@ -15,8 +15,24 @@ from numpy.typing import NDArray
 from ..errors import DataError
 from ..geometry.boxes import Boxes, no_boxes
 from ..geometry.camera import StereoCamera
+from ..geometry.motion import inverse, rigid
 from ..geometry.types import Array, Image
-from .kitti import EXPECTED_FRAMES, PART, list_frames, read_calibration, read_image, read_times
+from .kitti import (
+    BITS,
+    COLOUR,
+    EXPECTED_FRAMES,
+    GREY,
+    PART,
+    bits_note,
+    camera_names,
+    grey_bits,
+    image_folders,
+    left_offset,
+    list_frames,
+    read_calibration,
+    read_image,
+    read_times,
+)
 from .label_files import read_labels
 from .poses import read_kitti_poses
 
@@ -28,7 +44,7 @@ class Sequence:
     Attributes
     ----------
     name : displayed name, such as "kitti/07", or the folder's name.
-    folder : folder with image_0, image_1 and calib.txt.
+    folder : folder with image_0, image_1 and calib.txt; without grey images, with image_2 and image_3.
     frames : (N) file stems, in order.
     camera : intrinsics, baseline and image size.
     times : (N,) seconds.
@@ -37,6 +53,8 @@ class Sequence:
     masks : PNG image, or folder with one image per frame, or None. Features of the left images are ignored
         on non-zero pixels of the mask.
     is_part : whether these are only a part of the frames of a sequence, such as a clip of the benchmark.
+    sides : names of the folders of the left and the right images.
+    bits : bits of the grey values in the image files; the images that are read have 8.
     """
 
     name: str
@@ -48,17 +66,34 @@ class Sequence:
     labels: Path | None
     masks: Path | None = field(default=None, kw_only=True)
     is_part: bool = field(default=False, kw_only=True)
+    sides: tuple[str, str] = field(default=GREY, kw_only=True)
+    bits: int = field(default=BITS[0], kw_only=True)
 
     def __len__(self) -> int:
         return len(self.frames)
 
     def stereo(self, index: int) -> tuple[Image, Image]:
         """Left and right image of a frame, (H, W) uint8; a `DataError` names an unusable image."""
-        name = f"{self.frames[index]}.png"
-        return self._image(self.folder / "image_0" / name), self._image(self.folder / "image_1" / name)
+        left, right = (self.folder / side / f"{self.frames[index]}.png" for side in self.sides)
+        return self._image(left, self.bits), self._image(right, self.bits)
 
-    def _image(self, path: Path) -> Image:
-        image, size = read_image(path), (self.camera.height, self.camera.width)
+    def left_file(self, frame: str) -> Path:
+        """The left image of a frame, by the frame's file stem."""
+        return self.folder / self.sides[0] / f"{frame}.png"
+
+    def notes(self) -> list[str]:
+        """Sentences on images that are not grey images of 8 bits."""
+        words = []
+        if self.sides == COLOUR:
+            folders, matrices = " and ".join(COLOUR), " and ".join(camera_names(COLOUR))
+            only = "there are only colour images"
+            words.append(f"{only}: {folders} are read as grey, with {matrices} of calib.txt")
+        if self.bits > BITS[0]:
+            words.append(bits_note(self.bits))
+        return words
+
+    def _image(self, path: Path, bits: int | None = None) -> Image:
+        image, size = read_image(path, bits), (self.camera.height, self.camera.width)
         if image.shape != size:
             actual, expected = f"{image.shape[1]}×{image.shape[0]}", f"{size[1]}×{size[0]}"
             raise DataError(f"the image is {actual}, expected {expected} as in the first left image", path)
@@ -114,17 +149,18 @@ def at_pixels(picture: NDArray[Any], uv: Array) -> NDArray[Any]:
 
 
 def open_folder(folder: Path, name: str, labels: str | Path | None = None) -> Sequence:
-    """The sequence in a folder in KITTI's layout. Only the first image is read.
+    """The sequence in a folder in KITTI's layout. Of images with 8 bits, only the first pair is read.
 
     labels : folder of YOLO label files; by default `labels` in the sequence's folder, if it exists.
 
     Raises `DataError` with the file at fault and the expected content.
     """
-    frames = list_frames(folder)
+    frames, sides = list_frames(folder), image_folders(folder)
     if len(frames) < 2:
-        raise DataError(f"expected two or more stereo pairs, found {len(frames)}", folder / "image_0")
-    first = read_image(folder / "image_0" / f"{frames[0]}.png")
-    camera = read_calibration(folder / "calib.txt", first.shape[1], first.shape[0])
+        raise DataError(f"expected two or more stereo pairs, found {len(frames)}", folder / sides[0])
+    bits = grey_bits([folder / side / f"{frame}.png" for frame in frames] for side in sides)
+    first = read_image(folder / sides[0] / f"{frames[0]}.png", bits)
+    camera = read_calibration(folder / "calib.txt", first.shape[1], first.shape[0], sides)
     times = folder / "times.txt"
     return Sequence(
         name=name,
@@ -132,9 +168,11 @@ def open_folder(folder: Path, name: str, labels: str | Path | None = None) -> Se
         frames=tuple(frames),
         camera=camera,
         times=_rows_of_frames(read_times(times), frames, times),
-        truth=_find_truth(folder, frames),
+        truth=_find_truth(folder, frames, sides),
         labels=_find_labels(folder, frames, labels),
         is_part=(folder / PART).exists() or len(frames) < EXPECTED_FRAMES.get(folder.name, 0),
+        sides=sides,
+        bits=bits,
     )
 
 
@@ -147,11 +185,16 @@ def _rows_of_frames(rows: Array, frames: list[str], path: Path) -> Array:
     raise DataError(f"{len(rows)} rows for {len(frames)} frames: expected one row per frame", path)
 
 
-def _find_truth(folder: Path, frames: list[str]) -> Array | None:
+def _find_truth(folder: Path, frames: list[str], sides: tuple[str, str]) -> Array | None:
+    """True poses of the left camera. KITTI's files have the poses of camera 0, the left grey camera."""
     kitti_poses = folder.resolve().parent.parent / "poses" / f"{folder.resolve().name}.txt"
     for path in (folder / "poses.txt", kitti_poses):
         if path.exists():
-            return _rows_of_frames(read_kitti_poses(path), frames, path)
+            poses = _rows_of_frames(read_kitti_poses(path), frames, path)
+            if sides == GREY:
+                return poses
+            T_0_left = rigid(np.eye(3), left_offset(folder / "calib.txt", sides))
+            return inverse(T_0_left) @ poses @ T_0_left
     return None
 
 

@@ -77,7 +77,7 @@ def write_label_folder(
     Raises `DataError` if the folder belongs to a sequence or a run; if it has labels of another detector and
     `replace` is false; or if another process writes labels into the folder and `waiting` is None.
     """
-    record, images = detection_record(model, config, provider), sequence.folder / "image_0"
+    record = detection_record(model, config, provider)
     require_label_folder(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -85,7 +85,7 @@ def write_label_folder(
         raise DataError(f"the folder cannot be created: {error.strerror}", folder) from None
     with only_process(folder, waiting):
         _claim(folder, record, sequence, replace)
-        files = [(folder / f"{frame}.txt", images / f"{frame}.png") for frame in sequence.frames]
+        files = [(folder / f"{frame}.txt", sequence.left_file(frame)) for frame in sequence.frames]
         missing = [(label, image) for label, image in files if not _is_current(label, image)]
         if not missing:
             return 0
@@ -93,7 +93,7 @@ def write_label_folder(
         wanted = wanted_classes(detector, config.classes)
 
         def detect(label: Path, image_file: Path) -> None:
-            image = read_image(image_file)
+            image = read_image(image_file, sequence.bits)
             boxes = with_label_numbers(detector, detector.detect(image, wanted))
             write_labels(label, boxes, image.shape[1], image.shape[0])
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from .. import settings
 from ..config import config_class
+from ..data.kitti import has_images
 from ..data.pose_times import FRAME_INTERVALS_S
 from ..data.poses import format_kitti_poses, format_tum, read_kitti_poses
 from ..data.sequence import Sequence
@@ -52,7 +53,7 @@ def run_folder(folder: str | Path) -> Iterator[Path]:
         raise DataError("the folder's name is empty: give a folder for the results")
     path = Path(folder)
     try:
-        if (path / "image_0").is_dir():
+        if has_images(path):
             raise DataError("contains images of a sequence: choose another folder for the results", path)
         new_folders = [p for p in (path, *path.parents) if not p.exists()]
         path.mkdir(parents=True, exist_ok=True)

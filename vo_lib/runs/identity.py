@@ -76,7 +76,7 @@ def images_digest(sequence: Sequence) -> str:
     with name, size and time of the image as key.
     """
     folder = sequence.folder.resolve()
-    names = [f"{side}/{frame}.png" for side in ("image_0", "image_1") for frame in sequence.frames]
+    names = [f"{side}/{frame}.png" for side in sequence.sides for frame in sequence.frames]
     try:
         stats = [(folder / name).stat() for name in names]
     except OSError as error:
