@@ -89,6 +89,20 @@ def read_csv(path: str | Path) -> list[tuple[int, list[str]]]:
         raise DataError(f"is not CSV: {error}", path, reader.line_num) from None
 
 
+def read_yaml(path: str | Path) -> dict[str, Any]:
+    """The mapping in a YAML file, or {} for other content; `DataError` for a file that is not YAML."""
+    import yaml  # the library reads no YAML when a run starts
+
+    text = read_text(path)
+    try:
+        content = yaml.safe_load(text)
+    # PyYAML raises these errors also for invalid dates and for deep nesting.
+    except (yaml.YAMLError, ValueError, TypeError, AttributeError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        raise DataError("is not YAML", path, None if mark is None else mark.line + 1) from None
+    return content if isinstance(content, dict) else {}
+
+
 @contextmanager
 def only_process(folder: Path, waiting: Callable[[Path], None] | None = None) -> Iterator[None]:
     """A lock on a folder for this process. If the process ends, the operating system releases the lock.

@@ -7,10 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from vo_lib.errors import DataError
-from vo_lib.files import read_text
+from vo_lib.files import read_yaml
 
 IMAGE_ENDINGS = (".jpg", ".jpeg", ".png", ".bmp")
 SPLITS = {"train": "train", "valid": "val", "test": "test"}  # our name and the key in data.yaml
@@ -49,18 +47,6 @@ def open_set(where: Path) -> DetectionSet:
             raise DataError(f"expected `{key}:` with a folder of images; found {about.get(key)!r}", path)
         images_of[split] = images
     return DetectionSet(tuple(names), images_of)
-
-
-def read_yaml(path: Path) -> dict[str, Any]:
-    """The mapping in a YAML file, or {} for other content; `DataError` for a file that is not YAML."""
-    text = read_text(path)
-    try:
-        about = yaml.safe_load(text)
-    # PyYAML raises these errors also for invalid dates and for deep nesting.
-    except (yaml.YAMLError, ValueError, TypeError, AttributeError, RecursionError) as error:
-        mark = getattr(error, "problem_mark", None)
-        raise DataError("is not YAML", path, None if mark is None else mark.line + 1) from None
-    return about if isinstance(about, dict) else {}
 
 
 def _images(path: Path, entry: Any) -> tuple[Path, ...]:

@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vo_lib.data.kitti import calibration_text
 from vo_lib.data.poses import write_kitti_poses
 from vo_lib.data.scenes import SceneConfig
 from vo_lib.errors import DataError
-from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.types import Progress
 from vo_lib.parallel import local_pool
 from vo_lib.settings import to_dict
@@ -85,16 +85,6 @@ def _write_frame(config: SceneConfig, folder: Path, frame: int) -> None:
             _write_png(folder / "truth" / "instance" / name, codes)
             lines = "".join(box.yolo(config.camera) + "\n" for box in boxes)
             _write_text(folder / "labels" / f"{frame:06d}.txt", lines)
-
-
-def calibration_text(camera: StereoCamera) -> str:
-    """Text of calib.txt: P0 to P3; P1 and P3 are right cameras, with -f b at the end of the first row."""
-    lines = []
-    for k in range(4):
-        P = np.hstack([camera.K, np.zeros((3, 1))])
-        P[0, 3] = -camera.f * camera.baseline * (k % 2)
-        lines.append(f"P{k}: " + " ".join(f"{v:.12e}" for v in P.ravel()) + "\n")
-    return "".join(lines)
 
 
 def _write_png(path: Path, image: NDArray[np.uint8] | NDArray[np.uint16], noisy: bool = False) -> None:
