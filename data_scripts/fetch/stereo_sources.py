@@ -12,19 +12,19 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from fetch.name_times import frame_numbers, gap_note, times_of_names
 from fetch.stereo_calibration import Rig
 from fetch.stereo_check import SAMPLE_PAIRS
-from vo_lib.data.kitti import read_image
+from vo_lib.data.kitti import BITS, bits_note, grey_bits, read_image
 from vo_lib.data.poses import match_times
 from vo_lib.errors import DataError
 from vo_lib.files import open_binary
-from vo_lib.geometry.types import Array, Image
+from vo_lib.geometry.types import Array, Image, IntArray
 
 Pair = tuple[Image, Image]
 
 ENDINGS = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff", ".webp")
 MAX_DELAY_S = 0.005  # between left and right image; at 50 km/h a car drives 7 cm in this time
-NANOSECONDS, SECONDS = r"\d{18,19}", r"\d{9,10}\.\d+"  # patterns of names that are times
 TEXT_AS_VIDEO = cv2.VideoWriter.fourcc(*"ansi")  # FFmpeg shows a text file as a terminal would
 VIDEO_SAMPLE_STEP = 10  # frames of a video between pairs of the sample
 
@@ -37,9 +37,12 @@ class FolderSource:
     ----------
     paths : left and right image of each pair.
     times : (N,) seconds, if the names are times or the data set has times.
-    note : a sentence on skipped images, or "".
+    note : sentences on skipped images, gaps and grey values, or "".
     left : index of each pair's left image among all left images, including skipped images.
     left_count : number of all left images.
+    frames : (N,) frame of each pair by the numbers in the names, 0 for the first pair; greater than the
+        index after a gap. None if the names have no numbers.
+    bits : bits of the grey values in the files (`grey_bits`).
     """
 
     paths: list[tuple[Path, Path]]
@@ -47,6 +50,8 @@ class FolderSource:
     note: str = ""
     left: tuple[int, ...] = ()
     left_count: int = 0
+    frames: IntArray | None = None
+    bits: int = BITS[0]
 
     def of_pairs(self, rows: Array) -> Array:
         """The rows (N, …) that belong to the N pairs; `rows` has one row per pair or per left image."""
@@ -59,8 +64,8 @@ class FolderSource:
 
     def pairs(self) -> Iterator[Callable[[], Pair]]:
         """All pairs; reading raises `DataError` for an image of another size than the first left image."""
-        shape = read_image(self.paths[0][0]).shape
-        return (partial(_read_pair, paths, shape) for paths in self.paths)
+        shape = read_image(self.paths[0][0], self.bits).shape
+        return (partial(_read_pair, paths, shape, self.bits) for paths in self.paths)
 
     def size_hint(self) -> int:
         """The number of pairs."""
@@ -141,47 +146,101 @@ def pair_images(
 ) -> FolderSource:
     """Pairs of left and right image files; each side is a folder or a pattern such as `S/I1_*.png`.
 
-    If the names are times (nanoseconds, or seconds with decimals), each left image is paired with the right
-    image nearest in time, within `max_delay` seconds. Otherwise, images with equal numbers are paired. The
-    number of an image is the only group of digits that differs within its side. Images without such a number
-    are paired if their names, or their texts in place of `*`, are equal.
+    If the names are times (`times_of_names`), each left image is paired with the right image nearest in time,
+    within `max_delay` seconds. Otherwise, images with equal numbers are paired. The number of an image is the
+    only group of digits that differs within its side. Images without such a number are paired if their names,
+    or their texts in place of `*`, are equal.
 
     Raises `DataError` for a side without images, for fewer than two pairs, and, without `skip_unpaired`, for
     an image without a partner.
     """
     sides = [_images(place) for place in (left, right)]
-    stamps = [_seconds(list(side)) for side in sides]
-    times, notes = None, []
-    if stamps[0] is not None and stamps[1] is not None:
-        nearest = match_times(stamps[0], stamps[1], np.inf)
-        delays = np.abs(stamps[0][nearest[0]] - stamps[1][nearest[1]])
-        close = delays <= max_delay
-        if np.count_nonzero(close) < 2:
-            raise DataError(
-                f"expected two or more pairs of images at most --max-delay {max_delay:g} s apart; "
-                f"the nearest images are {delays.min():.3g} s apart",
-                left,
-            )
-        chosen = [each[close].tolist() for each in nearest]
-        times = stamps[0][chosen[0]]
-        if (delay := float(delays[close].max())) > 0:
-            notes.append(f"left and right images are up to {1e3 * delay:.1f} ms apart")
+    bits = grey_bits(list(side.values()) for side in sides)
+    notes = [bits_note(bits)] if bits > BITS[0] else []
+    stamps_l, stamps_r = (times_of_names([*side], at) for side, at in zip(sides, (left, right), strict=True))
+    if stamps_l is not None and stamps_r is not None:
+        pairing = _pair_by_time(sides, (stamps_l, stamps_r), max_delay, left)
     else:
-        if all(numbered := [_by_number(side) for side in sides]):
-            sides = numbered
-        common = sides[0].keys() & sides[1].keys()
-        if len(common) < 2:
-            expected = "expected equal names, equal numbers (the digits that differ) or times"
-            raise DataError(f"fewer than two names agree with the names in {left}: {expected}", right)
-        chosen = [[n for n, name in enumerate(side) if name in common] for side in sides]
-    files = [list(side.values()) for side in sides]
-    single = [f[n] for f, c in zip(files, chosen, strict=True) for n in sorted({*range(len(f))} - {*c})]
+        pairing = _pair_by_name(sides, left, right)
+    if pairing.delay > 0:
+        notes.append(f"left and right images are up to {1e3 * pairing.delay:.1f} ms apart")
+    single = []
+    for files, chosen in zip(pairing.files, pairing.chosen, strict=True):
+        single += [files[n] for n in sorted({*range(len(files))} - {*chosen})]
     if single and not skip_unpaired:
         raise DataError("the image has no partner; --skip-unpaired skips such images", single[0])
     if single:
         notes.append(f"images without a partner, skipped: {len(single)}")
-    paths = [(files[0][n], files[1][m]) for n, m in zip(*chosen, strict=True)]
-    return FolderSource(paths, times, "; ".join(notes), tuple(chosen[0]), len(files[0]))
+    paths = [
+        (pairing.files[0][n], pairing.files[1][m])
+        for n, m in zip(pairing.chosen[0], pairing.chosen[1], strict=True)
+    ]
+    if pairing.frames is not None and (note := gap_note(pairing.frames, [path.name for path, _ in paths])):
+        notes.append(note)
+    return FolderSource(
+        paths,
+        pairing.times,
+        "; ".join(notes),
+        left=tuple(pairing.chosen[0]),
+        left_count=len(pairing.files[0]),
+        frames=pairing.frames,
+        bits=bits,
+    )
+
+
+@dataclass(frozen=True)
+class _Pairing:
+    """Files of both sides, the index of each pair's file on each side, and times or frames of the pairs.
+
+    delay : largest time between a left and a right image, seconds.
+    """
+
+    files: tuple[list[Path], list[Path]]
+    chosen: tuple[list[int], list[int]]
+    times: Array | None = None
+    frames: IntArray | None = None
+    delay: float = 0.0
+
+
+def _pair_by_time(
+    sides: list[dict[str, Path]], stamps: tuple[Array, Array], max_delay: float, left: Path
+) -> _Pairing:
+    """Pairs of the images nearest in time, from the times (N,) of both sides, seconds."""
+    # By the order of names, 0.3 comes before 0.25.
+    order_l, order_r = (np.argsort(each, kind="stable") for each in stamps)
+    times_l, times_r = stamps[0][order_l], stamps[1][order_r]
+    at_l, at_r = match_times(times_l, times_r, np.inf)
+    delays = np.abs(times_l[at_l] - times_r[at_r])
+    close = delays <= max_delay
+    if np.count_nonzero(close) < 2:
+        raise DataError(
+            f"expected two or more pairs of images at most --max-delay {max_delay:g} s apart; "
+            f"the nearest images are {delays.min():.3g} s apart",
+            left,
+        )
+    files_l, files_r = (list(side.values()) for side in sides)
+    return _Pairing(
+        ([files_l[n] for n in order_l.tolist()], [files_r[n] for n in order_r.tolist()]),
+        (at_l[close].tolist(), at_r[close].tolist()),
+        times=times_l[at_l[close]],
+        delay=float(delays[close].max()),
+    )
+
+
+def _pair_by_name(sides: list[dict[str, Path]], left: Path, right: Path) -> _Pairing:
+    """Pairs of images with equal numbers, or else with equal names."""
+    numbered = [_by_number(side) for side in sides]
+    if all(numbered):
+        sides = numbered
+    common = sides[0].keys() & sides[1].keys()
+    if len(common) < 2:
+        expected = "expected equal names, equal numbers (the digits that differ) or times"
+        raise DataError(f"fewer than two names agree with the names in {left}: {expected}", right)
+    chosen_l, chosen_r = ([n for n, name in enumerate(side) if name in common] for side in sides)
+    files_l, files_r = (list(side.values()) for side in sides)
+    numbers = [int(name) for name in sides[0] if name in common] if all(numbered) else []
+    frames = frame_numbers(numbers) if numbers else None
+    return _Pairing((files_l, files_r), (chosen_l, chosen_r), frames=frames)
 
 
 def _images(place: Path) -> dict[str, Path]:
@@ -200,14 +259,6 @@ def _images(place: Path) -> dict[str, Path]:
     return {name: named[name] for name in sorted(named, key=_natural)}
 
 
-def _seconds(names: list[str]) -> Array | None:
-    """Times (N,), seconds, from file names; None if a name is not a time."""
-    for pattern, unit in ((NANOSECONDS, 1e-9), (SECONDS, 1.0)):
-        if all(re.fullmatch(pattern, name, re.ASCII) for name in names):
-            return unit * np.array(names, np.float64)
-    return None
-
-
 def _natural(name: str) -> list[tuple[int, str]]:
     """Sort key that orders img2 before img10."""
     return [(int(part or 0), word) for word, part in re.findall(r"(\D*)(\d*)", name)]
@@ -224,8 +275,8 @@ def _by_number(images: dict[str, Path]) -> dict[str, Path]:
     return {str(number): path for number, path in sorted(zip(differing[0], images.values(), strict=True))}
 
 
-def _read_pair(paths: tuple[Path, Path], shape: tuple[int, ...]) -> Pair:
-    pair = read_image(paths[0]), read_image(paths[1])
+def _read_pair(paths: tuple[Path, Path], shape: tuple[int, ...], bits: int) -> Pair:
+    pair = read_image(paths[0], bits), read_image(paths[1], bits)
     for path, image in zip(paths, pair, strict=True):
         if image.shape != shape:
             actual, expected = f"{image.shape[1]}×{image.shape[0]}", f"{shape[1]}×{shape[0]}"

@@ -65,7 +65,10 @@ def test_patterns_pair_images_of_one_folder(bands: Path) -> None:
         pair_images(*patterns)
     result = pair_images(*patterns, skip_unpaired=True)
     assert numbers(result, bands) == [f"I1_{n}.png I2_{n}.png" for n in (0, 1, 2, 4, 5)]
-    assert result.note == "images without a partner, skipped: 1"
+    gap = "the numbers have a gap of 1 frame after I1_2.png; the times have the same"
+    assert result.note == f"images without a partner, skipped: 1; {gap}"
+    assert result.frames is not None
+    assert result.frames.tolist() == [0, 1, 2, 4, 5]
     assert result.of_pairs(np.arange(6.0)).tolist() == [0, 1, 2, 4, 5]  # rows of all left images
     assert result.of_pairs(np.arange(5.0)).tolist() == [0, 1, 2, 3, 4]  # rows of the pairs
     with pytest.raises(DataError, match="expected two or more images, found 0"):
