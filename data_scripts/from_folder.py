@@ -4,12 +4,14 @@ The images come from two folders or patterns, or from a video with both images
 side by side. A drive of KITTI's raw data or a EuRoC folder (mav0) includes
 calibration, times and truth. Left and right images are paired by the number
 in their names (leading zeros and other text do not matter), or by equal names,
-or by time if the names are times (nanoseconds, or seconds with decimals). The
-calibration is given by --focal, --centre and --baseline for rectified images,
-or by OpenCV's files: with K1 D1 K2 D2 R T, the script rectifies the images;
-with P1 P2 alone, the images must already be rectified. A sample of pairs is
-checked for exchanged images, unequal rows, a baseline with the wrong sign, and
-a median depth that is not plausible outdoors (5 m to 100 m).
+or by time if the names are times (since 1970, in s, ms, µs or ns; or seconds with
+decimals). The calibration is given by --focal, --centre and --baseline for
+rectified images, or by the files of OpenCV (YAML, XML, JSON, .npz), Kalibr
+(camchain.yaml), ROS (left.yaml, right.yaml), RealSense (JSON), ZED (.conf) or
+KITTI (calib.txt). With the raw cameras' calibration, the script rectifies the
+images; with P1 P2 alone, the images must already be rectified. A sample of
+pairs is checked for exchanged images, unequal rows, a baseline with the wrong
+sign, and a median depth that is not plausible outdoors (5 m to 100 m).
 
 examples:
   vo data from_folder --left L --right R --out data/mine \\
@@ -30,9 +32,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from fetch.calibrations.files import read_calibration
 from fetch.euroc import read_euroc_drive
 from fetch.kitti_raw import read_raw_drive
-from fetch.stereo_calibration import Rig, read_opencv, rig_from_matrices, rig_from_numbers
+from fetch.stereo_calibration import UNITS, Rig, centre_warning, rig_from_numbers
 from fetch.stereo_import import check_source, require_new, write_sequence
 from fetch.stereo_sources import MAX_DELAY_S, Drive, FolderSource, Source, VideoSource, pair_images
 from vo_lib.commands.console import print_lines, reporting, typed
@@ -42,8 +45,7 @@ from vo_lib.data.pose_times import refuse_intervals
 from vo_lib.data.poses import read_kitti_poses
 from vo_lib.errors import DataError
 
-MIN_FPS, MAX_FPS, DEFAULT_FPS = 0.001, 10_000.0, 10.0
-UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+MIN_FPS, MAX_FPS, DEFAULT_FPS = 0.1, 1000.0, 10.0
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -58,7 +60,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     images.add_argument("--raw", type=Path, metavar="DIR", help="synced drive of KITTI's raw data")
     images.add_argument("--euroc", type=Path, metavar="DIR", help="EuRoC folder mav0, or its parent")
     images.add_argument("--swap", action="store_true", help="exchange left and right")
-    text = "skip images without a partner (always for EuRoC); pairs without times have equal intervals"
+    text = "skip images without a partner (always for EuRoC); gaps in the numbers remain in the times"
     images.add_argument("--skip-unpaired", action="store_true", help=text)
     text = f"largest time difference between left and right image, seconds; default {MAX_DELAY_S}"
     images.add_argument("--max-delay", type=float, default=MAX_DELAY_S, metavar="S", help=text)
@@ -67,10 +69,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     camera.add_argument("--focal", type=float, metavar="F", help=text)
     camera.add_argument("--centre", metavar="CX,CY", help="principal point, pixels")
     camera.add_argument("--baseline", type=float, metavar="B", help="distance between the cameras")
-    camera.add_argument(
-        "--calibration", type=Path, nargs="+", metavar="FILE", help="OpenCV files: YAML, XML, JSON"
-    )
-    camera.add_argument("--unit", choices=UNITS, default="m", help="unit of the baseline and of T; default m")
+    text = "calibration files of OpenCV, Kalibr, ROS, RealSense, ZED or KITTI, or their folder"
+    camera.add_argument("--calibration", type=Path, nargs="+", metavar="FILE", help=text)
+    text = "unit of the baseline and of T; default: the tool's unit, or m"
+    camera.add_argument("--unit", choices=UNITS, help=text)
+    text = "OpenCV's files have four distortion numbers of cv2.fisheye"
+    camera.add_argument("--fisheye", action="store_true", help=text)
     camera.add_argument(
         "--rectified", action="store_true", help="the images are rectified; use P1, P2 of the files"
     )
@@ -102,13 +106,18 @@ def run(options: argparse.Namespace) -> int:
         raise DataError(f"--max-delay {options.max_delay:g}: expected 0 s or more")
     source = find_source(options)
     rate = options.fps or (source.fps() if isinstance(source, VideoSource) else 0.0)
-    times, note = (None, "") if isinstance(source, VideoSource) else (source.times, source.note)
+    times, poses = None, None
+    notes = []
+    if isinstance(source, FolderSource):
+        times = source.times
+        notes = [f"note: {source.note}"] if source.note else []
     if isinstance(source, Drive):
         rig, poses = source.rig, source.poses
     else:
-        rig, poses = rig_of(source, options), None
-    if note:
-        print_lines(f"note: {note}")
+        rig, more = rig_of(source, options)
+        notes += more
+    if notes:
+        print_lines(*notes)
     print_lines(*check_source(source, rig, options.anyway, outdoors=not isinstance(source, Drive)))
     if options.times is not None:
         times = read_times(options.times)
@@ -121,7 +130,10 @@ def run(options: argparse.Namespace) -> int:
     if options.poses is not None:
         poses = read_kitti_poses(options.poses)
     if isinstance(source, FolderSource):
-        times = None if times is None else source.of_pairs(times)
+        if times is None and source.frames is not None:
+            times = source.frames / rate
+        elif times is not None:
+            times = source.of_pairs(times)
         poses = None if poses is None else source.of_pairs(poses)
     with reporting("writing pairs") as report:
         moments = rate if times is None else times
@@ -139,7 +151,18 @@ def find_source(options: argparse.Namespace) -> Source:
     """The drive, the video, or the two folders or patterns of images."""
     kind = "raw" if options.raw is not None else "euroc"
     if getattr(options, kind) is not None:
-        for name in ("right", "swap", "focal", "centre", "baseline", "calibration", "rectified", "fps"):
+        for name in (
+            "right",
+            "swap",
+            "focal",
+            "centre",
+            "baseline",
+            "calibration",
+            "rectified",
+            "fps",
+            "unit",
+            "fisheye",
+        ):
             if getattr(options, name) not in (None, False):
                 raise DataError(f"--{name} with --{kind}: the folder has its own calibration")
         if options.raw is not None:
@@ -153,14 +176,23 @@ def find_source(options: argparse.Namespace) -> Source:
     return pair_images(left, right, options.max_delay, options.skip_unpaired)
 
 
-def rig_of(source: Source, options: argparse.Namespace) -> Rig:
-    """The rig given by either numbers or calibration files; otherwise `DataError`."""
-    numbers, unit = (options.focal, options.centre, options.baseline), UNITS[options.unit]
+def rig_of(source: Source, options: argparse.Namespace) -> tuple[Rig, list[str]]:
+    """The rig given by either numbers or calibration files, and lines to print; otherwise `DataError`."""
+    numbers = options.focal, options.centre, options.baseline
+    unit = UNITS.get(options.unit)
+    height, width = next(iter(source.pairs()))()[0].shape
+    size = width, height
     if (files := options.calibration) is not None:
         if any(number is not None for number in numbers):
             raise DataError("use either --calibration, or --focal, --centre and --baseline")
-        height, width = next(iter(source.pairs()))()[0].shape
-        return rig_from_matrices(read_opencv(files), (width, height), files[0], options.rectified, unit)
+        places = [*(options.left or []), *(options.right or [])]
+        calibration = read_calibration(files, size, tuple(map(str, places)), options.fisheye)
+        rig = calibration.rig(size, options.rectified, unit)
+        warning = "" if calibration.size else centre_warning(*calibration.centre(), size)
+        lines = [f"note: {note}" for note in calibration.notes]
+        return rig, lines + ([f"warning: {warning}"] if warning else [])
+    if options.fisheye:
+        raise DataError("--fisheye belongs to --calibration: --focal, --centre are for rectified images")
     if None in numbers:
         raise DataError(
             "the calibration is missing: add --focal, --centre and --baseline, or --calibration FILE"
@@ -169,4 +201,6 @@ def rig_of(source: Source, options: argparse.Namespace) -> Rig:
         cx, cy = (float(word) for word in options.centre.split(","))
     except ValueError:
         raise DataError(f"--centre {options.centre!r}: expected two numbers such as 607.2,185.2") from None
-    return rig_from_numbers(options.focal, cx, cy, unit * options.baseline)
+    rig = rig_from_numbers(options.focal, cx, cy, (unit or 1.0) * options.baseline)
+    warning = centre_warning(cx, cy, size)
+    return rig, [f"warning: {warning}"] if warning else []

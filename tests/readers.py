@@ -16,9 +16,9 @@ import cv2
 import numpy as np
 from conftest import write_bands
 
+from fetch.calibrations.files import read_calibration as read_calibration_files
 from fetch.euroc import read_euroc_drive
 from fetch.kitti_raw import read_raw_drive
-from fetch.stereo_calibration import read_opencv, rig_from_matrices
 from training.dataset import open_set
 from training.kitti_set import read_object_set
 from vo_lib import open_sequence, preset, run
@@ -93,6 +93,118 @@ def _opencv() -> str:
     parts = [("K1", 3, 3, K), ("D1", 1, 5, "0., 0., 0., 0., 0."), ("K2", 3, 3, K)]
     parts += [("D2", 1, 5, "0., 0., 0., 0., 0."), ("R", 3, 3, EYE), ("T", 3, 1, "-0.25, 0., 0.")]
     return "%YAML:1.0\n---\n" + "".join(MATRIX.format(*part) for part in parts)
+
+
+KALIBR = """cam0:
+  cam_overlaps: [1]
+  camera_model: pinhole
+  intrinsics: [45.8, 45.7, 32.0, 24.0]
+  distortion_model: equidistant
+  distortion_coeffs: [0.02, -0.01, 0.003, -0.001]
+  resolution: [64, 48]
+cam1:
+  T_cn_cnm1: [[1, 0, 0, -0.11], [0, 1, 0, 0.001], [0, 0, 1, 0], [0, 0, 0, 1]]
+  cam_overlaps: [0]
+  camera_model: omni
+  intrinsics: [0.9, 85.8, 85.7, 31.0, 24.5]
+  distortion_model: radtan
+  distortion_coeffs: [-0.2, 0.07, 0.0002, 0.00002]
+  resolution: [64, 48]
+"""
+CAMERA_INFO = """image_width: 64
+image_height: 48
+camera_name: {name}
+camera_matrix: {{rows: 3, cols: 3, data: [45.8, 0, 32, 0, 45.7, 24, 0, 0, 1]}}
+distortion_model: plumb_bob
+distortion_coefficients: {{rows: 1, cols: 5, data: [-0.2, 0.07, 0.0002, 0.00002, 0]}}
+rectification_matrix: {{rows: 3, cols: 3, data: [1, 0, 0, 0, 1, 0, 0, 0, 1]}}
+projection_matrix: {{rows: 3, cols: 4, data: [45.8, 0, 32, {tx}, 0, 45.8, 24, 0, 0, 0, 1, 0]}}
+"""
+OST = """[image]
+
+width
+64
+
+height
+48
+
+""" + "".join(
+    f"""[narrow_stereo/{name}]
+
+camera matrix
+45.8 0 32
+0 45.7 24
+0 0 1
+
+distortion
+-0.2 0.07 0.0002 0.00002 0
+
+rectification
+1 0 0
+0 1 0
+0 0 1
+
+projection
+45.8 0 32 {tx}
+0 45.8 24 0
+0 0 1 0
+
+"""
+    for name, tx in (("left", 0), ("right", -5.0))
+)
+REALSENSE = """{
+ "left": {"width": 64, "height": 48, "fx": 45.8, "fy": 45.7, "ppx": 32, "ppy": 24,
+  "model": "kannala_brandt4", "coeffs": [0.02, -0.01, 0.003, -0.001, 0]},
+ "right": {"width": 64, "height": 48, "fx": 45.8, "fy": 45.7, "ppx": 32, "ppy": 24,
+  "model": "brown_conrady", "coeffs": [0.02, -0.01, 0.003, -0.001, 0]},
+ "extrinsics": {"rotation": [1, 0, 0, 0, 1, 0, 0, 0, 1], "translation": [-0.05, 0, 0]}
+}
+"""
+ZED = """[LEFT_CAM_VGA]
+fx=350.4
+fy=350.3
+cx=348.2
+cy=193.4
+k1=-0.17
+k2=0.02
+p1=0.001
+p2=0
+
+[RIGHT_CAM_VGA]
+fx=349.3
+fy=349.2
+cx=335.5
+cy=195.0
+k1=-0.17
+k2=0.02
+p1=0.001
+p2=0
+
+[STEREO]
+Baseline=119.9
+TY=0.1
+TZ=-0.2
+CV_VGA=0.009
+RX_VGA=0.004
+RZ_VGA=-0.001
+"""
+
+
+def _archive() -> bytes:
+    buffer = io.BytesIO()
+    K, D = np.array([[45.8, 0, 32], [0, 45.7, 24], [0, 0, 1]]), np.array([[-0.2, 0.07, 0.0002, 0.00002, 0]])
+    np.savez(buffer, mtxL=K, distL=D, mtxR=K, distR=D, R=np.eye(3), T=np.array([-0.1, 0, 0]))
+    return buffer.getvalue()
+
+
+def _calibration(name: str, content: str | bytes, size: tuple[int, int] = (64, 48), **others: str) -> Reader:
+    """A calibration file, with other files of the same calibration."""
+
+    def read(folder: Path) -> Any:
+        return read_calibration_files([folder / file for file in (name, *others.values())], size).rig(size)
+
+    contents = {other: CAMERA_INFO.format(name="left", tx=0) for other in others.values()}
+    return Reader(name, read, {name: content, **contents})
 
 
 def _raw() -> dict[str, str | bytes]:
@@ -173,8 +285,17 @@ def readers() -> dict[str, Reader]:
             {"data.yaml": "train: a\nval: b\nnames: [car, bus]\n", "a/0.png": png(), "b/0.png": png()},
         ),
         "opencv": _alone(
-            "stereo.yml", lambda path: rig_from_matrices(read_opencv([path]), (64, 48), path), _opencv()
+            "stereo.yml", lambda path: read_calibration_files([path], (64, 48)).rig((64, 48)), _opencv()
         ),
+        "kalibr": _calibration("camchain.yaml", KALIBR),
+        "camera_info": _calibration(
+            "right.yaml", CAMERA_INFO.format(name="right", tx=-5.0), left="left.yaml"
+        ),
+        "ost": _calibration("ost.txt", OST),
+        "realsense": _calibration("d435.json", REALSENSE),
+        "zed": _calibration("SN1.conf", ZED, (672, 376)),
+        "npz": _calibration("stereo.npz", _archive()),
+        "kitti": _calibration("calib.txt", CALIB),
         "objects": Reader("label_2/000000.txt", objects, drives),
         "mapping": Reader("mapping.txt", objects, drives),
         "order": Reader("order.txt", objects, drives),

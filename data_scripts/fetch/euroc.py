@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from fetch.calibrations.values import image_size, intrinsic_matrix, numbers, rigid_transform
+from fetch.rectification import FISHEYE, RADTAN, Lens
 from fetch.stereo_calibration import Rig, rig_from_matrices
 from fetch.stereo_sources import MAX_DELAY_S, Drive, pair_images
-from training.dataset import read_yaml
-from vo_lib.data.poses import from_first, is_rotation, match_times, read_euroc
+from vo_lib.data.poses import from_first, match_times, read_euroc
 from vo_lib.errors import DataError
+from vo_lib.files import read_yaml
 from vo_lib.geometry.motion import inverse, rigid
 from vo_lib.geometry.types import Array
 
 TRUTH = Path("state_groundtruth_estimate0") / "data.csv"
 MAX_POSE_DELAY_S = 0.003  # largest time difference of an image and its pose; the truth has 200 Hz
-MAX_CAMERA_NUMBER = 1e5  # largest plausible number in a calibration, pixels or metres
+LENSES = {"radial-tangential": RADTAN, "radtan": RADTAN, "equidistant": FISHEYE}
 
 
 def read_euroc_drive(folder: Path, max_delay: float = MAX_DELAY_S) -> Drive:
@@ -46,47 +47,33 @@ def read_euroc_drive(folder: Path, max_delay: float = MAX_DELAY_S) -> Drive:
             notes += [f"{left_out} pairs before or after the truth are skipped"] if left_out else []
     else:
         notes.append(f"no true poses: {base / TRUTH} is missing")
-    return Drive(pairs.paths[chosen], pairs.times[chosen], "; ".join(notes), rig=rig, poses=poses)
+    return Drive(
+        pairs.paths[chosen], pairs.times[chosen], "; ".join(notes), rig=rig, poses=poses, bits=pairs.bits
+    )
 
 
 def _rig(base: Path) -> tuple[Rig, Array]:
     """The rig of both cameras, and T_body_camera (4, 4) of the rectified left camera."""
     matrices: dict[str, Array] = {}
-    T_body, sizes = [], []
+    T_body, sizes, lenses = [], [], []
     for number, camera in (("1", "cam0"), ("2", "cam1")):
         path = base / camera / "sensor.yaml"
         sensor = read_yaml(path)
-        model = sensor.get("distortion_model", "none")
-        if model not in ("radial-tangential", "radtan"):
-            raise DataError(f"distortion_model {model}: expected radial-tangential distortion", path)
-        fu, fv, cu, cv = _numbers(sensor, "intrinsics", 4, path)
-        matrices[f"K{number}"] = np.array([[fu, 0.0, cu], [0.0, fv, cv], [0.0, 0.0, 1.0]])
-        matrices[f"D{number}"] = _numbers(sensor, "distortion_coefficients", 4, path)
-        sizes.append(_numbers(sensor, "resolution", 2, path))
-        if (sizes[-1] < 1).any() or (sizes[-1] % 1).any():
-            raise DataError("resolution: expected a width and a height, pixels", path)
-        T = _numbers(sensor, "T_BS", 16, path).reshape(4, 4)
-        if not is_rotation(T[:3, :3]):
-            raise DataError("T_BS is not a pose: expected a rotation and a translation, row by row", path)
-        T_body.append(rigid(T[:3, :3], T[:3, 3]))
-    if (sizes[0] != sizes[1]).any():
+        model = str(sensor.get("distortion_model", "none"))
+        if model not in LENSES:
+            raise DataError(f"distortion_model {model}: expected radial-tangential or equidistant", path)
+        lenses.append(Lens(LENSES[model]))
+        values = numbers(sensor.get("intrinsics"), 4, "intrinsics", path)
+        matrices[f"K{number}"] = intrinsic_matrix(values, path)
+        coefficients = sensor.get("distortion_coefficients")
+        matrices[f"D{number}"] = numbers(coefficients, 4, "distortion_coefficients", path)
+        sizes.append(image_size(sensor.get("resolution"), "resolution", path))
+        T_body.append(rigid(*rigid_transform(sensor.get("T_BS"), "T_BS", path)))
+    if sizes[0] != sizes[1]:
         raise DataError("resolution differs from the resolution of cam0", base / "cam1" / "sensor.yaml")
     T_10 = inverse(T_body[1]) @ T_body[0]
-    width, height = (int(side) for side in sizes[0])
     matrices |= {"R": T_10[:3, :3], "T": T_10[:3, 3]}
-    rig = rig_from_matrices(matrices, (width, height), base / "cam0" / "sensor.yaml")
+    path = base / "cam0" / "sensor.yaml"
+    rig = rig_from_matrices(matrices, sizes[0], path, lenses=(lenses[0], lenses[1]))
     # R1 rotates from the axes of the left camera to the rectified axes.
     return rig, T_body[0] @ rigid(rig.R1.T, np.zeros(3))
-
-
-def _numbers(sensor: dict[str, Any], name: str, count: int, path: Path) -> Array:
-    """The numbers of the entry `name: [a, b, …]`, or of the field `data` of a matrix."""
-    value: Any = sensor.get(name)
-    try:
-        value = value["data"] if isinstance(value, dict) else value
-        numbers = np.array([float(word) for word in value])  # PyYAML reads 1e-05 as text
-    except (KeyError, TypeError, ValueError, OverflowError):
-        numbers = np.zeros(0)
-    if len(numbers) != count or not (np.abs(numbers) < MAX_CAMERA_NUMBER).all():
-        raise DataError(f"{name}: expected {count} numbers in brackets", path)
-    return numbers

@@ -90,7 +90,7 @@ def write_drive_tables(folder: Path) -> str:
 
     The first frame has time 0 and the identity as its pose.
     """
-    drive = describe_drive(folder / RAW, pair_images(folder / "image_0", folder / "image_1").paths)
+    drive = describe_drive(folder / RAW, pair_images(folder / "image_0", folder / "image_1"))
     write_tables(folder, drive.rig, drive.times, drive.poses)
     open_folder(folder, folder.name)
     return drive.note

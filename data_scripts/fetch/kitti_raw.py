@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 
+from fetch.calibrations.kitti import matrix, read_calibration_file
 from fetch.stereo_calibration import rig_from_matrices
-from fetch.stereo_sources import Drive, pair_images
+from fetch.stereo_sources import Drive, FolderSource, pair_images
 from vo_lib.data.kitti import read_image
 from vo_lib.data.poses import is_rotation, read_rows
 from vo_lib.errors import DataError
@@ -20,6 +20,7 @@ from vo_lib.geometry.types import Array
 EARTH_RADIUS_M = 6378137.0  # equatorial radius
 # Limits of latitude and longitude, degrees (without the poles); altitude, metres; roll, pitch, yaw, radians.
 OXTS_LIMITS = np.array([85.0, 180.0, 1e5, 7.0, 7.0, 7.0])
+CAMERAS = (0, 1), (2, 3)  # grey and colour
 MAX_SENSOR_DISTANCE_M = 100.0  # largest distance of two sensors on one vehicle
 MOMENT = re.compile(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d(\.\d{1,9})?", re.ASCII)
 
@@ -27,80 +28,91 @@ MOMENT = re.compile(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d(\.\d{1,9})?", re.ASCII)
 def read_raw_drive(drive: Path, skip_unpaired: bool = False) -> Drive:
     """The drive in a folder such as 2011_09_26_drive_0005_sync; the calibration may be in the parent folder.
 
-    Raises `DataError` with the name of a missing or invalid file.
+    Without the grey images of cameras 0 and 1, the colour images of cameras 2 and 3 are read as grey. Raises
+    `DataError` with the name of a missing or invalid file.
     """
-    left, right = (drive / f"image_0{camera}" / "data" for camera in (0, 1))
-    if not left.is_dir() or not right.is_dir():
-        raise DataError("is not a raw drive: expected image_00/data and image_01/data", drive)
-    return describe_drive(drive, pair_images(left, right, skip_unpaired=skip_unpaired).paths)
+    for cameras in CAMERAS:
+        left, right = (drive / f"image_0{camera}" / "data" for camera in cameras)
+        if left.is_dir() and right.is_dir():
+            pairs = pair_images(left, right, skip_unpaired=skip_unpaired)
+            return describe_drive(drive, pairs, cameras, whole=True)
+    raise DataError("is not a raw drive: expected image_00/data and image_01/data", drive)
 
 
-def describe_drive(drive: Path, paths: list[tuple[Path, Path]]) -> Drive:
+def describe_drive(
+    drive: Path, pairs: FolderSource, cameras: tuple[int, int] = CAMERAS[0], whole: bool = False
+) -> Drive:
     """Calibration, times and poses of a drive folder; the images may be in another folder.
 
-    paths : left and right image of each frame, named by the frame's number in the drive.
+    pairs : left and right image of each frame, named by the frame's number in the drive. cameras : numbers of
+    the left and the right camera. whole : the images go to the end of the drive.
 
     Raises `DataError` with the name of a missing or invalid file.
     """
-    paths = [pair for pair in paths if pair[0].stem.isdecimal()]
+    paths = [pair for pair in pairs.paths if pair[0].stem.isdecimal()]
     stems = [left.stem.zfill(10) for left, _ in paths]
+    if not stems:
+        raise DataError("expected images whose names are numbers", pairs.paths[0][0])
     where = drive if (drive / "calib_cam_to_cam.txt").exists() else drive.resolve().parent
     path = where / "calib_cam_to_cam.txt"
-    cameras = read_calibration_file(path)
-    P = {f"P{camera + 1}": _matrix(cameras, f"P_rect_0{camera}", (3, 4), path) for camera in (0, 1)}
-    first, size = paths[0][0], _matrix(cameras, "S_rect_00", (2,), path)
-    height, width = read_image(first).shape
+    lines = read_calibration_file(path)
+    P1, P2 = (matrix(lines, f"P_rect_0{camera}", (3, 4), path) for camera in cameras)
+    first, size = paths[0][0], matrix(lines, f"S_rect_0{cameras[0]}", (2,), path)
+    height, width = read_image(first, pairs.bits).shape
     if (width, height) != tuple(size):
         raise DataError(
             f"the image is {width}×{height}, rectified images are {size[0]:.0f}×{size[1]:.0f}: "
             "use the drive's 'synced+rectified data' (_sync), not the unrectified _extract",
             first,
         )
-    path_of_times = drive / "image_00" / "timestamps.txt"
+    path_of_times = drive / f"image_0{cameras[0]}" / "timestamps.txt"
     moments = _timestamps(path_of_times)
-    if len(moments) <= int(stems[-1]):
-        raise DataError(f"expected a row for every image up to {stems[-1]}", path_of_times, len(moments))
+    count = int(stems[-1]) + 1
+    if len(moments) < count or (whole and len(moments) > count):
+        raise DataError(
+            f"{len(moments)} rows, but the last image is {stems[-1]}: expected {count} rows, a row per frame",
+            path_of_times,
+        )
     times = moments[[int(stem) for stem in stems]]
-    poses, note = _poses(drive, where, cameras, stems)
-    rig = rig_from_matrices(P, (0, 0), path, rectified=True)
-    return Drive(paths, times - times[0], note, rig=rig, poses=poses)
-
-
-def read_calibration_file(path: Path) -> dict[str, Array]:
-    """The lines `name: numbers` of a KITTI calibration file; other lines are skipped."""
-    values = {}
-    for line in read_text(path).splitlines():
-        name, _, rest = line.partition(":")
-        with suppress(ValueError):  # a date
-            values[name.strip()] = np.array([float(word) for word in rest.split()])
-    return values
-
-
-def _matrix(matrices: dict[str, Array], name: str, shape: tuple[int, ...], path: Path) -> Array:
-    values = matrices.get(name, np.zeros(0))
-    if len(values) != np.prod(shape) or not np.isfinite(values).all():
-        raise DataError(f"expected a line '{name}: ' with {np.prod(shape)} numbers", path)
-    return values.reshape(shape)
+    rig = rig_from_matrices({"P1": P1, "P2": P2}, (0, 0), path, rectified=True)
+    shift = np.asarray(np.linalg.solve(P1[:, :3], P1[:, 3]), np.float64)
+    poses, note = _poses(drive, where, lines, stems, shift)
+    notes = [pairs.note] if pairs.note else []
+    if cameras != CAMERAS[0]:
+        notes.append(f"there are only colour images: cameras {cameras[0]} and {cameras[1]} are read as grey")
+    notes += [note] if note else []
+    return Drive(paths, times - times[0], "; ".join(notes), rig=rig, poses=poses, bits=pairs.bits)
 
 
 def _timestamps(path: Path) -> Array:
-    """Times (N,) of lines such as `2011-09-26 13:02:25.964389445`, seconds after the first line."""
-    moments = []
-    for number, line in enumerate(read_text(path).splitlines(), start=1):
+    """Times (N,) of lines such as `2011-09-26 13:02:25.964389445`, seconds after the first line.
+
+    An empty line, which would move the times of all later frames, is refused; at the end it is ignored.
+    """
+    moments: list[np.datetime64] = []
+    for number, line in enumerate(read_text(path).rstrip().splitlines(), start=1):
         try:
             if MOMENT.fullmatch(line.strip()):
                 moments.append(np.datetime64(line.strip(), "ns"))
-            elif line.strip():
+            else:
                 raise ValueError
         except ValueError:
-            raise DataError("expected a time such as 2011-09-26 13:02:25.964389445", path, number) from None
+            content = "" if line.strip() else "an empty line; "
+            expected = "expected a time such as 2011-09-26 13:02:25.964389445"
+            raise DataError(f"{content}{expected}, row k for frame k", path, number) from None
         if moments[-1:] < moments[-2:-1]:
             raise DataError("the time decreases", path, number)
     stamps = np.array(moments, "datetime64[ns]")
     return np.asarray((stamps - stamps[:1]) / np.timedelta64(1, "s"), np.float64)
 
 
-def _poses(drive: Path, where: Path, cameras: dict[str, Array], stems: list[str]) -> tuple[Array | None, str]:
+def _poses(
+    drive: Path, where: Path, cameras: dict[str, Array], stems: list[str], shift: Array
+) -> tuple[Array | None, str]:
+    """True poses (N, 4, 4) of the left camera, or None and the reason.
+
+    shift : (3,) translation from the axes of camera 0 to those of the left camera, metres.
+    """
     needed = [where / "calib_imu_to_velo.txt", where / "calib_velo_to_cam.txt"]
     packets = [drive / "oxts" / "data" / f"{stem}.txt" for stem in stems]
     for path in (*needed, *packets):
@@ -108,7 +120,7 @@ def _poses(drive: Path, where: Path, cameras: dict[str, Array], stems: list[str]
             return None, f"no true poses: {path} is missing"
     velo_imu, cam_velo = (_rigid(path) for path in needed)
     R_rect = _rotation(cameras, "R_rect_00", where / "calib_cam_to_cam.txt")
-    T_cam_imu = rigid(R_rect, np.zeros(3)) @ cam_velo @ velo_imu
+    T_cam_imu = rigid(np.eye(3), shift) @ rigid(R_rect, np.zeros(3)) @ cam_velo @ velo_imu
     rows = np.concatenate([read_rows(path, "30 numbers of a GPS/IMU packet", 30)[0] for path in packets])
     wrong = (np.abs(rows[:, :6]) > OXTS_LIMITS).any(axis=1)
     if wrong.any():
@@ -121,14 +133,14 @@ def _poses(drive: Path, where: Path, cameras: dict[str, Array], stems: list[str]
 
 def _rigid(path: Path) -> Array:
     lines_by_name = read_calibration_file(path)
-    T = _matrix(lines_by_name, "T", (3,), path)
+    T = matrix(lines_by_name, "T", (3,), path)
     if np.abs(T).max() > MAX_SENSOR_DISTANCE_M:
         raise DataError(f"T: expected a translation of at most {MAX_SENSOR_DISTANCE_M:g} m", path)
     return rigid(nearest_rotation(_rotation(lines_by_name, "R", path)), T)
 
 
 def _rotation(matrices: dict[str, Array], name: str, path: Path) -> Array:
-    R = _matrix(matrices, name, (3, 3), path)
+    R = matrix(matrices, name, (3, 3), path)
     if not is_rotation(R):
         raise DataError(f"{name}: expected a rotation", path)
     return R

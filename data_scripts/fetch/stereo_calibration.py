@@ -1,38 +1,67 @@
-"""Calibration of a user's stereo camera, from numbers or OpenCV files, and rectification."""
+"""Calibration of a user's stereo camera, from matrices or numbers, and the rectified camera."""
 
 from __future__ import annotations
 
-import math
-import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from fetch.rectification import (
+    Lens,
+    Maps,
+    Size,
+    compute_rectification,
+    is_identity,
+    rectification_maps,
+)
 from vo_lib.data.kitti import MAX_BASELINE_M
 from vo_lib.errors import DataError
-from vo_lib.files import read_text
 from vo_lib.geometry.types import Array, Image
 
-# Names of each matrix in files of OpenCV's samples, of ORB-SLAM and of calibration tools, without capitals
-# and underscores.
-NAMES = {
-    "K1": ("k1", "m1", "cameramatrix1", "left.k", "leftcameramatrix", "cameramatrixleft", "kl"),
-    "D1": ("d1", "distcoeffs1", "dist1", "left.d", "leftdistcoeffs", "distcoeffsleft", "dl"),
-    "R1": ("r1", "left.r", "rectificationleft", "rl"),
-    "P1": ("p1", "left.p", "projectionleft", "pl"),
-    "K2": ("k2", "m2", "cameramatrix2", "right.k", "rightcameramatrix", "cameramatrixright", "kr"),
-    "D2": ("d2", "distcoeffs2", "dist2", "right.d", "rightdistcoeffs", "distcoeffsright", "dr"),
-    "R2": ("r2", "right.r", "rectificationright", "rr"),
-    "P2": ("p2", "right.p", "projectionright", "pr"),
-    "R": ("r", "rotation"),
-    "T": ("t", "translation"),
-}
-SHAPES = {"K": (3, 3), "R": (3, 3), "P": (3, 4), "T": (3,), "D": (-1,)}
-DISTORTION_SIZES = (4, 5, 8, 12, 14)
-MAX_CAMERA_NUMBER = 1e9  # pixels, millimetres
-MAX_BRACKETS = 1000  # opening brackets and dashes in a file; a calibration has a few dozen
+UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+UNIT_WORDS = {"cm": "centimetres", "mm": "millimetres"}
+USUAL_BASELINES_M = 0.02, 2.0  # from the smallest depth camera to the roof of a car
+MIDDLE = 0.25, 0.75  # share of the width and height in which the principal point usually is
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A stereo calibration as its files give it. Camera 1 is the left camera, camera 2 the right one.
+
+    Attributes
+    ----------
+    matrices : by OpenCV's names: K1, K2 (3, 3) intrinsics and D1, D2 (N,) distortion of the raw images; R
+        (3, 3) and T (3,) with X_right = R X_left + T; R1, R2 (3, 3) and P1, P2 (3, 4) of the rectification.
+    path : the file that messages name.
+    size : size of the images, or None if the files do not name it.
+    unit : metres per unit of T and of P, or None if the files do not say.
+    lenses : lens models of the left and of the right camera.
+    notes : sentences on choices that the files leave open.
+    """
+
+    matrices: dict[str, Array]
+    path: Path
+    size: Size | None = None
+    unit: float | None = None
+    lenses: tuple[Lens, Lens] = (Lens(), Lens())
+    notes: tuple[str, ...] = ()
+
+    def rig(self, size: Size, rectified: bool = False, unit: float | None = None) -> Rig:
+        """The rectified camera for images of this size; `unit` replaces the unit of the files.
+
+        Raises `DataError` if the files name another size, or as `rig_from_matrices`.
+        """
+        if self.size is not None and self.size != size:
+            raise DataError(_other_size(self.size, size), self.path)
+        metres = unit or self.unit or 1.0
+        return rig_from_matrices(self.matrices, size, self.path, rectified, metres, self.lenses)
+
+    def centre(self) -> tuple[float, float]:
+        """Principal point of the left camera: in the raw image if K1 is given, or else of P1; pixels."""
+        matrix = self.matrices["K1"] if "K1" in self.matrices else self.matrices["P1"]
+        return float(matrix[0, 2]), float(matrix[1, 2])
 
 
 @dataclass(frozen=True)
@@ -50,7 +79,7 @@ class Rig:
     cx: float
     cy: float
     baseline: float
-    maps: tuple[tuple[Image, Image], tuple[Image, Image]] | None = None
+    maps: tuple[Maps, Maps] | None = None
     R1: Array = field(default_factory=lambda: np.eye(3))
 
     def rectify(self, left: Image, right: Image) -> tuple[Image, Image]:
@@ -67,109 +96,70 @@ class Rig:
         return rectified[0], rectified[1]
 
 
-def read_opencv(paths: list[Path]) -> dict[str, Array]:
-    """The matrices of NAMES in one or more OpenCV storage files (YAML, XML or JSON)."""
-    matrices: dict[str, Array] = {}
-    for path in paths:
-        for name, matrix in _matrices(path).items():
-            plain = name.lower().replace("_", "")
-            for key, names in NAMES.items():
-                if plain in names:
-                    matrices[key] = _shaped(key, matrix, path)
-    if not matrices:
-        raise DataError("no calibration: expected OpenCV matrices K1 D1 K2 D2 R T, or P1 P2", paths[0])
-    return matrices
-
-
-def _matrices(path: Path) -> dict[str, Array]:
-    text = read_text(path)
-    # OpenCV reads nested brackets by recursion and crashes for deep nesting.
-    if sum(map(text.count, ("[", "{", "<", "- ", "-\t"))) > MAX_BRACKETS:
-        raise DataError("is not a stereo calibration: too many brackets", path)
-    try:
-        storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-        root = storage.root()
-        names = root.keys()
-        nodes = {name: root.getNode(name) for name in names}
-        return {
-            name: _read_matrix(name, node, path)
-            for name, node in nodes.items()
-            if node.isMap() and "data" in node.keys()  # noqa: SIM118  (a FileNode is no dict)
-        }
-    except (cv2.error, SystemError):
-        raise DataError("is not a file of OpenCV's FileStorage (YAML, XML or JSON)", path) from None
-
-
-def _read_matrix(name: str, node: cv2.FileNode, path: Path) -> Array:
-    """Matrix of a node after a check of the size: more than rows × cols numbers overflow OpenCV's buffer."""
-    sizes = node.getNode("sizes")  # instead of rows and cols for a vector; in XML, a single size is a number
-    if sizes.empty():
-        sides = [node.getNode("rows"), node.getNode("cols")]
-    else:
-        sides = [sizes.at(i) for i in range(sizes.size())] if sizes.isSeq() else [sizes]
-    shape = [int(side.real()) if side.isInt() else 0 for side in sides]
-    kind = re.fullmatch(r"(\d?)[a-z]", node.getNode("dt").string())  # "2f": two numbers each
-    count = node.getNode("data").size()
-    if min(shape) < 1 or kind is None or count != math.prod(shape) * int(kind[1] or 1):
-        raise DataError(f"{name}: expected rows, cols, dt and rows × cols numbers, found {count}", path)
-    return np.asarray(node.mat(), np.float64)
-
-
-def _shaped(name: str, matrix: Array, path: Path) -> Array:
-    shape = SHAPES[name[0]]
-    sizes = DISTORTION_SIZES if name[0] == "D" else (math.prod(shape),)
-    if matrix.size not in sizes or not (np.abs(matrix) < MAX_CAMERA_NUMBER).all():
-        raise DataError(f"{name}: expected {' or '.join(map(str, sizes))} finite numbers", path)
-    return matrix.reshape(shape)
+def _other_size(named: Size, actual: Size) -> str:
+    """Error for images of another size than the calibration; a remedy if they are only scaled."""
+    text = f"the calibration is for images of {named[0]}×{named[1]}, but these are {actual[0]}×{actual[1]}"
+    scale = actual[0] / named[0]
+    if abs(actual[1] / named[1] - scale) < 1.0 / named[1]:  # the height is rounded to whole pixels
+        return (
+            f"{text}: use images of the calibration's size, or multiply f, cx and cy in the file by "
+            f"{scale:.4g} and give the new size"
+        )
+    return f"{text}: part of the image was cut off, or the file belongs to another camera"
 
 
 def rig_from_matrices(
-    matrices: dict[str, Array], size: tuple[int, int], path: Path, rectified: bool = False, unit: float = 1.0
+    matrices: dict[str, Array],
+    size: Size,
+    path: Path,
+    rectified: bool = False,
+    unit: float = 1.0,
+    lenses: tuple[Lens, Lens] = (Lens(), Lens()),
 ) -> Rig:
     """The rig with the given calibration matrices.
 
-    The rectification is computed from K, D of both cameras and from R, T (`cv2.stereoRectify`, without border
-    pixels), or is given by R1, P1, R2, P2. With P1 and P2 alone, the images must already be rectified.
+    The rectification is computed from K, D of both cameras and from R, T (for RADTAN lenses by
+    `cv2.stereoRectify`, without border pixels), or is given by R1, P1, R2, P2. With P1 and P2 alone, the
+    images must already be rectified.
 
     Parameters
     ----------
+    matrices : as in `Calibration`. lenses : lens models of both cameras.
     size : width and height of the images, pixels.
     rectified : if true, the images are rectified, and only P1 and P2 are used.
-    unit : unit of T, metres.
+    unit : unit of T and P, metres.
     """
     raw = {"K1", "D1", "K2", "D2"} <= matrices.keys()
     if not rectified and raw and {"R", "T"} <= matrices.keys():
-        K1, D1, K2, D2, R, T = (matrices[name] for name in ("K1", "D1", "K2", "D2", "R", "T"))
+        T = matrices["T"].ravel()
+        if abs(T[2]) > max(abs(T[0]), abs(T[1])):
+            raise DataError("T: the second camera is in front of or behind the first, not beside it", path)
         try:
-            R1, R2, P1, P2 = cv2.stereoRectify(
-                K1, D1, K2, D2, size, R, T.reshape(3, 1), flags=cv2.CALIB_ZERO_DISPARITY, alpha=0
-            )[:4]
-            computed = {"R1": R1, "R2": R2, "P1": P1, "P2": P2}
+            computed = compute_rectification(matrices, size, lenses)
             if not all(np.isfinite(matrix).all() for matrix in computed.values()):
                 raise ValueError
         except (cv2.error, ValueError):
             raise DataError("these matrices do not define a rectification", path) from None
-        matrices = {**matrices, **{name: np.asarray(matrix, np.float64) for name, matrix in computed.items()}}
+        matrices = {**matrices, **computed}
     if not {"P1", "P2"} <= matrices.keys():
         missing = ", ".join(sorted({"K1", "D1", "K2", "D2", "R", "T"} - matrices.keys()))
         expected_names = "P1 and P2" if rectified else f"{missing} (or P1 and P2 of rectified images)"
         raise DataError(f"the calibration lacks {expected_names}", path)
     P1, P2 = matrices["P1"], matrices["P2"]
-    if abs(P2[1, 3]) > abs(P2[0, 3]):
+    if abs(P2[1, 3] - P1[1, 3]) > abs(P2[0, 3] - P1[0, 3]):
         raise DataError("the second camera is above or below the first camera, not beside it", path)
     f = float(P1[0, 0])
     if f <= 0 or np.abs(P1[:, :3] - P2[:, :3]).max() > 1e-3 * f or abs(P1[1, 1] - f) > 1e-3 * f:
         raise DataError("P1 and P2 do not belong to a rectified pair: f, cx, cy must be equal", path)
-    rig = rig_from_numbers(f, float(P1[0, 2]), float(P1[1, 2]), unit * float(-P2[0, 3] / f), path)
+    # KITTI's colour cameras have an offset in P1 too.
+    baseline = unit * float(P1[0, 3] - P2[0, 3]) / f
+    rig = rig_from_numbers(f, float(P1[0, 2]), float(P1[1, 2]), baseline, path)
     if rectified or not raw or not {"R1", "R2"} <= matrices.keys():
         return rig
-    return replace(rig, maps=(_maps(matrices, size, "1"), _maps(matrices, size, "2")), R1=matrices["R1"])
-
-
-def _maps(matrices: dict[str, Array], size: tuple[int, int], camera: str) -> tuple[Image, Image]:
-    K, D, R, P = (matrices[name + camera] for name in "KDRP")
-    maps = cv2.initUndistortRectifyMap(K, D, R, P[:, :3], size, cv2.CV_16SC2)
-    return maps[0], maps[1]  # type: ignore[return-value]
+    left = rectification_maps(matrices, size, "1", lenses[0])
+    right = rectification_maps(matrices, size, "2", lenses[1])
+    maps = left, right
+    return replace(rig, maps=None if all(map(is_identity, maps)) else maps, R1=matrices["R1"])
 
 
 def rig_from_numbers(f: float, cx: float, cy: float, baseline: float, path: Path | None = None) -> Rig:
@@ -179,7 +169,33 @@ def rig_from_numbers(f: float, cx: float, cy: float, baseline: float, path: Path
     if baseline == 0:
         raise DataError("the baseline is 0 m: expected the distance between the two cameras", path)
     if abs(baseline) > MAX_BASELINE_M:
-        raise DataError(
-            f"the baseline is {abs(baseline):g} m: if the unit is millimetres, add --unit mm", path
-        )
+        raise DataError(f"the baseline is {abs(baseline):g} m: {unit_advice(abs(baseline))}", path)
     return Rig(f, cx, cy, baseline)
+
+
+def usual_units(baseline: float) -> dict[str, float]:
+    """The units in which this number is a usual baseline, each with the baseline in metres."""
+    readings = {name: baseline * unit for name, unit in UNITS.items()}
+    shortest, longest = USUAL_BASELINES_M
+    return {name: metres for name, metres in readings.items() if shortest <= metres <= longest}
+
+
+def unit_advice(baseline: float) -> str:
+    """The units that would make a usual baseline of a number that is too large for metres."""
+    readings = usual_units(baseline) or {"mm": UNITS["mm"] * baseline}
+    words = [
+        f"if the unit is {UNIT_WORDS[name]}, add --unit {name} (then {metres:g} m)"
+        for name, metres in readings.items()
+    ]
+    return "; ".join(words)
+
+
+def centre_warning(cx: float, cy: float, size: Size) -> str:
+    """A sentence if a principal point is not in the middle half of the images; "" otherwise."""
+    low, high = MIDDLE
+    if all(low <= place / side <= high for place, side in zip((cx, cy), size, strict=True)):
+        return ""
+    return (
+        f"the principal point {cx:.1f},{cy:.1f} is far from the middle of the images of {size[0]}×{size[1]}: "
+        "is the calibration of another resolution? Then all lengths are wrong by the ratio"
+    )

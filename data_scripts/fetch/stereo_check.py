@@ -19,6 +19,7 @@ NEAREST_RATIO = 0.75  # largest ratio of the nearest to the second nearest descr
 MIN_MATCHES_PER_PAIR = 20  # average number needed for a result
 MAX_ROW_SHIFT = 0.25  # share of the image height; matches with a larger shift are wrong
 MANY_NEGATIVE = 0.7  # smallest share of negative disparities of a swapped pair
+MUCH_SMALLER = 0.5  # of the row error; a rectification of raw images makes the row error smaller
 MIN_DISPARITY_PX = 1.0  # smaller disparities do not determine the order of the images
 
 
@@ -78,6 +79,15 @@ def _shifts(left: Image, right: Image) -> Array:
     uv_l = np.array([points_l[match.queryIdx].pt for match in good]).reshape(-1, 2)
     shift = (np.array([points_r[match.trainIdx].pt for match in good]).reshape(-1, 2) - uv_l) / scale
     return np.asarray(shift[np.abs(shift[:, 1]) <= MAX_ROW_SHIFT * left.shape[0]], np.float64)
+
+
+def is_rectified(raw: PairStatistics, rectified: PairStatistics) -> bool:
+    """Whether pairs have clearly more equal rows without than with a rectification by the calibration."""
+    if min(raw.matches, rectified.matches) < MIN_MATCHES_PER_PAIR * max(raw.pairs, 1):
+        return False
+    error_raw, error_rectified = (abs(stats.row) + stats.row_spread for stats in (raw, rectified))
+    tolerance = KitMatchingConfig().row_tolerance
+    return error_raw < tolerance and error_raw < MUCH_SMALLER * error_rectified
 
 
 def complaints(stats: PairStatistics, baseline: float) -> list[str]:

@@ -14,15 +14,16 @@ import cv2
 import numpy as np
 
 from fetch.stereo_calibration import Rig
-from fetch.stereo_check import complaints, measure_pairs
+from fetch.stereo_check import complaints, is_rectified, measure_pairs
 from fetch.stereo_sources import FolderSource, Pair, Source
 from vo_lib.data.catalogue import open_sequence
+from vo_lib.data.kitti import BITS, calibration_text
+from vo_lib.data.pose_times import interval_fault
 from vo_lib.data.poses import write_kitti_poses
 from vo_lib.errors import DataError
 from vo_lib.files import write_atomic
 from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.types import Array, Progress
-from vo_street.scene_folder import calibration_text
 
 BATCH_PAIRS = 16  # pairs in memory
 MEDIAN_DEPTHS_M = 5.0, 100.0  # plausible outdoors; KITTI and the drawn streets have 16 m to 46 m
@@ -34,8 +35,14 @@ def check_source(source: Source, rig: Rig, anyway: bool, outdoors: bool = False)
     `anyway` : report problems as warnings, except a wrong sign of the baseline. `outdoors` : require a median
     depth in `MEDIAN_DEPTHS_M`.
     """
-    statistics = measure_pairs(rig.rectify(*pair) for pair in source.sample())
+    sample = source.sample()
+    statistics = measure_pairs(rig.rectify(*pair) for pair in sample)
     wrong = complaints(statistics, rig.baseline)
+    if rig.maps is not None and is_rectified(measure_pairs(sample), statistics):
+        wrong.append(
+            "the rows match better without the rectification, so the images are rectified already: give "
+            "--rectified if the file has P1 and P2, or --focal, --centre and --baseline of these images"
+        )
     disparity, (nearest, farthest) = statistics.disparity, MEDIAN_DEPTHS_M
     depth = rig.f * rig.baseline / disparity if disparity > 0 else np.inf
     if not wrong and outdoors and not nearest <= depth <= farthest:
@@ -78,6 +85,8 @@ def write_sequence(
         if count < 2:
             raise DataError(f"expected two or more stereo pairs, found {count}")
         rows = np.arange(count) / times if isinstance(times, float) else times
+        if fault := interval_fault(rows):
+            raise DataError(f"{fault}; give the times by --times, one line per left image")
         for name, length in (("times", len(rows)), ("poses", count if poses is None else len(poses))):
             if length != count:
                 raise DataError(
@@ -127,7 +136,8 @@ def _new_folder(out: Path) -> Iterator[Path]:
 def _write_pairs(source: Source, rig: Rig, folder: Path, copy: bool, progress: Progress | None) -> int:
     """Read all pairs, a few of them in parallel, and link, copy or write them."""
     total = source.size_hint()
-    files = source.paths if isinstance(source, FolderSource) and rig.maps is None else []
+    linked = isinstance(source, FolderSource) and source.bits == BITS[0] and rig.maps is None
+    files = source.paths if isinstance(source, FolderSource) and linked else []
     unchanged = bool(files) and all(path.suffix.lower() == ".png" for pair in files for path in pair)
 
     def write(number: int, read: Callable[[], Pair]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from conftest import write_bands
@@ -13,6 +14,7 @@ from file_server import FileServer
 from test_kitti_archive import content, kitti, zipped  # noqa: F401  (one is a fixture)
 
 from fetch.kitti_archive import COLOR
+from vo_lib.commands.cli import main
 from vo_lib.data.kitti import EXPECTED_FRAMES
 
 
@@ -120,3 +122,147 @@ def test_from_folder_checks_pairs_and_writes_a_sequence(
     assert "assumed" not in capsys.readouterr().out
     seconds = (tmp_path / "timed" / "times.txt").read_text(encoding="utf-8").split()
     assert float(seconds[1]) - float(seconds[0]) == pytest.approx(0.25, abs=1e-6)
+
+
+def imported(bands: Path, out: Path, *options: str) -> int:
+    """Exit code of an import of the band images."""
+    places = ["--left", str(bands / "image_0"), "--right", str(bands / "image_1")]
+    return load("from_folder")([*places, "--out", str(out), *options])
+
+
+CAMERA = ["--focal", "300", "--centre", "240,120", "--baseline", "0.5"]
+
+
+def times_in(folder: Path) -> list[float]:
+    """Times of a sequence, counted from the first."""
+    seconds = [float(word) for word in (folder / "times.txt").read_text(encoding="utf-8").split()]
+    return [round(second - seconds[0], 6) for second in seconds]
+
+
+def test_gaps_in_the_numbers_remain_in_the_times(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bands = write_bands(tmp_path / "bands")
+    for side in ("image_0", "image_1"):
+        for path in sorted((bands / side).iterdir(), reverse=True):
+            number = int(path.stem)
+            path.rename(path.with_stem(f"{number + (8 if number < 2 else 38):06d}"))
+    assert imported(bands, tmp_path / "a", *CAMERA) == 0
+    assert "note: the numbers have a gap of 30 frames after 000009.png; the times" in capsys.readouterr().out
+    assert times_in(tmp_path / "a") == [0.0, 0.1, 3.2, 3.3, 3.4, 3.5]
+    assert imported(bands, tmp_path / "b", *CAMERA, "--fps", "20") == 0
+    assert times_in(tmp_path / "b") == [0.0, 0.05, 1.6, 1.65, 1.7, 1.75]
+    (bands / "image_1" / "000041.png").unlink()
+    (bands / "image_0" / "000008.png").unlink()
+    assert imported(bands, tmp_path / "c", *CAMERA, "--skip-unpaired") == 0
+    printed = capsys.readouterr().out
+    assert "images without a partner, skipped: 2" in printed
+    assert times_in(tmp_path / "c") == [0.0, 3.1, 3.3, 3.4]
+
+
+def test_times_that_no_camera_has_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bands = write_bands(tmp_path / "bands")
+    for side in ("image_0", "image_1"):
+        for path in sorted((bands / side).iterdir(), reverse=True):
+            # A clock of unknown unit and start: neither times since 1970 nor frame numbers.
+            path.rename(path.with_stem(str(5_000_000 + 33_333 * int(path.stem) + int(path.stem) % 2)))
+    assert imported(bands, tmp_path / "a", *CAMERA) == 2
+    fault = "the median interval of the times is 1666.7 s, expected 0.001 to 10 s; give the times by --times"
+    assert fault in capsys.readouterr().err
+    assert not (tmp_path / "a").exists()
+
+
+def test_the_unit_of_a_baseline_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bands = write_bands(tmp_path / "bands", 2)
+    for baseline, unit in (("54", "cm"), ("540", "mm")):
+        assert imported(bands, tmp_path / "a", *CAMERA[:-1], baseline) == 2
+        metres = float(baseline) / {"cm": 100, "mm": 1000}[unit]
+        assert f"add --unit {unit} (then {metres:g} m)" in capsys.readouterr().err
+        assert imported(bands, tmp_path / unit, *CAMERA[:-1], baseline, "--unit", unit) == 0
+
+
+def test_a_principal_point_far_from_the_middle_is_a_warning(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bands = write_bands(tmp_path / "bands", 2)
+    for number, centre in enumerate(("119,120", "361,120", "240,59", "240,181")):
+        assert imported(bands, tmp_path / str(number), *CAMERA[:3], centre, *CAMERA[4:]) == 0
+        assert (
+            f"warning: the principal point {centre.replace(',', '.0,')}.0 is far" in capsys.readouterr().out
+        )
+    assert imported(bands, tmp_path / "near", *CAMERA[:3], "121,61", *CAMERA[4:]) == 0
+    assert "warning" not in capsys.readouterr().out
+
+
+def camera_infos(folder: Path, distortion: float = 0.0) -> Path:
+    """left.yaml and right.yaml of ROS for the band images."""
+    folder.mkdir()
+    for side, tx in (("left", 0.0), ("right", -150.0)):
+        text = (
+            "image_width: 480\nimage_height: 240\ndistortion_model: plumb_bob\n"
+            "camera_matrix: {rows: 3, cols: 3, data: [300, 0, 240, 0, 300, 120, 0, 0, 1]}\n"
+            f"distortion_coefficients: {{rows: 1, cols: 5, data: [{distortion}, 0, 0, 0, 0]}}\n"
+            "rectification_matrix: {rows: 3, cols: 3, data: [1, 0, 0, 0, 1, 0, 0, 0, 1]}\n"
+            "projection_matrix: {rows: 3, cols: 4, "
+            f"data: [300, 0, 240, {tx}, 0, 300, 120, 0, 0, 0, 1, 0]}}\n"
+        )
+        (folder / f"{side}.yaml").write_text(text, encoding="utf-8")
+    return folder
+
+
+def test_rectified_images_are_linked_and_not_rectified_twice(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bands = write_bands(tmp_path / "bands")
+    none = camera_infos(tmp_path / "none")
+    assert imported(bands, tmp_path / "a", "--calibration", str(none)) == 0
+    assert "f 300.0 px, centre 240.0,120.0, baseline 0.500 m" in capsys.readouterr().out
+    assert (tmp_path / "a" / "image_0" / "000003.png").is_symlink()
+    raw = camera_infos(tmp_path / "raw", -0.4)
+    assert imported(bands, tmp_path / "b", "--calibration", str(raw)) == 2
+    assert "the images are rectified already: give --rectified" in capsys.readouterr().err
+    assert imported(bands, tmp_path / "b", "--calibration", str(raw), "--rectified") == 0
+    assert (tmp_path / "b" / "image_0" / "000003.png").is_symlink()
+
+
+def test_grey_values_of_10_bits_are_written_with_8(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bands = write_bands(tmp_path / "bands")
+    expected = cv2.imread(str(bands / "image_0" / "000002.png"), cv2.IMREAD_UNCHANGED)
+    for side in ("image_0", "image_1"):
+        for path in (bands / side).iterdir():
+            image = np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE))
+            cv2.imwrite(str(path), image.astype(np.uint16) * 4)
+    # The brightest image has no partner, and is skipped.
+    cv2.imwrite(str(bands / "image_0" / "000006.png"), np.full((240, 480), 1023, np.uint16))
+    assert imported(bands, tmp_path / "a", *CAMERA, "--skip-unpaired") == 0
+    assert "note: the grey values need 10 bits, so they are divided by 4" in capsys.readouterr().out
+    written = tmp_path / "a" / "image_0" / "000002.png"
+    assert not written.is_symlink()
+    np.testing.assert_array_equal(cv2.imread(str(written), cv2.IMREAD_UNCHANGED), expected)
+
+
+def test_run_on_colour_images_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bands = write_bands(tmp_path / "bands")
+    for grey, colour in (("image_0", "image_2"), ("image_1", "image_3")):
+        (bands / grey).rename(bands / colour)
+    text = (bands / "calib.txt").read_text(encoding="utf-8")
+    (bands / "calib.txt").write_text(text.replace("P0", "P2").replace("P1", "P3"), encoding="utf-8")
+    assert (
+        main(
+            [
+                "run",
+                str(bands),
+                "--method",
+                "viso2",
+                "--variant",
+                "kit",
+                "--features.cell",
+                "10",
+                "--out",
+                str(tmp_path / "r"),
+            ]
+        )
+        == 0
+    )
+    line = "note: there are only colour images: image_2 and image_3 are read as grey"
+    assert line in " ".join(capsys.readouterr().out.split())

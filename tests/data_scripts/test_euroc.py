@@ -93,6 +93,30 @@ def test_euroc_points_project_as_the_poses_predict(tmp_path: Path) -> None:
         assert np.abs(uv - left).max() > 5  # the points move far enough for a test
 
 
+def test_equidistant_cameras_have_equal_rows(tmp_path: Path) -> None:
+    mav0 = write_mav0(tmp_path, bodies(2), 2)
+    coefficients = ([0.02, -0.015, 0.006, -0.001], [-0.03, 0.01, -0.004, 0.002])
+    for camera in range(2):
+        path = mav0 / f"cam{camera}" / "sensor.yaml"
+        sensor = yaml.safe_load(path.read_text(encoding="utf-8"))
+        sensor |= {"distortion_model": "equidistant", "distortion_coefficients": coefficients[camera]}
+        path.write_text(yaml.safe_dump(sensor), encoding="utf-8")
+    rig = read_euroc_drive(mav0).rig
+    assert rig.maps is not None
+    X = np.array([[-0.6, -0.5, 4.0], [0.9, 0.4, 5.0], [0.2, -0.3, 3.0], [-0.9, 0.6, 6.0]])
+    rectified = []
+    for camera, points in enumerate((X, transform(inverse(T_0_1), X))):
+        f_u, f_v, c_u, c_v = INTRINSICS[camera]
+        K = np.array([[f_u, 0, c_u], [0, f_v, c_v], [0, 0, 1]])
+        D = np.array(coefficients[camera])
+        uv = cv2.fisheye.projectPoints(points[None], np.zeros(3), np.zeros(3), K, D)[0]
+        rectified.append(rectified_pixels(rig.maps[camera], np.asarray(uv.reshape(-1, 2), np.float64)))
+    left, right = rectified
+    np.testing.assert_allclose(left[:, 1], right[:, 1], atol=0.1)
+    z = (X @ rig.R1.T)[:, 2]
+    np.testing.assert_allclose(left[:, 0] - right[:, 0], rig.f * rig.baseline / z, atol=0.1)
+
+
 def test_euroc_pairs_without_truth_or_partner_are_omitted(tmp_path: Path) -> None:
     mav0 = write_mav0(tmp_path, bodies(4), 6)
     drive = read_euroc_drive(mav0)

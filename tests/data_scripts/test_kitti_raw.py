@@ -107,3 +107,41 @@ def test_missing_frames_have_no_times_and_poses(drive: Path) -> None:
     assert result.poses is not None
     np.testing.assert_allclose(result.poses, np.delete(path_of_the_camera(), 2, axis=0), atol=1e-4)
     assert result.times[2] == pytest.approx(0.3)
+
+
+def test_a_row_of_the_times_belongs_to_each_frame(drive: Path) -> None:
+    path = drive / "image_00" / "timestamps.txt"
+    rows = path.read_text(encoding="utf-8").splitlines()
+    for change, words in (
+        ([*rows[:3], "", *rows[4:]], r"timestamps\.txt, line 4: an empty line; expected a time such as"),
+        ([*rows[:3], "", *rows[3:]], r"timestamps\.txt, line 4: an empty line"),
+        (
+            rows[:-1],
+            r"timestamps\.txt: 7 rows, but the last image is 0000000007: expected 8 rows, a row per frame",
+        ),
+        ([*rows, rows[-1]], r"timestamps\.txt: 9 rows, but the last image is 0000000007: expected 8 rows"),
+    ):
+        path.write_text("\n".join(change) + "\n", encoding="utf-8")
+        with pytest.raises(DataError, match=words):
+            read_raw_drive(drive)
+    path.write_text("\n".join(rows) + "\n\n", encoding="utf-8")  # nothing is moved by an empty last line
+    assert len(read_raw_drive(drive).times) == 8
+
+
+def test_a_drive_with_colour_images_alone(drive: Path) -> None:
+    """The left colour camera is 0.06 m to the right of the grey one, with another baseline."""
+    for grey, colour in (("image_00", "image_02"), ("image_01", "image_03")):
+        (drive / grey).rename(drive / colour)
+    path = drive.parent / "calib_cam_to_cam.txt"
+    P2, P3 = P0.copy(), P0.copy()
+    P2[0, 3] = -720.0 * 0.06
+    P3[0, 3] = -720.0 * 0.59
+    lines = [f"S_rect_02: 120 40\nP_rect_02: {numbers(P2)}\nP_rect_03: {numbers(P3)}\n"]
+    path.write_text(path.read_text(encoding="utf-8") + "".join(lines), encoding="utf-8")
+    result = read_raw_drive(drive)
+    assert result.rig.baseline == pytest.approx(0.53)
+    assert result.note == "there are only colour images: cameras 2 and 3 are read as grey"
+    assert result.poses is not None
+    beside = rigid(np.eye(3), np.array([0.06, 0.0, 0.0]))
+    expected = inverse(beside) @ path_of_the_camera() @ beside
+    np.testing.assert_allclose(result.poses, expected, atol=1e-4)
