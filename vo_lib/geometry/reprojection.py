@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .camera import StereoCamera
+from .matches import StereoMatches
 from .motion import rotation_from_vector
 from .types import Array
 
@@ -64,6 +65,19 @@ def fit_motion(
         t = t + delta[3:]
         converged = float(delta @ delta) < tolerance**2
     return R, t, residual
+
+
+def stereo_residuals(camera: StereoCamera, matches: StereoMatches, T_cp: Array) -> Array:
+    """How far a motion is from the stereo depths: reprojection errors of the matches, (N,) pixels.
+
+    The point of the previous pair moves with T_cp (4, 4) and is projected into the current pair. The residual
+    is the norm over its four coordinates; it is infinite for a point without depth or behind the camera.
+    """
+    X_p = camera.triangulate(matches.prev_left, matches.prev_right)
+    measured = measured_pixels(camera, matches.cur_left, matches.cur_right)
+    r, _, depth = linearise(camera, X_p @ T_cp[:3, :3].T, T_cp[:3, 3], measured)
+    norm = np.linalg.norm(r, axis=1)
+    return np.where(np.isfinite(norm) & (depth > 0), norm, np.inf)
 
 
 def linearise(

@@ -15,6 +15,7 @@ class Flag(StrEnum):
     STANDSTILL = "standstill"  # no optical flow
     FEW_MATCHES = "few_matches"  # no motion: too few matches
     NO_MOTION = "no_motion"  # no motion with enough inliers
+    CONTRADICTS_STEREO = "contradicts_stereo"  # the motion does not fit the depths of the stereo pairs
     # Only in variant `kit`:
     FILTER_OFF = "filter_off"  # no features removed, since too few would remain
     PRIOR_DROPPED = "prior_dropped"  # best candidate of the prior clearly worse than the overall best

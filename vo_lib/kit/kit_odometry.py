@@ -7,18 +7,23 @@ translation; `KitViso2` is VISO2 on the same matches.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ..geometry.boxes import Boxes
 from ..geometry.camera import StereoCamera
 from ..geometry.matches import StereoMatches
-from ..geometry.result import Flag
+from ..geometry.motion import essential_angle, essential_from_motion, essential_vector, rigid
+from ..geometry.reprojection import stereo_residuals
+from ..geometry.result import Flag, FrameResult
 from ..geometry.types import Array, Index
-from ..paper.odometry import Odometry, Rotation, StepResult, Winner
-from ..paper.selection import sampson_inliers
-from ..paper.viso2 import Viso2
+from ..paper.five_point import five_point
+from ..paper.odometry import FIT_GAIN, Odometry, Rotation, StepResult, Winner
+from ..paper.selection import WINNER_CRITERIA, sampson_inliers
+from ..paper.viso2 import Viso2, ransac_motion
 from .box_rules import KitBoxFilter, OnMoving
 from .calibration import Calibration
 from .refined_selection import choose_candidate, motion_of_winner, sample_sets
@@ -29,6 +34,10 @@ from .weighted_translation import papers_translation, robust_translation
 
 # Largest Sampson distance of an inlier of the previous essential matrix, as a multiple of the threshold.
 PREVIOUS_INLIER_THRESHOLDS = 3.0
+# After a motion that stereo contradicts: number of other candidates to try, and their least difference.
+ALTERNATIVES = 4
+DISTINCT_ANGLE = np.radians(5.0)
+SUPPORT = 0.75  # share of all matches that must agree with an alternative in both images of the current pair
 MIN_INLIER_SHARE = 0.1  # lower bound of the estimated share of matches without an error
 
 
@@ -94,12 +103,61 @@ class SelfCalibratingOdometry(Odometry):
         return replace(result, motion=replace(motion, ms=self.clock.ms))
 
 
+class Alternative(NamedTuple):
+    """Another motion of a frame: the results of its winner, t_cp (3,), metres, and its error, pixels."""
+
+    rotation: Rotation
+    t_cp: Array
+    error: float
+
+
 class KitOdometry(SelfCalibratingOdometry):
     """Rotation from a refined winner, then a robust weighted translation.
 
     Additional flag: `prior_dropped` (the prior's best candidate is clearly worse than the overall best, as in
     a sharp turn or after a restart).
     """
+
+    def motion(self, matches: StereoMatches) -> FrameResult | None:
+        """The paper's motion or, if stereo contradicts it, the alternative that stereo supports best."""
+        e_before = self.e_prev
+        motion = super().motion(matches)
+        if motion is None or Flag.CONTRADICTS_STEREO not in motion.flags:
+            return motion
+        self.e_prev = e_before  # the contradicted winner is no prior, neither here nor in the next frame
+        best = min(self.alternatives(matches), key=lambda alternative: alternative.error, default=None)
+        error = support_error(self.camera, matches, motion.T_cp)
+        if best is None or FIT_GAIN * best.error > error:
+            return motion
+        flags = tuple(flag for flag in motion.flags if flag != Flag.CONTRADICTS_STEREO)
+        return self.finish_frame(best.rotation, best.t_cp, flags)
+
+    def alternatives(self, matches: StereoMatches) -> Iterator[Alternative]:
+        """Other motions of a frame: those of the best other candidates, and a fit of the reprojection error.
+
+        Two essential matrices fit the images of a plane, so one of the candidates may be the right one. The
+        fit needs no essential matrix.
+        """
+        x_p, x_c = self.points(matches)
+        sets = self.draw_sets(x_p, x_c)
+        E, _ = five_point(x_p[sets], x_c[sets])
+        errors = WINNER_CRITERIA[self.config.selection.winner](E, x_p, x_c, self.threshold)
+        for candidate in distinct_candidates(E, errors, ALTERNATIVES):
+            rotation = self.rotation(candidate, matches)
+            t_cp = self.translate(matches, rotation)
+            if t_cp is not None:
+                yield self.measured(matches, rotation, t_cp)
+        fitted = ransac_motion(self.camera, matches, self.random(), self.config.reprojection)
+        if fitted is not None:
+            R_cp, t_cp, _ = fitted
+            E_fitted = essential_from_motion(R_cp, t_cp)
+            inliers = sampson_inliers(E_fitted, x_p, x_c, self.threshold)
+            yield self.measured(matches, Rotation(R_cp, E_fitted, inliers), t_cp)
+
+    def measured(self, matches: StereoMatches, rotation: Rotation, t_cp: Array) -> Alternative:
+        """A motion with its error."""
+        error = support_error(self.camera, matches, rigid(rotation.R_cp, t_cp))
+        return Alternative(rotation, t_cp, error)
 
     def draw_sets(self, x_p: Array, x_c: Array) -> Index:
         """Five-point sets: at most n, and only as many as should give `clean_sets` sets without an outlier.
@@ -138,6 +196,29 @@ class KitOdometry(SelfCalibratingOdometry):
             return None
         t_cp, residual = solution
         return t_cp if np.count_nonzero(residual < config.agreement) >= self.config.min_matches else None
+
+
+def distinct_candidates(E: Array, errors: Array, number: int) -> list[Array]:
+    """The `number` candidates (3, 3) with the smallest errors (M,) that differ clearly from each other."""
+    chosen: list[Array] = []
+    vectors: list[Array] = []
+    for place in np.argsort(errors, kind="stable"):
+        e = essential_vector(E[place])
+        if all(essential_angle(e, other) > DISTINCT_ANGLE for other in vectors):
+            chosen.append(E[place])
+            vectors.append(e)
+        if len(chosen) == number:
+            break
+    return chosen
+
+
+def support_error(camera: StereoCamera, matches: StereoMatches, T_cp: Array) -> float:
+    """The reprojection error, pixels, that three quarters of all matches stay below for a motion.
+
+    If most matches are on traffic that drives in one direction, their median supports the motion relative to
+    that traffic. On a wall, nearly all matches support the right motion.
+    """
+    return float(np.quantile(stereo_residuals(camera, matches, T_cp), SUPPORT, method="higher"))
 
 
 class KitViso2(SelfCalibratingOdometry, Viso2):

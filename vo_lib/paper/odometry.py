@@ -10,7 +10,8 @@ import numpy as np
 from ..geometry.boxes import Boxes
 from ..geometry.camera import StereoCamera
 from ..geometry.matches import StereoMatches
-from ..geometry.motion import essential_angle, essential_vector, rigid
+from ..geometry.motion import DEVIATION_OVER_MEDIAN, essential_angle, essential_vector, rigid
+from ..geometry.reprojection import fit_motion, stereo_residuals
 from ..geometry.result import Clock, Flag, FrameResult
 from ..geometry.types import Array, BoolArray, Index
 from .box_removal import BoxFilter, Removal
@@ -19,6 +20,17 @@ from .five_point import five_point
 from .selection import WINNER_CRITERIA, candidates_near_prior, draw_sets, resolve_by_depth, sampson_inliers
 from .settings import MethodConfig
 from .translation import PairBefore, solve_translation
+
+# A motion contradicts stereo if the median reprojection error of its inliers exceeds this multiple of the
+# matches' noise, or `stereo_limit`, whichever is less; but never below the two other limits, since images
+# without noise and very noisy images have other errors too.
+CONTRADICTION_OVER_NOISE = 15.0
+LEAST_CONTRADICTION_OVER_NOISE = 3.0
+LEAST_CONTRADICTION_PX = 0.3
+# Above this multiple of the noise, a motion is compared with a fit of the reprojection error. The motion
+# contradicts stereo if its error is more than `FIT_GAIN` times that of the fit.
+SUSPICION_OVER_NOISE = 5.0
+FIT_GAIN = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +67,8 @@ class Rotation(NamedTuple):
 class Odometry:
     """The paper's method on a sequence, frame by frame.
 
-    Flags: `standstill` and, if the motion of the previous frame is repeated, `few_matches` or `no_motion`.
+    Flags: `standstill`; `contradicts_stereo`, for a motion that the stereo depths do not support; and, if the
+    motion of the previous frame is repeated, `few_matches` or `no_motion`.
 
     Attributes
     ----------
@@ -93,7 +106,8 @@ class Odometry:
             motion = self.motion_or_previous(used)
         self._last_motion = motion.T_cp
         # Only a measured motion is precise enough for the rows of a third frame.
-        self._pair_before = None if motion.flags else PairBefore(static, motion.T_cp)
+        measured = not set(motion.flags) - {Flag.CONTRADICTS_STEREO}
+        self._pair_before = PairBefore(static, motion.T_cp) if measured else None
         motion = replace(
             motion,
             matches=len(matches),
@@ -119,10 +133,13 @@ class Odometry:
         rotation = self.rotation(E[winner.candidate], matches)
         self.clock.stage("rotation")
         t_cp = self.translate(matches, rotation)
+        flags = winner.flags
+        if t_cp is not None and self.contradicts_stereo(matches, rotation, t_cp):
+            flags = (*flags, Flag.CONTRADICTS_STEREO)
         self.clock.stage("translation")
         if t_cp is None:
             return None
-        return self.finish_frame(rotation, t_cp, winner.flags)
+        return self.finish_frame(rotation, t_cp, flags)
 
     def bucketed(self, matches: StereoMatches) -> StereoMatches:
         """Step 2 (section 1): the selected matches of each bucket."""
@@ -176,6 +193,28 @@ class Odometry:
         """
         return median_flow(matches) < self.config.selection.standstill_flow
 
+    def contradicts_stereo(self, matches: StereoMatches, rotation: Rotation, t_cp: Array) -> bool:
+        """Whether a motion leaves most of its inliers far from where their stereo depths put them.
+
+        Two essential matrices fit the images of a plane, and several those of a repeated pattern. The wrong
+        one has inliers like the right one, but the depths disagree with it: the median reprojection error is
+        many times the noise of the matches, or many times that of a motion fitted to the depths. The noise is
+        taken from the rows, which are equal in the left and right image.
+        """
+        agreeing = matches[rotation.inliers]
+        noise = row_noise(agreeing)
+        error = float(np.median(stereo_residuals(self.camera, agreeing, rigid(rotation.R_cp, t_cp))))
+        if error > contradiction_limit(noise, self.config.stereo_limit):
+            return True
+        if error <= min(self.config.stereo_limit, SUSPICION_OVER_NOISE * noise):
+            return False
+        X_p = self.camera.triangulate(agreeing.prev_left, agreeing.prev_right)
+        near = np.isfinite(X_p).all(axis=1)
+        _, _, fitted = fit_motion(
+            self.camera, X_p[near], agreeing.cur_left[near], agreeing.cur_right[near], rotation.R_cp, t_cp
+        )
+        return error > FIT_GAIN * float(np.median(fitted))
+
     def stationary_motion(self, matches: StereoMatches) -> FrameResult:
         """The identity as the motion of a camera at rest; E_prev is kept."""
         return FrameResult(np.eye(4), flags=(Flag.STANDSTILL,))
@@ -192,6 +231,19 @@ class Odometry:
     def threshold(self) -> float:
         """Largest Sampson distance of an inlier, in the unit of normalised points."""
         return self.config.selection.threshold / self.camera.f
+
+
+def row_noise(matches: StereoMatches) -> float:
+    """Standard deviation of the row differences between left and right images, pixels, from their median."""
+    before = matches.prev_left[:, 1] - matches.prev_right[:, 1]
+    now = matches.cur_left[:, 1] - matches.cur_right[:, 1]
+    return DEVIATION_OVER_MEDIAN * float(np.median(np.abs(np.concatenate([before, now]))))
+
+
+def contradiction_limit(noise: float, stereo_limit: float) -> float:
+    """Median reprojection error, pixels, above which a motion contradicts stereo, for a noise in pixels."""
+    limit = min(stereo_limit, CONTRADICTION_OVER_NOISE * noise)
+    return max(limit, LEAST_CONTRADICTION_OVER_NOISE * noise, LEAST_CONTRADICTION_PX)
 
 
 def median_flow(matches: StereoMatches) -> float:

@@ -174,6 +174,13 @@ class MethodConfig(Checked):
     min_matches: int = setting(
         12, "smallest number of matches; with fewer, the previous motion is repeated", low=5, high=1000
     )
+    stereo_limit: float = setting(
+        1.5,
+        "median reprojection error above which a frame's motion contradicts stereo; less for exact matches",
+        unit="px",
+        low=0,
+        high=1000,
+    )
     features: ImageBorder = section(ImageBorder)
     matching: StereoLimits = section(StereoLimits)
     buckets: BucketConfig = section(BucketConfig)

@@ -36,6 +36,7 @@ POSES = "poses.txt"
 POSES_TUM = "poses_tum.txt"
 CALIBRATION = "calibration.json"
 PICTURE = "trajectory.png"
+MAX_CONTRADICTED_SHARE = 0.1  # of the frames; a run with more is told that its path is probably wrong
 LOOPS, LOOPS_POSES = "loops.csv", "poses_loops.txt"  # only after the closing of loops
 RUN_FILES = (CONFIG, POSES, POSES_TUM, LOG, CALIBRATION, METRICS, PICTURE, LOOPS, LOOPS_POSES)
 COUNTS = {"matches": "matches", "removed": "removed_by_boxes", "used": "used", "inliers": "inliers"}
@@ -125,13 +126,21 @@ def path_lost(result: Run) -> bool:
 
 
 def warnings_of(result: Run) -> list[str]:
-    """Warnings about the input of a run, one sentence each."""
+    """Warnings about the input and the motions of a run, one sentence each."""
+    warnings = []
     seconds = float(np.median(np.diff(result.sequence.times)))
     shortest, longest = FRAME_INTERVALS_S
-    if shortest <= seconds <= longest:
-        return []
-    expected = f"expected {shortest:g} to {longest:g} s: speeds are wrong"
-    return [f"times.txt has an interval of {seconds:.3g} s between frames, {expected}"]
+    if not shortest <= seconds <= longest:
+        expected = f"expected {shortest:g} to {longest:g} s: speeds are wrong"
+        warnings.append(f"times.txt has an interval of {seconds:.3g} s between frames, {expected}")
+    contradicted = sum(Flag.CONTRADICTS_STEREO in motion.flags for motion in result.motions)
+    if contradicted > MAX_CONTRADICTED_SHARE * len(result.motions):
+        warnings.append(
+            f"stereo contradicts the motion of {contradicted} of {len(result.motions)} frames, so the path "
+            "is probably wrong: a wall or a repeated pattern fits several motions, and a wrong calibration fits "
+            f"none; these frames are marked {Flag.CONTRADICTS_STEREO} in {LOG}"
+        )
+    return warnings
 
 
 def timing(result: Run) -> dict[str, Any]:
