@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import socket
@@ -11,13 +12,16 @@ import time
 import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from conftest import BROWSERS, find_browser
 from playwright.sync_api import BrowserContext, sync_playwright
 
+from course.ch04 import TranslationPanel
 from course.panel import ERROR_CLASS
 from course.results import NOT_YET_CLASS, RIGHT_CLASS
+from vo_lib.data.sequence import Sequence
 
 NOTEBOOKS = sorted((Path(__file__).resolve().parents[1] / "notebooks").glob("*.ipynb"))
 TOKEN = "notebooks-under-test"
@@ -139,6 +143,100 @@ def test_notebook_runs_in_a_browser(path: Path, lab: str, browser: BrowserContex
     page.close()
 
 
+LAYOUT = """() => {
+    const boxes = selector => [...document.querySelectorAll(selector)].filter(each => each.offsetParent)
+        .map(each => each.getBoundingClientRect());
+    const [view] = boxes('.jp-NotebookPanel-notebook'), [panel] = boxes('.vo-panel');
+    const [image] = boxes('.vo-panel .widget-image');
+    return {
+        picture: image.width,
+        sliders: Math.min(...boxes('.vo-panel .noUi-base').map(box => box.width)),
+        below: panel.bottom - view.bottom,
+        cut: [...document.querySelectorAll('.vo-panel .widget-label')]
+            .filter(each => each.offsetParent && each.scrollWidth > each.clientWidth + 1)
+            .map(each => each.textContent),
+    };
+}"""
+# Of all places that the Tab key stops at: the name for readers of the screen, and the place on the page.
+STOPS = """() => {
+    const each = document.activeElement, box = each.getBoundingClientRect();
+    const label = each.labels && each.labels.length ? each.labels[0].textContent : '';
+    const name = each.getAttribute('aria-label') || label || each.textContent.trim();
+    return {name: name, x: box.x, y: box.y + box.height / 2};
+}"""
+
+
+@pytest.mark.slow
+def test_a_panel_follows_the_drag_on_a_laptop(lab: str, browser: BrowserContext, street: Sequence) -> None:
+    """Layout, pictures before the mouse is released, keys and names of one panel at 1366 × 768 pixels."""
+    code = "from course.ch04 import TranslationPanel\npanel = TranslationPanel()\npanel"
+    cell: dict[str, Any] = {"cell_type": "code", "source": code, "metadata": {}, "outputs": []}
+    cell["execution_count"] = None
+    kernel = {"name": "python3", "display_name": "Python 3"}
+    notebook = {"cells": [cell], "metadata": {"kernelspec": kernel}, "nbformat": 4, "nbformat_minor": 4}
+    body = json.dumps({"type": "notebook", "content": notebook}).encode()
+    address = f"{lab}/api/contents/one_panel.ipynb?token={TOKEN}"
+    urllib.request.urlopen(urllib.request.Request(address, body, method="PUT"), timeout=60).close()
+    page = browser.new_page()
+    page.set_viewport_size({"width": 1366, "height": 768})
+    page.set_default_timeout(LONG)
+    page.goto(f"{lab}/lab/tree/one_panel.ipynb?token={TOKEN}&reset")
+    page.locator(".jp-Notebook .jp-CodeCell").first.wait_for()
+    page.keyboard.press("Control+b")  # closes the file browser
+    page.get_by_text("| Idle").first.wait_for()
+    page.get_by_role("menuitem", name="Run", exact=True).click()
+    page.get_by_role("menuitem", name="Run All Cells", exact=True).click()
+    page.wait_for_function(ALL_DONE, polling=SELDOM)
+    page.get_by_text("noise added", exact=True).last.wait_for()
+    page.locator(".vo-panel").evaluate("panel => panel.scrollIntoView()")
+
+    layout = page.evaluate(LAYOUT)
+    assert layout["picture"] >= 800
+    assert layout["sliders"] >= 180
+    assert layout["below"] <= 0
+    assert layout["cut"] == []
+
+    noise = page.get_by_role("slider", name="noise added [px]", exact=True)
+    box = noise.bounding_box()
+    assert box is not None
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    before = page.evaluate(PICTURES)
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 40, y, steps=10)
+    page.wait_for_function(CHANGED, arg=before, polling=SELDOM)
+    during = page.evaluate(PICTURES)
+    page.mouse.move(x + 100, y, steps=10)
+    page.wait_for_function(CHANGED, arg=during, polling=SELDOM)
+    page.mouse.up()
+    number = page.get_by_role("textbox", name="noise added [px], as a number", exact=True)
+    value = float(number.inner_text())
+    page.keyboard.press("ArrowLeft")
+    moved = float(number.inner_text())
+    assert moved == pytest.approx(value - 0.05)
+    panel = TranslationPanel(street)
+    panel.set(view__noise=moved)
+    at_once = ",".join(str(byte) for byte in panel.picture.value)
+    page.wait_for_function(
+        f"async wanted => (await ({PICTURES})())[0] === wanted", arg=at_once, polling=SELDOM
+    )
+
+    page.get_by_role("combobox", name="sequence", exact=True).focus()
+    stops = [page.evaluate(STOPS)]
+    while stops[-1]["name"] != "draw again":
+        page.keyboard.press("Tab")
+        stops.append(page.evaluate(STOPS))
+    assert "" not in [stop["name"] for stop in stops]
+    assert {"frame", "depth limit [m]", "depth limit [m], as a number", "play the frames"} < {
+        stop["name"] for stop in stops
+    }
+    for one, following in itertools.pairwise(stops):
+        below = following["y"] - one["y"]
+        assert below > 8 or (abs(below) <= 8 and following["x"] > one["x"]), (one, following)
+    assert page.get_by_role("img", name="From a rotation and stereo matches to a translation").count() == 1
+    page.close()
+
+
 @pytest.mark.slow
 def test_lab_opens_the_course_without_dialogs(lab: str, browser: BrowserContext) -> None:
     page = browser.new_page()
@@ -150,6 +248,7 @@ def test_lab_opens_the_course_without_dialogs(lab: str, browser: BrowserContext)
     assert page.url.startswith(f"{lab}/lab/workspaces/stereo-vo-course/tree/00_start_here.ipynb")
     tabs = page.locator(".lm-DockPanel-tabBar .lm-TabBar-tabLabel")
     assert tabs.all_inner_texts() == ["00_start_here.ipynb"]
+    assert not page.locator(".jp-FileBrowser").first.is_visible()  # pictures need the width
     picture = page.locator(".jp-RenderedMarkdown img").first
     picture.scroll_into_view_if_needed()
     assert picture.evaluate("image => image.naturalWidth") > 0

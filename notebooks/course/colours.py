@@ -4,5 +4,9 @@ from __future__ import annotations
 
 from vo_lib.report import plots
 
-CYCLE, DARK, PALE, bgr = plots.CYCLE, plots.TRUTH_COLOUR, "#B0B0B0", plots.bgr
+CYCLE = plots.CYCLE
+DARK = plots.TRUTH_COLOUR
+PALE = "#B0B0B0"
+WHITE = "#FFFFFF"
+bgr = plots.bgr
 GOOD, BAD, THIRD, FOURTH, FIFTH = CYCLE[:5]

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import ipywidgets as widgets
 
+from vo_lib.errors import DataError
 from vo_lib.settings import Setting
 
-COLUMN = {"flex": "0 1 320px", "min_width": "260px", "margin": "0 12px 0 0"}  # of controls
-LABEL_WIDTH = "156px"  # of the longest label; aligns the sliders
-STEPS = 100  # of a slider, if no step is given
+from .drawing import COARSE, room
+
+STEPS = 100  # of a slider at most, if no step is given
 
 
 @dataclass(frozen=True)
@@ -21,10 +24,12 @@ class Control:
     Attributes
     ----------
     name : dotted name of a setting: "selection.top_k" for the method, or "view.noise" for the panel.
-    label : words beside the control; by default the last part of the name.
+    label : words at the control; by default the last part of the name.
     low, high : ends of the slider, if narrower than the declared range.
     step : step of the slider.
     button : whether a button replaces the slider; a press adds one, or changes the maximum to the minimum.
+    names : for a list of numbers that have names: the name of each number from 0.
+    number_of : the number for a typed name, or None; it may know more names than `names`.
     """
 
     name: str
@@ -33,34 +38,85 @@ class Control:
     high: float | None = None
     step: float | None = None
     button: bool = False
+    names: tuple[str, ...] = ()
+    number_of: Callable[[str], int | None] | None = None
+
+    @property
+    def words(self) -> str:
+        """The label without the unit."""
+        return self.label or self.name.split(".")[-1].replace("_", " ")
 
 
 class Knob:
     """A control. `widget` has the value; `shown` is displayed, with the setting's description as tooltip."""
 
     def __init__(self, control: Control, setting: Setting, value: Any):
+        self.control = control
         self.setting = setting
-        unit = f" [{setting.unit}]" if setting.unit else ""
-        label = (control.label or setting.name.split(".")[-1].replace("_", " ")) + unit
-        self.widget = self.shown = _make(control, setting, value, label)
+        label = f"{control.words} [{setting.unit}]" if setting.unit else control.words
+        self.widget = _make(control, setting, value, label)
+        self.shown = self.widget
         if control.button:
             self.shown = widgets.Button(description=label, tooltip=setting.text, layout={"width": "auto"})
             self.shown.on_click(self._press)
-
-    def _press(self, _: Any) -> None:
-        self.widget.value = self.widget.min if self.widget.value >= self.widget.max else self.widget.value + 1
+        self._declared_max = getattr(self.widget, "max", None)
 
     @property
     def value(self) -> Any:
         """The value of the setting; `DataError` if typed text is invalid."""
         raw = self.widget.value
-        return self.setting.parse(raw) if isinstance(self.widget, widgets.Text) else raw
+        if not isinstance(self.widget, widgets.Text):
+            return raw
+        # The reader knows the control by its label, not by the name of the setting.
+        setting = dataclasses.replace(self.setting, name=self.control.words)
+        value = setting.parse(self._with_numbers(raw))
+        setting.check(value)
+        return value
+
+    def offer(self, setting: Setting, default: Any) -> None:
+        """Offer the choices that a variant declares; an impossible choice becomes the default."""
+        if not isinstance(self.widget, widgets.Dropdown) or self.widget.options == setting.choices:
+            return
+        value = self.widget.value
+        self.widget.options = setting.choices
+        self.widget.value = value if value in setting.choices else default
+
+    def limit(self, most: float | None = None) -> None:
+        """End the slider at `most`, or again where it is declared to end."""
+        if self._declared_max is not None:
+            self.widget.max = self._declared_max if most is None else min(most, self._declared_max)
+
+    def show(self, possible: bool) -> None:
+        """Show the control, or hide it if the variant lacks its setting."""
+        self.shown.layout.display = None if possible else "none"
+        if not possible:
+            self.shown.disabled = True
+
+    def activate(self, active: bool) -> None:
+        """Make a control grey that has no effect."""
+        self.shown.disabled = not active
+
+    def _press(self, _: Any) -> None:
+        at_end = self.widget.value >= self.widget.max
+        self.widget.value = self.widget.min if at_end else self.widget.value + 1
+
+    def _with_numbers(self, text: str) -> str:
+        """The typed text with a number in place of each name; `DataError` for an unknown name."""
+        number_of = self.control.number_of
+        if number_of is None:
+            return text
+        numbers = []
+        for word in filter(None, (each.strip() for each in text.split(","))):
+            number = word if word.isdecimal() else number_of(word)
+            if number is None:
+                raise DataError(f"{self.control.words}: {word!r} is not a known name, nor a number")
+            numbers.append(str(number))
+        return ",".join(numbers)
 
 
 def labelled(words: str) -> dict[str, Any]:
-    """Arguments of a widget for a label in front of it and for the width of the column."""
-    style = {"description_width": LABEL_WIDTH}
-    return {"description": words, "style": style, "layout": {"width": "auto"}}
+    """Arguments of a widget for its label and for the width of the column."""
+    return {"description": words, "layout": {"width": "auto"}}
 
 
 def _make(control: Control, setting: Setting, value: Any, label: str) -> Any:
@@ -68,10 +124,9 @@ def _make(control: Control, setting: Setting, value: Any, label: str) -> Any:
     if setting.kind is bool:
         return widgets.Checkbox(value=value, indent=False, **common)
     if setting.choices:
-        return widgets.Dropdown(value=value, options=list(setting.choices), **common)
+        return widgets.Dropdown(value=value, options=setting.choices, **common)
     if setting.kind not in (int, float):
-        words = ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
-        return widgets.Text(value=words, continuous_update=False, **common)
+        return widgets.Text(value=_as_typed(value, control.names), continuous_update=False, **common)
     low = setting.low if control.low is None else control.low
     high = setting.high if control.high is None else control.high
     if low is None or high is None:
@@ -79,7 +134,19 @@ def _make(control: Control, setting: Setting, value: Any, label: str) -> Any:
     limits = {"min": setting.kind(low), "max": setting.kind(high), "value": setting.kind(value)}
     if control.button:
         return widgets.BoundedIntText(**limits)
-    slider = widgets.IntSlider if setting.kind is int else widgets.FloatSlider
-    step = control.step or (1 if setting.kind is int else (high - low) / STEPS)
-    digits = {} if setting.kind is int else {"readout_format": ".2f" if step < 0.1 else ".1f"}
-    return slider(**limits, step=step, continuous_update=False, **digits, **common)
+    if setting.kind is int:
+        return widgets.IntSlider(**limits, step=control.step or 1, **common)
+    step = control.step or room((high - low) / STEPS, steps=COARSE)
+    return widgets.FloatSlider(**limits, step=step, readout_format=f".{_decimals(step)}f", **common)
+
+
+def _decimals(step: float) -> int:
+    """Number of decimals that show every step."""
+    return next(digits for digits in range(9) if abs(round(step, digits) - step) < 1e-9)
+
+
+def _as_typed(value: Any, names: tuple[str, ...]) -> str:
+    """A value as a reader types it, numbers by their names."""
+    if not isinstance(value, tuple):
+        return str(value)
+    return ",".join(names[each] if each in range(len(names)) else str(each) for each in value)

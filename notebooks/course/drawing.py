@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import inspect
 import textwrap
-import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,18 +14,28 @@ from IPython.display import Code
 from IPython.display import Image as Shown
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
 from vo_lib.geometry.types import Image
 
-WIDTH = 980  # pixels of every picture
-PHOTO_HEIGHT, HALF_HEIGHT = 298, 150  # of photos of this width and of half the width
-DPI = 100
-LEFT, RIGHT, ABOVE, BELOW = 58, 14, 26, 42  # margins of an axis for its numbers and names, pixels
+from .raster import fast_raster
+from .raster import raster as raster
 
-FONT_SIZE, TITLE_SIZE = 9.0, 10.0
+WIDTH = 980  # pixels of every picture
+PHOTO_HEIGHT = 298  # of a photo of this width
+HALF_HEIGHT = 150  # of a photo of half this width
+DPI = 100
+# Margins of an axis for its numbers and names, pixels.
+LEFT = 58
+RIGHT = 18
+ABOVE = 26
+BELOW = 42
+
+FONT_SIZE = 9.5
+TITLE_SIZE = 10.0
+SMALL_SIZE = 8.5  # of numbers and legends: 11.8 pixels
+CAPTION_SIZE = 0.48  # of words in photos, as a scale of OpenCV's font
 COARSE = (1.0, 2.0, 5.0)  # mantissas of round numbers
 FINE = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
 
@@ -40,9 +49,6 @@ JPEG = (
 
 Place = Literal["best", "upper left", "upper right", "lower left", "lower right", "center", "above", "none"]
 
-# Text layout of matplotlib shares state between threads: only one thread draws at a time.
-_drawing = threading.RLock()
-
 
 def figure(
     height: int, columns: int = 1, widths: tuple[float, ...] = (), width: int = WIDTH
@@ -55,9 +61,12 @@ def figure(
     shares = np.array(widths or (1.0,) * columns)
     inner = (width - len(shares) * (LEFT + RIGHT)) * shares / shares.sum()
     starts = np.cumsum(inner + LEFT + RIGHT) - inner - RIGHT
-    bottom, high = BELOW / height, (height - BELOW - ABOVE) / height
-    boxes = zip((starts / width).tolist(), (inner / width).tolist(), strict=True)
-    return picture, [picture.add_axes((x, bottom, wide, high)) for x, wide in boxes]
+    bottom = BELOW / height
+    high = (height - BELOW - ABOVE) / height
+    axes = []
+    for start, wide in zip(starts.tolist(), inner.tolist(), strict=True):
+        axes.append(picture.add_axes((start / width, bottom, wide / width, high)))
+    return picture, axes
 
 
 def finish(
@@ -71,10 +80,10 @@ def finish(
     axis.set_title(title, fontsize=TITLE_SIZE, loc="left", y=1.0)
     axis.set_xlabel(x, fontsize=FONT_SIZE)
     axis.set_ylabel(y, fontsize=FONT_SIZE)
-    axis.tick_params(labelsize=FONT_SIZE - 1)
+    axis.tick_params(labelsize=SMALL_SIZE)
     axis.spines[["top", "right"]].set_visible(False)
     if legend != "none" and axis.get_legend_handles_labels()[1]:
-        look: dict[str, Any] = {"fontsize": FONT_SIZE - 1, "frameon": boxed, "framealpha": 0.9}
+        look: dict[str, Any] = {"fontsize": SMALL_SIZE, "frameon": boxed, "framealpha": 0.9}
         if legend == "above":
             axis.legend(loc="lower right", bbox_to_anchor=(1.0, 0.99), borderaxespad=0, ncols=8, **look)
         else:
@@ -99,18 +108,27 @@ def room(value: float, *, steps: tuple[float, ...] = FINE, least: float = 0.0) -
     return next(each for each in rounded if each >= value * (1 - 1e-9))
 
 
+def round_limits(*sides: Axis) -> None:
+    """Give sides of axes round limits around their data, which seldom change while a control moves."""
+    for side in sides:
+        low, high = side.get_data_interval()
+        step = room((high - low) / 8, steps=COARSE)
+        margin = 0.2 * step
+        ends = step * np.floor((low - margin) / step), step * np.ceil((high + margin) / step)
+        # As if there were data at the ends, so that an axis with equal scales may still be widened.
+        axes = side.axes
+        if side is axes.xaxis:
+            axes.update_datalim([(end, 0.0) for end in ends], updatey=False)
+            axes.margins(x=0.0)
+        else:
+            axes.update_datalim([(0.0, end) for end in ends], updatex=False)
+            axes.margins(y=0.0)
+
+
 def say(axis: Axes, words: str) -> None:
     """Show text in place of a chart."""
     axis.text(0.5, 0.5, words, ha="center", transform=axis.transAxes)
     axis.set_axis_off()
-
-
-def raster(chart: Figure) -> Image:
-    """A figure as a BGR picture (H, W, 3)."""
-    with _drawing:
-        canvas = FigureCanvasAgg(chart)
-        canvas.draw()  # type: ignore[no-untyped-call]
-        return np.ascontiguousarray(np.asarray(canvas.buffer_rgba())[:, :, 2::-1])  # type: ignore[no-untyped-call]
 
 
 def photo(image: Image, width: int = WIDTH, height: int | None = None) -> Image:
@@ -124,24 +142,39 @@ def photo(image: Image, width: int = WIDTH, height: int | None = None) -> Image:
     small = np.asarray(cv2.resize(colour, size, interpolation=way), np.uint8)
     if height is None:
         return small
-    left, top = (width - size[0]) // 2, (height - size[1]) // 2
+    left = (width - size[0]) // 2
+    top = (height - size[1]) // 2
     border = ((top, height - size[1] - top), (left, width - size[0] - left), (0, 0))
     return np.pad(small, border, constant_values=255)
 
 
 def caption(picture: Image, words: str) -> Image:
-    """A BGR picture with words on a dark strip in its upper left corner; ASCII only."""
-    font, size, white = cv2.FONT_HERSHEY_SIMPLEX, 0.48, (255, 255, 255)
-    (w, h), _ = cv2.getTextSize(words, font, size, 1)
+    """A BGR picture with words on a dark strip in its upper left corner."""
     out = picture.copy()
-    out[: h + 10, : w + 12] = out[: h + 10, : w + 12] // 4
-    return np.asarray(cv2.putText(out, words, (6, h + 5), font, size, white, 1, cv2.LINE_AA), np.uint8)
+    _, height = text_size(words, CAPTION_SIZE)
+    write(out, words, 6, height + 5, CAPTION_SIZE)
+    return out
+
+
+def text_size(words: str, size: float) -> tuple[int, int]:
+    """Width and height of words in a picture, pixels; `size` is OpenCV's scale of its font."""
+    (width, height), _ = cv2.getTextSize(words, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
+    return width, height
+
+
+def write(picture: Image, words: str, x: int, y: int, size: float) -> None:
+    """Write white words on a dark strip into a BGR picture, in place; (x, y) is where their base line begins."""
+    width, height = text_size(words, size)
+    strip = picture[max(y - height - 5, 0) : y + 5, max(x - 6, 0) : x + width + 6]
+    strip //= 4
+    cv2.putText(picture, words, (x, y), cv2.FONT_HERSHEY_SIMPLEX, size, (255, 255, 255), 1, cv2.LINE_AA)
 
 
 def beside(left: Image, right: Image, left_words: str, right_words: str) -> Image:
     """Two pictures side by side, each with half the width and a label."""
-    halves = (photo(each, WIDTH // 2, HALF_HEIGHT) for each in (left, right))
-    return np.concatenate([*map(caption, halves, (left_words, right_words))], axis=1)
+    left_half = caption(photo(left, WIDTH // 2, HALF_HEIGHT), left_words)
+    right_half = caption(photo(right, WIDTH // 2, HALF_HEIGHT), right_words)
+    return np.concatenate([left_half, right_half], axis=1)
 
 
 def stack(parts: Sequence[Image | Figure], height: int) -> bytes:
@@ -149,14 +182,14 @@ def stack(parts: Sequence[Image | Figure], height: int) -> bytes:
 
     The result has exactly `height` rows: white is added below, or the surplus is cut off.
     """
-    whole = _joined(parts)[:height]
+    whole = _joined(parts, fast_raster)[:height]
     whole = np.pad(whole, ((0, height - len(whole)), (0, 0), (0, 0)), constant_values=255)
     return bytes(cv2.imencode(".jpg", whole, JPEG)[1])
 
 
 def show(*parts: Image | Figure) -> Shown:
     """Pictures and figures, one below the other, for a notebook cell."""
-    whole = _joined(parts)
+    whole = _joined(parts, raster)
     png = bytes(cv2.imencode(".png", whole, PNG)[1])
     titles = [axis.get_title("left") for part in parts if isinstance(part, Figure) for axis in part.axes]
     alt = "; ".join(filter(None, titles)) or None  # pages.py describes other pictures by the text above
@@ -174,5 +207,6 @@ def show_source(*things: Any) -> Code:
     return Code("\n\n".join(texts), language="python")  # type: ignore[no-untyped-call]
 
 
-def _joined(parts: Sequence[Image | Figure]) -> Image:
-    return np.concatenate([raster(part) if isinstance(part, Figure) else photo(part) for part in parts])
+def _joined(parts: Sequence[Image | Figure], pixels_of: Callable[[Figure], Image]) -> Image:
+    pictures = [pixels_of(part) if isinstance(part, Figure) else photo(part) for part in parts]
+    return np.concatenate(pictures)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import threading
-from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 import numpy as np
 from IPython.display import Image as Shown
@@ -29,36 +27,10 @@ from vo_lib.runs.drive import single_threaded
 from vo_lib.runs.front_end import make_front_end
 
 from .drawing import beside, show
+from .memory import Memory
 from .progress import with_bar
 
 DEFAULT = "synthetic/traffic"
-
-Value = TypeVar("Value")
-
-
-class Memory(Generic[Value]):
-    """The last `size` results of a slow function, by key; the least recently used result is dropped first."""
-
-    def __init__(self, size: int):
-        self.size = size
-        self._kept: OrderedDict[Hashable, Value] = OrderedDict()
-        self._lock = threading.Lock()
-
-    def __contains__(self, key: Hashable) -> bool:
-        return key in self._kept
-
-    def get(self, key: Hashable, make: Callable[[], Value]) -> Value:
-        """The result stored under `key`, or computed by `make` while other threads can use the memory."""
-        with self._lock:
-            value = self._kept.pop(key, None)
-        if value is None:
-            value = make()
-        with self._lock:
-            self._kept[key] = value
-            if len(self._kept) > self.size:
-                self._kept.popitem(last=False)
-        return value
-
 
 _sequences: Memory[Sequence] = Memory(8)
 _pairs: Memory[tuple[Image, Image]] = Memory(12)

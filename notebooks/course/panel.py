@@ -1,27 +1,50 @@
 """The base class of all panels: a column of controls beside a picture of fixed size, a sentence and numbers.
 
-A panel defines `title`, `controls` and `draw(state)`. Equal states have equal pictures. Callbacks run on
-another thread than cells, so this module does not use pyplot. Pictures are bytes in one `Image`, so they do
-not flicker.
+A new panel defines `title`, `controls` and `draw(state)`, and often `view`, the class of its own settings:
 
-A panel starts with the method of the paper. With a configuration `kit`, the panel has a switch between the
-variants `published` and `kit`; controls of settings that the selected variant lacks are grey:
+    @dataclass(frozen=True)
+    class NoiseView(Checked):
+        noise: float = setting(0.1, "noise added to each coordinate", unit="px", low=0, high=2)
 
-    class TranslationPanel(Panel):
+    class NoisePanel(Panel):
+        title = "Noise on the matches"
+        view = NoiseView
         kit = preset("solution_selection", variant="kit")
-        controls = (Control("translation.max_depth"), Control("translation.scale"))
+        controls = (Control("view.noise", "noise added", high=0.8), Control("translation.scale", "scale s"))
+
+        def draw(self, state: State) -> Drawing:
+            matches = frame_matches(state.sequence, state.frame, state.config)
+            ...
+            return Drawing([picture, chart], "One sentence.", (Fact("error", error, "mm", 1),))
 
         def idle(self, state: State) -> set[str]:
-            return set() if state.view.weighting == "robust" else {"translation.scale"}
+            return {"translation.scale"} if state.view.noise == 0 else set()
 
-`state.config` is a `PublishedConfig` or a `KitConfig`.
+What it has without a word of its own:
+
+- a slider, menu, tick box, text or button for each control, with range, unit and description of the setting;
+- the choice of a sequence or a folder, with a bar while a scene is drawn; the frame, and a button that plays;
+- a reset, and, with a configuration `kit`, the switch between the variants `published` and `kit`, which hides
+  the controls of settings that a variant lacks; `idle` names further controls that become grey;
+- a picture that follows the drag: the browser sends the newest value when the last picture is finished;
+- the change of each number since the control was first touched;
+- an error as a sentence, in which settings have the names of their controls; the old picture becomes pale;
+- the layout for a laptop, keys for each control, names for screen readers.
+
+What it has to keep: equal states have equal pictures, so `draw` uses only `state`, and seeds all that is
+random. A picture takes at most 80 ms of processor time, else it does not follow: what several states share
+belongs into a `Memory`, and an axis whose limits are round numbers (`room`) is drawn only once. All parts of
+the picture are `WIDTH` pixels wide; with more than 550 rows, its text becomes too small on a laptop. Callbacks
+run on another thread than cells, so nothing here uses pyplot.
+
+`tests/course/test_panels.py` drives every control of every panel that a chapter exports.
 """
 
 from __future__ import annotations
 
 import html
-import threading
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, ClassVar
@@ -38,26 +61,32 @@ from vo_lib.geometry.types import Image, Progress
 from vo_lib.kit.settings import KitConfig
 from vo_lib.paper.settings import MethodConfig
 from vo_lib.runs.drive import single_threaded
-from vo_lib.settings import declared, replace
+from vo_lib.settings import Setting, declared, replace
 
 from .colours import BAD, DARK
-from .controls import COLUMN, Knob, labelled
 from .controls import Control as Control
+from .controls import Knob, labelled
 from .drawing import WIDTH, photo, stack
 from .frames import DEFAULT, is_open, opened, remember_sequence, stereo, why_missing
 from .progress import Job, Stopped
+from .redraws import Redraws
 from .results import marked
 
 ERROR_CLASS = "vo-panel-error"  # of CSS; tests search for it in saved widget state
+STALE_CLASS = "vo-stale"  # of CSS: a picture of an earlier state
 VARIANTS = "published", "kit"
-SWITCH = "the method as published, or the variant kit; grey controls are settings of the other variant"
+SWITCH = "the method as published, or the variant kit; each shows the controls of its own settings"
 RESET = "set all controls to their first values; the sequence does not change"
-WORKING = '<i style="opacity:.7">working …</i>'
+SINCE = "in brackets: the change since the control was touched"
+WORKING = '<i class="vo-late">working …</i>'
 FRAME_MS = 700  # interval of frames that play; slower panels skip frames
-# The picture is scaled down: on a laptop, the sentence and the numbers below are in view.
-SCALED = {"max_width": "100%", "max_height": "max(240px, 100vh - 340px)", "align_self": "flex-start"}
-PICTURE = {"width": "auto", "height": "auto", **SCALED}
+STYLE = Path(__file__).with_name("panel.html").read_text(encoding="utf-8")
+# Beside the picture, controls are as narrow as sliders of 180 px allow.
+COLUMN = {"flex": "0 0 252px", "margin": "0 12px 0 0"}
 BESIDE = {"flex": "1 1 480px", "min_width": "0", "max_width": f"{WIDTH}px"}
+# The picture is scaled down: on a laptop, the sentence and the numbers below are in view.
+SCALED = {"max_width": "100%", "max_height": "max(240px, 100vh - 270px)", "align_self": "flex-start"}
+PICTURE = {"width": "auto", "height": "auto", **SCALED}
 ERROR_STYLE = f"max-width:{WIDTH - 20}px;padding:4px 8px;border-left:4px solid {BAD}"
 
 
@@ -88,30 +117,39 @@ class Fact:
         change = np.nan if before is None else self.value - before
         if np.isnan(change) or abs(change) < 0.5 * 10.0**-self.digits:
             return shown
-        return f'{shown} <span style="color:{DARK};opacity:.6">({change:+.{self.digits}f})</span>'
+        change_shown = f"({change:+.{self.digits}f})"
+        return f'{shown} <span style="color:{DARK};opacity:.6" title="{SINCE}">{change_shown}</span>'
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """Pictures and figures, one below the other, a sentence about them, numbers, and tables as HTML."""
+    """What a panel shows for a state.
+
+    Attributes
+    ----------
+    parts : pictures and figures, one below the other. sentence : words about them.
+    facts : numbers. tables : tables as HTML.
+    limits : the largest possible value of a control in this state, by the name of the setting.
+    """
 
     parts: list[Image | Figure]
     sentence: str
     facts: tuple[Fact, ...] = ()
     tables: str = ""
+    limits: Mapping[str, float] = field(default_factory=dict)
 
 
 def facts_html(sentence: str, facts: tuple[Fact, ...], before: dict[str, float]) -> str:
     """A sentence and a row of facts, each with its change since `before`."""
     cells = "".join(
-        '<div style="margin:0 26px 4px 0">'
+        '<div style="margin:0 20px 3px 0">'
         f'<div style="font-size:11px;opacity:.7">{html.escape(fact.name)}</div>'
         f'<div style="font-size:15px">{fact.text(before.get(fact.name))}</div></div>'
         for fact in facts
     )
     return (
-        f'<div style="max-width:{WIDTH}px;line-height:1.35">'
-        f'<div style="margin:4px 0 6px">{marked(sentence)}</div>'
+        f'<div style="max-width:{WIDTH}px;line-height:1.3">'
+        f'<div style="margin:2px 0 4px">{marked(sentence)}</div>'
         f'<div style="display:flex;flex-wrap:wrap">{cells}</div></div>'
     )
 
@@ -135,6 +173,7 @@ class Panel:
     ----------
     error : a sentence about the error of the last change; empty without an error.
     picture : the Image widget; knobs : controls by the name of the setting; variant : the switch.
+    first : initial values of all controls, by name.
     facts : the numbers of the panel, by name; empty after an error.
     """
 
@@ -143,40 +182,39 @@ class Panel:
     view: ClassVar[type | None] = None
     start: ClassVar[MethodConfig] = preset("solution_selection")
     kit: ClassVar[KitConfig | None] = None
-    height: ClassVar[int] = 600
+    height: ClassVar[int] = 550
     needs_truth: ClassVar[bool] = False
     long_job: ClassVar[str] = ""
 
     def __init__(self, sequence: str | Sequence = DEFAULT, frame: int = 60, **values: Any):
         """`values` are initial values of controls; a dot in a name is written as two underscores."""
-        self._lock = threading.RLock()
-        self._quiet = True
-        self._sequence: Sequence | None = None
-        self._home: Sequence | None = None  # the first sequence
-        self._frames: dict[str, int] = {}  # last frame of each sequence
+        self.redraws = Redraws()
         self.facts: dict[str, float] = {}
         self.error = ""
         self.job = Job()
-        self.picture = widgets.Image(value=self._white(), format="jpeg", layout=PICTURE)
-        self._message, self._text, self.tables = (widgets.HTML(layout={"width": "100%"}) for _ in range(3))
-        self._sign = widgets.HTML(layout={"margin": "0 0 0 12px"})
-        self.variant = widgets.Dropdown(options=VARIANTS, tooltip=SWITCH, **labelled("method"))
-        self.variant.observe(self.redraw, "value")
+        self._sequence: Sequence | None = None
+        self._home: Sequence | None = None  # the first sequence
+        self._frames: dict[str, int] = {}  # last frame of each sequence
+
         self.knobs = self._make_knobs({key.replace("__", "."): value for key, value in values.items()})
-        self._first = {"frame": frame, "variant": VARIANTS[0]}
-        self._first |= {name: knob.widget.value for name, knob in self.knobs.items()}
+        self.variant = widgets.Dropdown(options=VARIANTS, tooltip=SWITCH, **labelled("method"))
+        self.frame = widgets.IntSlider(value=frame, min=1, max=max(frame, 2), **labelled("frame"))
+        self.first = {name: knob.widget.value for name, knob in self.knobs.items()}
+        self.first |= {"frame": frame, "variant": VARIANTS[0]}
         self.chooser = widgets.Dropdown(options=[*available()], value=None, **labelled("sequence"))
-        self.folder = widgets.Text(placeholder="path of a folder", continuous_update=False, **labelled("or"))
-        self.frame = widgets.IntSlider(
-            value=frame, min=1, max=max(frame, 2), continuous_update=False, **labelled("frame")
-        )
-        self.chooser.observe(self._chosen, "value")
-        self.folder.observe(self._typed, "value")
-        self.frame.observe(self.redraw, "value")
+        self.folder = widgets.Text(placeholder="a folder", continuous_update=False, **labelled("or path"))
+
+        self.picture = widgets.Image(value=self._white(), format="jpeg", layout=PICTURE)
+        self.tables = widgets.HTML(layout={"width": "100%"})
+        self._message = widgets.HTML(layout={"width": "100%"})
+        self._text = widgets.HTML(layout={"width": "100%"}).add_class("vo-words")
+        self._sign = widgets.HTML(layout={"margin": "0 0 0 12px"})
         self.box = self._layout()
+
         name = sequence if isinstance(sequence, str) else remember_sequence(sequence)
         self._offer(name)
-        self._quiet = False
+        self._follow_variant()
+        self._observe()
         self._open(name)
 
     def draw(self, state: State) -> Drawing:
@@ -195,6 +233,14 @@ class Panel:
         """The job of the Run button before a redraw; it calls progress(done, total) several times per second."""
         raise NotImplementedError
 
+    def is_ready(self, name: str) -> bool:
+        """Whether `prepare` returns at once."""
+        return is_open(name)
+
+    def prepare(self, name: str, progress: Progress) -> Sequence:
+        """The sequence that the panel shows, by name or folder; if not ready, it is prepared with a bar."""
+        return opened(name, progress)
+
     def set(self, **values: Any) -> None:
         """Set controls from code, including `frame` and `variant`, and draw once.
 
@@ -202,36 +248,38 @@ class Panel:
         """
         if self._sequence is None:
             self.job.wait()
-        self._quiet = True
-        try:
-            others = {"frame": self.frame, "variant": self.variant}
-            for name, value in values.items():
-                widget = others.get(name) or self.knobs[name.replace("__", ".")].widget
-                widget.value = value
-        finally:
-            self._quiet = False
+        named = {name.replace("__", "."): value for name, value in values.items()}
+        with self.redraws.held():
+            if "variant" in named:
+                self.variant.value = named.pop("variant")
+            if "frame" in named:
+                self.frame.value = named.pop("frame")
+            self._follow_variant()  # whose choices the values are among
+            for name, value in named.items():
+                self.knobs[name].limit()  # the limit of the state before does not hold any more
+                self.knobs[name].widget.value = value
         self.redraw()
 
     def wait(self, seconds: float | None = None) -> None:
         """Wait for the end of the running job."""
         self.job.wait(seconds)
 
-    def redraw(self, _: Any = None) -> None:
-        """Draw the current state; an error is shown in the panel."""
-        if self._quiet or self._sequence is None:
-            return
-        with self._lock, single_threaded():
+    def redraw(self, change: Any = None) -> None:
+        """Draw the current state; an error is shown in the panel.
+
+        change : the change of a control that a widget reports; None for a change by code.
+        """
+        touched = None if change is None else change["owner"]
+        with self.redraws.one() as allowed, single_threaded():
+            if not allowed or self._sequence is None:
+                return
             self._sign.value = WORKING
+            before = self.redraws.before(touched, self.facts)
             try:
+                self._follow_variant()
                 state = self.state()
-                idle = self.idle(state)
-                for name, knob in self.knobs.items():
-                    knob.shown.disabled = name in idle or self._lacks(state.config, name)
-                if self.needs_truth and (lacking := why_missing(state.sequence)):
-                    image = photo(stereo(state.sequence, state.frame)[0], height=self.height)
-                    self._show(Drawing([image], lacking))
-                else:
-                    self._show(self.draw(state))
+                self._show_idle(state)
+                self._show(self._drawing(state), before)
             except Exception as error:
                 self._fail(error)
             finally:
@@ -242,11 +290,11 @@ class Panel:
         if self._sequence is None:
             raise DataError("choose a sequence first")
         view = None if self.view is None else self.view()
-        config = self.kit if self.kit and self.variant.value == "kit" else self.start
+        config = self._config()
         for name, knob in self.knobs.items():
             if name.startswith("view."):
                 view = replace(view, name.removeprefix("view."), knob.value)
-            elif not self._lacks(config, name):
+            elif name in _settings(config):
                 config = replace(config, name, knob.value)
         return State(config, view, self._sequence, int(self.frame.value))
 
@@ -254,32 +302,75 @@ class Panel:
         """Start the long job, as the Run button does."""
         try:
             state = self.state()
-            self.job.start(self.long_job, lambda report: self.work(state, report), self.redraw, self._fail)
+            self.job.start(
+                self.long_job, lambda report: self.work(state, report), lambda _: self.redraw(), self._fail
+            )
         except DataError as error:
             self._fail(error)
 
     def reset(self, _: Any = None) -> None:
         """Set all controls to their initial values; the sequence does not change."""
-        self.set(**self._first)
+        self.set(**self.first)
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
         return self.box._repr_mimebundle_(**options)
 
-    def _show(self, drawing: Drawing) -> None:
-        with self._lock:
-            self._text.value = facts_html(drawing.sentence + self._elsewhere(), drawing.facts, self.facts)
-            self.facts = {fact.name: fact.value for fact in drawing.facts}
-            self.picture.value, self.tables.value = stack(drawing.parts, self.height), drawing.tables
-            self.error = self._message.value = ""
+    def _config(self) -> MethodConfig:
+        """The configuration of the chosen variant, before the values of the controls."""
+        if self.kit is not None and self.variant.value == "kit":
+            return self.kit
+        return self.start
+
+    def _drawing(self, state: State) -> Drawing:
+        """What the panel shows for a state; without the truth it needs, the image alone."""
+        missing = why_missing(state.sequence) if self.needs_truth else ""
+        if missing:
+            return Drawing([photo(stereo(state.sequence, state.frame)[0], height=self.height)], missing)
+        return self.draw(state)
+
+    def _follow_variant(self) -> None:
+        """Show the controls and the choices that the variant has, and hide the others.
+
+        A choice that the variant lacks becomes the one of its configuration.
+        """
+        config = self._config()
+        settings = _settings(config)
+        with self.redraws.held():
+            for name, knob in self.knobs.items():
+                knob.show(name.startswith("view.") or name in settings)
+                if name in settings:
+                    knob.offer(settings[name], attrgetter(name)(config))
+
+    def _show_idle(self, state: State) -> None:
+        """Make the controls grey that have no effect in a state."""
+        idle = self.idle(state)
+        settings = _settings(state.config)
+        for name, knob in self.knobs.items():
+            if name.startswith("view.") or name in settings:
+                knob.activate(name not in idle)
+
+    def _show(self, drawing: Drawing, before: dict[str, float]) -> None:
+        self._text.value = facts_html(drawing.sentence + self._elsewhere(), drawing.facts, before)
+        self.facts = {fact.name: fact.value for fact in drawing.facts}
+        self.picture.value = stack(drawing.parts, self.height)
+        self.picture.remove_class(STALE_CLASS)
+        self.tables.value = drawing.tables
+        self.error = ""
+        self._message.value = ""
+        with self.redraws.held():
+            for name, most in drawing.limits.items():
+                self.knobs[name].limit(most)
 
     def _elsewhere(self) -> str:
         """A sentence if the sequence differs from the sequence of the cells; else ""."""
-        here, home = self._sequence, self._home
+        here = self._sequence
+        home = self._home
         if here is None or home is None or here.folder == home.folder:
             return ""
         return f" (Only the panel shows {here.name}; the cells still use {home.name}.)"
 
     def _fail(self, error: Exception) -> None:
+        """Say what is wrong in place of the words; the old picture stays, but pale."""
         if isinstance(error, Stopped):
             self._message.value = "<i>Stopped.</i>"
             return
@@ -287,56 +378,82 @@ class Panel:
         self.error = str(error) if isinstance(error, DataError) else f"{type(error).__name__}: {error}"
         words = f'role="alert" style="{ERROR_STYLE}">{marked(self.error)}'
         self._message.value = f'<div class="{ERROR_CLASS}" {words}</div>'
-        self._clear()
+        self.picture.add_class(STALE_CLASS)
+        self._clear_words()
 
     def _not_opened(self, error: Exception) -> None:
-        self._sequence = None
-        self._clear()
-        self._fail(error)
+        with self.redraws.held():
+            self._sequence = None
+            self._clear()
+            self._fail(error)
+
+    def _clear_words(self) -> None:
+        """Remove sentence, numbers and tables."""
+        self._text.value = ""
+        self.tables.value = ""
+        self.facts = {}
 
     def _clear(self) -> None:
-        """Remove picture, sentence, numbers and tables."""
-        self.picture.value, self._text.value, self.tables.value, self.facts = self._white(), "", "", {}
+        """Remove also the picture."""
+        self._clear_words()
+        self.picture.value = self._white()
 
     def _white(self) -> bytes:
         return stack([np.full((2, WIDTH, 3), 255, np.uint8)], self.height)
 
-    @staticmethod
-    def _lacks(config: MethodConfig, name: str) -> bool:
-        """Whether a configuration lacks a setting."""
-        return not name.startswith("view.") and name not in {item.name for item in declared(type(config))}
-
     def _make_knobs(self, first: dict[str, Any]) -> dict[str, Knob]:
-        own = declared(self.view, "view.") if self.view else ()
-        settings = {item.name: (item, item.default) for item in own}
-        for config in filter(None, (self.kit, self.start)):
-            settings |= {item.name: (item, attrgetter(item.name)(config)) for item in declared(type(config))}
+        """A knob for each control; `first` has initial values that are not those of the configuration."""
+        settings: dict[str, tuple[Setting, Any]] = {}
+        if self.view is not None:
+            settings |= {item.name: (item, item.default) for item in declared(self.view, "view.")}
+        for config in (self.kit, self.start):
+            if config is not None:
+                settings |= {
+                    name: (item, attrgetter(name)(config)) for name, item in _settings(config).items()
+                }
+        unknown = first.keys() - {control.name for control in self.controls}
+        if unknown:
+            raise DataError(f"{min(unknown)}: the panel has no such control")
         knobs = {}
         for control in self.controls:
             setting, value = settings[control.name]
-            knobs[control.name] = Knob(control, setting, first.pop(control.name, value))
-            knobs[control.name].widget.observe(self.redraw, "value")
-        if first:
-            raise DataError(f"{sorted(first)[0]}: the panel has no such control")
+            knobs[control.name] = Knob(control, setting, first.get(control.name, value))
         return knobs
 
+    def _observe(self) -> None:
+        """Draw after each change of a control."""
+        for knob in self.knobs.values():
+            knob.widget.observe(self.redraw, "value")
+        self.variant.observe(self.redraw, "value")
+        self.frame.observe(self.redraw, "value")
+        self.chooser.observe(lambda change: self._open(change["new"]), "value")
+        self.folder.observe(self._typed, "value")
+
     def _layout(self) -> Any:
+        """All widgets: the title, then controls beside picture and words, then tables."""
         reset = widgets.Button(description="reset", icon="undo", tooltip=RESET, layout={"width": "80px"})
         reset.on_click(self.reset)
         play = widgets.Play(min=1, interval=FRAME_MS, show_repeat=False)
         for name in ("max", "value"):  # an earlier value is cut off at the maximum
             widgets.jslink((self.frame, name), (play, name))
-        switch = [self.variant] if self.kit else []
-        controls = [self.chooser, self.folder, self.frame, widgets.HBox([play, reset]), *switch]
+        controls = [self.chooser, self.folder, self.frame, widgets.HBox([play, reset])]
+        if self.kit is not None:
+            controls.append(self.variant)
         controls += [knob.shown for knob in self.knobs.values()]
         if self.long_job:
-            controls.append(widgets.Button(description=self.long_job, icon="play", layout={"width": "auto"}))
-            controls[-1].on_click(self.run)
-        shown = [self.job.box, self._message, self.surface(), self._text]
-        columns = [widgets.VBox(controls, layout=COLUMN), widgets.VBox(shown, layout=BESIDE)]
-        title = widgets.HTML(f"<b>{html.escape(self.title)}</b>")
-        rows = [widgets.HBox([title, self._sign]), widgets.HBox(columns, layout={"flex_flow": "row wrap"})]
-        return widgets.VBox([*rows, self.tables], layout={"padding": "4px 8px", "border": "1px solid #BBB"})
+            run = widgets.Button(description=self.long_job, icon="play", layout={"width": "auto"})
+            run.on_click(self.run)
+            controls.append(run)
+        left = widgets.VBox(controls, layout=COLUMN)
+        # A message takes the place of the words: the picture does not move.
+        right = widgets.VBox([self.job.box, self.surface(), self._message, self._text], layout=BESIDE)
+        title = widgets.HTML(f"<b>{html.escape(self.title)}</b>{STYLE}")
+        head = widgets.HBox([title, self._sign])
+        middle = widgets.HBox([left, right], layout={"flex_flow": "row wrap"})
+        box = widgets.VBox([head, middle, self.tables])
+        box.layout.padding = "2px 8px"
+        box.layout.border = "1px solid #BBB"
+        return box.add_class("vo-panel")
 
     def _offer(self, name: str) -> None:
         """Choose a sequence, and add it to the list if necessary."""
@@ -344,29 +461,35 @@ class Panel:
             self.chooser.options = [name, *self.chooser.options]
         self.chooser.value = name
 
-    def _chosen(self, change: Any) -> None:
-        if not self._quiet:
-            self._open(change["new"])
-
     def _typed(self, change: Any) -> None:
-        if change["new"].strip():
-            self._offer(str(Path(change["new"].strip()).expanduser()))
+        path = change["new"].strip()
+        if path:
+            self._offer(str(Path(path).expanduser()))
 
     def _open(self, name: str) -> None:
-        """Choose a sequence and draw; a sequence that is not open is opened by a job with a bar."""
-        if is_open(name):
+        """Choose a sequence and draw; a sequence that is not ready is prepared by a job with a bar."""
+        if self.is_ready(name):
             self._use(opened(name))
         else:
-            job = f"opening {name}", lambda report: opened(name, report), self._use, self._not_opened
-            self.job.start(*job)
+            self.job.start(
+                f"opening {name}", lambda report: self.prepare(name, report), self._use, self._not_opened
+            )
 
     def _use(self, sequence: Sequence) -> None:
-        with self._lock:
-            quiet, self._quiet = self._quiet, True
+        """Show a sequence, at the frame that it had before."""
+        with self.redraws.held():
             if self._sequence is not None:
                 self._frames[self._sequence.name] = self.frame.value
-            self._sequence, self._home, self.facts = sequence, self._home or sequence, {}
+                self._clear()  # an error must not leave the picture of another sequence
+            self._sequence = sequence
+            self._home = self._home or sequence
+            self.facts = {}
+            self.redraws.forget()
             self.frame.max = len(sequence) - 1
             self.frame.value = self._frames.get(sequence.name, self.frame.value)  # or its maximum
-            self._quiet = quiet
         self.redraw()
+
+
+def _settings(config: MethodConfig) -> dict[str, Setting]:
+    """The declared settings of a configuration, by dotted name."""
+    return {item.name: item for item in declared(type(config))}

@@ -12,14 +12,16 @@ import cv2
 import ipywidgets as widgets
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from course import appendix, ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07, ch09
 from course.controls import Control, Knob
 from course.drawing import WIDTH
-from course.panel import Drawing, Fact, Panel, State
+from course.panel import STALE_CLASS, Drawing, Fact, Panel, State
+from course.raster import fast_raster, forget_layers, raster
 from vo_lib.config import preset
 from vo_lib.data.sequence import Sequence
-from vo_lib.geometry.types import Progress
+from vo_lib.geometry.types import Image, Progress
 from vo_lib.kit.settings import KitConfig
 from vo_lib.paper.settings import FilterConfig, PublishedConfig
 
@@ -28,7 +30,7 @@ PANELS = [kind for chapter in CHAPTERS for kind in vars(chapter).values() if isi
 LONG = 300.0  # seconds that a job may take; a safeguard
 # Typed values of the controls for text.
 TYPED = {
-    "filter.classes": ("2,5,7", "7"),
+    "filter.classes": ("2,5,7", "Truck"),
     "view.lengths": ("20", "10,40"),
     "view.methods": ("viso2", "mesvo_f,feature_selection"),
     "view.model": ("street", "labels"),
@@ -127,6 +129,11 @@ class Example(Panel):
         raise AssertionError("nobody stopped it")
 
 
+def is_stale(panel: Panel) -> bool:
+    """Whether the picture is shown as one of an earlier state."""
+    return STALE_CLASS in panel.picture._dom_classes
+
+
 @pytest.fixture
 def example(bands: Path) -> Example:
     panel = Example(str(bands), frame=1)
@@ -138,16 +145,18 @@ def example(bands: Path) -> Example:
 def test_what_is_wrong_is_shown_and_the_panel_goes_on(example: Example) -> None:
     typed, good = example.knobs["filter.classes"].widget, example.picture.value
     typed.value = "two"
-    assert example.error.startswith("filter.classes: 'two' is not a comma-separated list of whole numbers")
+    assert example.error.startswith("classes: 'two' is not a comma-separated list of whole numbers")
     typed.value = "2,7"
     assert example.error == ""
     assert example.state().config.filter.classes == (2, 7)
     example.frame.value = 2
     assert example.error == "ValueError: no second frame"
-    assert (example.facts, example.picture.value) == ({}, example._white())
+    assert (example.facts, example.picture.value) == ({}, good)
+    assert is_stale(example)
     example.frame.value = 3
     assert example.error == ""
     assert example.picture.value == good
+    assert not is_stale(example)
     example.set(selection__top_k=5)
     assert "(+3)" in example._text.value
 
@@ -170,15 +179,28 @@ def test_after_a_missing_folder_the_panel_shows_nothing_and_goes_on(
 def test_the_switch_changes_the_method_and_greys_what_the_other_one_lacks(example: Example) -> None:
     mode = example.knobs["selection.mode"].widget
     assert mode.disabled
+    assert mode.layout.display == "none"  # else it would say "refined", which the variant does not do
     assert example.state().config == PublishedConfig(filter=FilterConfig(rule="none"))
     example.set(variant="kit", selection__mode="literal", frame=4)
     assert not mode.disabled
+    assert mode.layout.display != "none"
     assert example.knobs["selection.top_k"].widget.disabled
     config = example.state().config
     assert isinstance(config, KitConfig)
     assert config.selection.mode == "literal"
     example.reset()
     assert example.state() == State(preset("solution_selection"), None, example.state().sequence, 1)
+
+
+def test_the_switch_works_while_a_typed_value_is_wrong_and_before_a_sequence_is_open(bands: Path) -> None:
+    example = Example(str(bands), frame=1)
+    mode = example.knobs["selection.mode"].shown
+    assert mode.layout.display == "none"  # even while the sequence is opened
+    example.wait(LONG)
+    example.knobs["filter.classes"].widget.value = "two"
+    example.variant.value = "kit"
+    assert "two" in example.error
+    assert mode.layout.display != "none"
 
 
 def test_each_sequence_has_its_own_frame_and_only_the_panel_changes(
@@ -207,3 +229,179 @@ def test_a_long_job_can_be_stopped(example: Example) -> None:
     assert (example.job.running, example.job.box.layout.display) == (False, "none")
     assert example.error == ""
     assert "Stopped" in example._message.value
+
+
+def test_pictures_of_a_drag_are_those_drawn_at_once(panel: Panel) -> None:
+    """Each value of a moving slider; the layers of axes that are kept change no pixel."""
+    for name, knob in panel.knobs.items():
+        slider = knob.widget
+        if not isinstance(slider, widgets.IntSlider | widgets.FloatSlider) or knob.shown.disabled:
+            continue
+        first = slider.value
+        for share in (0.2, 0.25, 0.3):
+            steps = round(share * (slider.max - slider.min) / slider.step)
+            slider.value = slider.min + steps * slider.step
+            assert panel.error == "", (name, slider.value)
+        moved, facts = panel.picture.value, panel.facts
+        forget_layers()
+        slider.value = first
+        panel.set(**{name: slider.min + steps * slider.step})
+        assert panel.picture.value == moved, name
+        np.testing.assert_equal(panel.facts, facts)
+        panel.set(**{name: first})
+
+
+def test_sliders_stand_where_the_value_is(panel: Panel) -> None:
+    """Else the browser shows another number than the one that runs."""
+    sliders = {name: knob.widget for name, knob in panel.knobs.items()}
+    for name, slider in sliders.items():
+        if isinstance(slider, widgets.FloatSlider):
+            steps = (panel.first[name] - slider.min) / slider.step
+            assert abs(steps - round(steps)) < 1e-6, name
+            shown = format(panel.first[name], slider.readout_format)
+            assert float(shown) == pytest.approx(panel.first[name], abs=1e-9), name
+            assert slider.continuous_update
+
+
+def test_axes_from_memory_are_those_that_matplotlib_draws(
+    panel: Panel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pairs = []
+
+    def both(chart: Figure) -> Image:
+        fast = fast_raster(chart)
+        pairs.append((fast, raster(chart)))
+        return fast
+
+    monkeypatch.setattr("course.drawing.fast_raster", both)
+    panel.set(frame=20)
+    for fast, slow in pairs:
+        # Where data cross an axis, they are above it here; elsewhere nothing differs.
+        assert np.count_nonzero((fast != slow).any(axis=2)) < 0.002 * fast.shape[0] * fast.shape[1]
+
+
+def test_changes_are_counted_from_the_first_touch(example: Example) -> None:
+    top_k = example.knobs["selection.top_k"].widget
+    first = top_k.value
+    for value in (first + 1, first + 2, first + 4):
+        top_k.value = value
+    assert "(+4)" in example._text.value
+    example.frame.value = 3  # another control: from here on, its changes
+    assert "(+" not in example._text.value
+    top_k.value = first + 5
+    assert "(+1)" in example._text.value
+
+
+def test_an_error_during_a_drag_keeps_the_picture_and_the_first_touch(example: Example) -> None:
+    example.set(frame=1, selection__top_k=3)
+    good = example.picture.value
+    frame = example.frame
+    frame.value = 2
+    assert example.picture.value == good
+    assert example.error == "ValueError: no second frame"
+    assert (example.facts, example._text.value) == ({}, "")
+    frame.value = 3
+    assert (example.error, example._message.value) == ("", "")
+    assert not is_stale(example)
+    assert example.facts == {"keep": 3}
+
+
+def test_the_picture_of_another_sequence_does_not_stay(example: Example, bands: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    shutil.copytree(bands, other)
+    example.set(selection__top_k=4)
+    example._frames["other"] = 2  # where the panel fails
+    example.folder.value = str(other)
+    example.wait(LONG)
+    assert example.error == "ValueError: no second frame"
+    assert example.picture.value == example._white()
+
+
+def test_a_panel_draws_after_code_and_a_job_changed_its_controls_at_the_same_time(example: Example) -> None:
+    """A job that ends while `set` runs used to leave a panel that never drew again."""
+    sequence = example.state().sequence
+    in_use = threading.Event()
+    go_on = threading.Event()
+    job = threading.Thread(target=lambda: example._use(sequence), daemon=True)
+
+    def start_job(_: Any) -> None:
+        job.start()
+        in_use.wait(1.0)  # now or, if it has to wait for the end of `set`, not before
+
+    def wait_in_job(_: Any) -> None:
+        if threading.current_thread() is job:
+            in_use.set()
+            go_on.wait(LONG)
+
+    top_k = example.knobs["selection.top_k"].widget
+    top_k.observe(start_job, "value")
+    example.frame.observe(wait_in_job, "max")
+    example.frame.max = 4
+    setter = threading.Thread(target=lambda: example.set(selection__top_k=3), daemon=True)
+    setter.start()
+    threading.Event().wait(1.5)
+    go_on.set()
+    setter.join(LONG)
+    job.join(LONG)
+    top_k.unobserve_all("value")
+    top_k.observe(example.redraw, "value")
+    top_k.value = 5
+    assert example.facts == {"keep": 5}
+
+
+def test_choices_and_ends_are_those_of_the_state(street: Sequence) -> None:
+    filtering = ch05.FilteringPanel(street)
+    rule = filtering.knobs["filter.rule"].widget
+    assert rule.options == ("none", "all")
+    filtering.set(filter__rule="moving", variant="kit")
+    assert filtering.state().config.filter.rule == "moving"
+    filtering.variant.value = "published"
+    assert (rule.options, rule.value, filtering.error) == (("none", "all"), "all", "")
+
+    five = ch02.FivePointPanel(street)
+    candidate = five.knobs["view.candidate"].widget
+    counts = set()
+    for seed in range(4):
+        five.set(view__draw=seed, view__candidate=10)
+        counts.add(candidate.max)
+        assert five.facts["solution"] == candidate.value == candidate.max
+        at_once = ch02.FivePointPanel(street, view__draw=seed, view__candidate=10)
+        assert five.picture.value == at_once.picture.value
+    assert len(counts) > 1
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "typed", "says"),
+    [
+        (ch02.FivePointPanel, "view.points", "1,2,x", "your five matches: '1,2,x' is not"),
+        (ch02.FivePointPanel, "view.points", "-1,2,3,4,5", "your five matches: (-1, 2, 3, 4, 5) is not"),
+        (ch02.FivePointPanel, "view.points", "1,2,3,4,4", "your five matches: expected five different"),
+        (ch05.FilteringPanel, "filter.classes", "car,flying saucer", "classes: 'flying saucer' is not"),
+        (ch05.FilteringPanel, "filter.classes", "car,-3", "classes: '-3' is not"),
+        (ch06.EvaluationPanel, "view.lengths", "10,0", "lengths: (10.0, 0.0) is not"),
+        (ch06.EvaluationPanel, "view.file", "no_such_file.txt", "no_such_file.txt"),
+        (ch07.ReproducePanel, "view.methods", "viso", "unknown method 'viso'"),
+    ],
+)
+def test_errors_name_the_control(
+    kind: type[Panel], name: str, typed: str, says: str, street: Sequence
+) -> None:
+    panel = kind(street)
+    panel.wait(LONG)
+    panel.knobs[name].widget.value = typed
+    assert panel.error.startswith(says), panel.error
+    assert "view." not in panel.error
+
+
+def test_classes_have_names_and_missing_labels_are_named(street: Sequence, bands: Path) -> None:
+    panel = ch05.FilteringPanel(street)
+    classes = panel.knobs["filter.classes"].widget
+    assert classes.value == "car,bus,truck"
+    classes.value = "car, lorry ,5"
+    assert panel.state().config.filter.classes == (2, 7, 5)
+    panel.set(view__model="labels")
+    assert "no label folder" not in panel._text.value
+    bare = ch05.FilteringPanel(str(bands), frame=3, view__model="labels")
+    bare.wait(LONG)
+    assert bare.error == ""
+    assert "no label folder" in bare._text.value

@@ -82,7 +82,7 @@ def test_rows_cost_right_matches_the_loop_costs_few_and_strong_features_are_no_b
 
 def test_neighbours_and_noise_make_sets_worse_and_a_low_threshold_tells_solutions_apart(look: Look) -> None:
     median = "rotation error: median of the sets"
-    now, before, _ = look("02", r"\*five matches\* to `side by side`", view__spread="side by side")
+    now, before, _ = look("02", r"\*random five\* to `side by side`", view__spread="side by side")
     assert now[median] > 5 * before[median]
     now, before, _ = look("02", r"Raise the \*noise\*", view__noise=1.0)
     assert now[median] > 5 * before[median]

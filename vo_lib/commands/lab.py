@@ -57,11 +57,31 @@ def _lab(options: argparse.Namespace) -> int:
     from jupyterlab.labapp import LabApp  # type: ignore[import-untyped]
 
     print_lines(f"The course is in {folder}. JupyterLab opens {FIRST_NOTEBOOK}; press Ctrl-C twice to quit.")
+    with suppress(OSError, ValueError):  # settings that cannot be read or written: it opens as usual
+        _collapse_sidebar()
     LabApp.serverapp_config = {"tornado_settings": {"page_config_hook": _without_news}}
     # A separate workspace: the tabs of the reader's other work stay closed.
     url = f"--LabApp.default_url=/lab/workspaces/{COURSE}/tree/{FIRST_NOTEBOOK}"
     LabApp.launch_instance([f"--ServerApp.root_dir={folder}", url, *options.jupyter])
     return 0
+
+
+def _collapse_sidebar() -> None:
+    """Let the course's workspace begin with a closed file browser: the pictures need the width.
+
+    A workspace that exists is as the reader left it.
+    """
+    from jupyterlab.labapp import LabWorkspaceImportApp
+
+    importer = LabWorkspaceImportApp()
+    importer.initialize([])
+    layout = {
+        "main": {"dock": None},
+        "left": {"collapsed": True, "visible": True, "current": None, "widgets": ["filebrowser"]},
+    }
+    if not importer.manager.load(COURSE)["data"]:
+        workspace = {"data": {"layout-restorer:data": layout}, "metadata": {"id": COURSE}}
+        importer.manager.save(COURSE, json.dumps(workspace))
 
 
 def _without_news(handler: object, page: dict[str, Any]) -> dict[str, Any]:

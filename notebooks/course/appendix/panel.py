@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import astuple, dataclass
 
 import cv2
@@ -11,7 +12,9 @@ from matplotlib.figure import Figure
 
 from course.simulation.tracks import SimulatedFrame, TrackConfig, simulate_tracks
 from vo_lib.data.sequence import Sequence
+from vo_lib.errors import DataError
 from vo_lib.geometry.camera import StereoCamera
+from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.motion import rigid
 from vo_lib.geometry.types import Array, Image
 from vo_lib.kit.calibration import describe_errors
@@ -34,7 +37,8 @@ from vo_lib.settings import Checked, setting
 from ..ch04.figures import lengths_figure
 from ..colours import GOOD, PALE
 from ..drawing import DPI, WIDTH, caption, photo, room
-from ..frames import Memory, key_of, stereo
+from ..frames import key_of, stereo
+from ..memory import Memory
 from ..panel import Control, Drawing, Fact, Panel, State
 from ..perturbed_path import block_tour
 
@@ -48,9 +52,11 @@ KITTI_01 = {
     "columns, x⁴": -3.5,
 }
 TERMS = {"all": DISPARITY_TERMS, "1 and x²": ("1", "x²"), "1 alone": ("1",)}
-FRAMES, LAST = 40, 15  # frames of the estimation; frames at its end whose step lengths are evaluated
+FRAMES = 40  # of the estimation
+LAST = 15  # frames at its end whose step lengths are evaluated
 REST = 0.05  # metres; shorter steps are not evaluated
-MAP_HEIGHT, CHART_HEIGHT = 150, 200
+MAP_HEIGHT = 150
+CHART_HEIGHT = 200
 BANDS = 10  # colours from no error to the largest
 _tracks: Memory[list[SimulatedFrame]] = Memory(8)
 
@@ -68,7 +74,8 @@ def rig(faults: dict[str, float]) -> Array:
 
 # The disparity error, pixels, that fits KITTI's drives of three days alike.
 _DRIVES = {"x²": 0.8, "xy": 0.8, "y²": 6.3, "x²y": 1.5, "x⁴": -4.0}
-DRIVES_FIELD = rig({"shift along the rows": -0.2, **{f"columns, {term}": px for term, px in _DRIVES.items()}})
+_DRIVES_FAULTS = {"shift along the rows": -0.2} | {f"columns, {term}": px for term, px in _DRIVES.items()}
+DRIVES_FIELD = rig(_DRIVES_FAULTS)
 
 
 def learn(
@@ -82,21 +89,31 @@ def learn(
     learnt = Rig(camera, CalibrationConfig(drift=0.0))
     if terms != DISPARITY_TERMS:
         # The other terms are set to zero; the rows, which are learnt separately, do not affect them.
-        free = np.isin([*DISPARITY_TERMS, *[terms[0]] * (ERROR_COUNT - len(DISPARITY_TERMS))], terms)
-        learnt.set_estimate(learnt.estimate, np.diag(np.diag(learnt.covariance) * np.where(free, 1.0, 1e-8)))
-    shares: dict[str, list[float]] = {"as measured": [], "corrected": []}
+        other_terms = [terms[0]] * (ERROR_COUNT - len(DISPARITY_TERMS))
+        free = np.isin([*DISPARITY_TERMS, *other_terms], terms)
+        deviations = np.diag(learnt.covariance) * np.where(free, 1.0, 1e-8)
+        learnt.set_estimate(learnt.estimate, np.diag(deviations))
+    measured = []
+    corrected = []
     for frame in tracks:
-        R_cp, t_cp = frame.T_cp[:3, :3], frame.T_cp[:3, 3]
-        length = float(np.linalg.norm(t_cp))
+        R_cp = frame.T_cp[:3, :3]
+        true_length = float(np.linalg.norm(frame.T_cp[:3, 3]))
         spoiled = learnt.correct(frame.matches, -true)
         learnt.update_from_rows(spoiled)
-        corrected = learnt.correct(spoiled)
-        for name, matches in zip(shares, (spoiled, corrected), strict=True):
-            solved = robust_translation(camera, matches, R_cp, KitTranslationConfig())
-            t_cp = t_cp if solved is None else solved[0]
-            shares[name].append(float(np.linalg.norm(t_cp)) / length if length > REST else np.nan)
-        learnt.update(corrected, R_cp, t_cp)
-    return learnt, {name: np.array(values) for name, values in shares.items()}
+        better = learnt.correct(spoiled)
+        t_spoiled = _translation(camera, spoiled, R_cp, default=frame.T_cp[:3, 3])
+        t_better = _translation(camera, better, R_cp, default=t_spoiled)
+        learnt.update(better, R_cp, t_better)
+        moves = true_length > REST
+        measured.append(float(np.linalg.norm(t_spoiled)) / true_length if moves else np.nan)
+        corrected.append(float(np.linalg.norm(t_better)) / true_length if moves else np.nan)
+    return learnt, {"as measured": np.array(measured), "corrected": np.array(corrected)}
+
+
+def _translation(camera: StereoCamera, matches: StereoMatches, R_cp: Array, default: Array) -> Array:
+    """Robust translation (3,), metres, or the default without a solution."""
+    solved = robust_translation(camera, matches, R_cp, KitTranslationConfig())
+    return default if solved is None else solved[0]
 
 
 def third_frame(
@@ -110,10 +127,14 @@ def third_frame(
     before: dict[str, PairBefore | None] = dict.fromkeys(shares)
     learnt = Rig(camera, CalibrationConfig())
     for frame in tracks:
-        matches, R_cp = learnt.correct(frame.matches, -true), frame.T_cp[:3, :3]
+        matches = learnt.correct(frame.matches, -true)
+        R_cp = frame.T_cp[:3, :3]
         for name in shares:
             solved = solve_translation(camera, matches, R_cp, config, before[name])
-            assert solved is not None
+            if solved is None:
+                raise DataError(
+                    "a frame of these tracks gives no translation: use more points, or smaller errors"
+                )
             shares[name].append(float(np.linalg.norm(solved[0]) / np.linalg.norm(frame.T_cp[:3, 3])))
             if name == "three frames":
                 before[name] = PairBefore(matches, rigid(R_cp, solved[0]))
@@ -145,13 +166,16 @@ def field_maps(image: Image, camera: StereoCamera, fields: dict[str, Array]) -> 
         words = f"{words}: {error.min():.2f} to {error.max():.2f} px"
         return caption(photo(map_, light.shape[1], MAP_HEIGHT), words)
 
-    words = ("disparities, ", "rows, ")
-    return np.vstack([np.hstack([one(words[i] + name, e[i]) for name, e in errors.items()]) for i in (0, 1)])
+    disparities = [one(f"disparities, {name}", error[0]) for name, error in errors.items()]
+    rows = [one(f"rows, {name}", error[1]) for name, error in errors.items()]
+    return np.vstack([np.hstack(disparities), np.hstack(rows)])
 
 
 def arrows_figure(camera: StereoCamera, moved: dict[str, tuple[Array, ...]]) -> Figure:
     """A chart per title: displacements (2, N) of the `image_grid` as arrows, the last array in blue."""
-    points, lines, width = image_grid(camera), -(-len(moved) // 4), min(len(moved), 4)
+    points = image_grid(camera)
+    width = min(len(moved), 4)
+    lines = -(-len(moved) // 4)  # rounded up
     made = Figure(figsize=(WIDTH / DPI, lines * 130 / DPI), dpi=DPI, layout="constrained")
     for axis, (title, parts) in zip(made.subplots(lines, width).flat, moved.items(), strict=True):
         axis.plot(*points.T, ".", color=PALE, markersize=1.5)
@@ -168,10 +192,15 @@ def faults_figure(camera: StereoCamera) -> Figure:
     moved: dict[str, tuple[Array, ...]] = {}
     for name, (columns, rows, _) in RIG_FAULTS.items():
         if not name.startswith(("columns", "rows")):  # those are single terms
-            terms = [" ".join("−" * (c < 0) + term for term, c in shape.items()) for shape in (columns, rows)]
-            title = f"{name}\ndisparity: {terms[0] or 'none'}; row: {terms[1] or 'none'}"
+            title = f"{name}\ndisparity: {_terms(columns)}; row: {_terms(rows)}"
             moved[title] = (-field_at(rig({name: 1.0}), *image_grid(camera).T),)
     return arrows_figure(camera, moved)
+
+
+def _terms(shape: Mapping[str, float]) -> str:
+    """The terms of a shape with their signs, or "none"."""
+    signed = [f"−{term}" if factor < 0 else term for term, factor in shape.items()]
+    return " ".join(signed) or "none"
 
 
 def lens_figure(camera: StereoCamera) -> Figure:
@@ -213,25 +242,29 @@ class CalibrationPanel(Panel):
     )
 
     def draw(self, state: State) -> Drawing:
-        camera, (*sizes, terms) = state.sequence.camera, astuple(state.view)
+        camera = state.sequence.camera
+        *sizes, terms = astuple(state.view)
         true = rig(dict(zip(KITTI_01, sizes, strict=True)))
-        learnt, lengths = learn(camera, tracks_of(state.sequence, state.frame), true, TERMS[terms])
-        errors, image = learnt.errors, stereo(state.sequence, state.frame)[0]
-        maps = field_maps(image, camera, {"the rig's": true, "learnt": errors})
-        remaining = np.abs(field_at(true - errors, *image_grid(camera).T)).max(axis=1)
-        facts = (
-            *(Fact(f"error of length, {name}", too_long(share), "%", 2) for name, share in lengths.items()),
-            Fact("disparities still wrong by up to", float(remaining[0]), "px", 2),
-            Fact("rows still wrong by up to", float(remaining[1]), "px", 2),
-        )
-        words = describe_errors(errors, learnt.covariance, camera)
-        sentence = f"Learnt in {len(lengths['corrected'])} frames, away from the edges of the image: {words}."
-        return Drawing([maps, lengths_figure(lengths, CHART_HEIGHT)], sentence, facts)
+        tracks = tracks_of(state.sequence, state.frame)
+        learnt, lengths = learn(camera, tracks, true, TERMS[terms])
+        image = stereo(state.sequence, state.frame)[0]
+        maps = field_maps(image, camera, {"the rig's": true, "learnt": learnt.errors})
+        remaining = np.abs(field_at(true - learnt.errors, *image_grid(camera).T)).max(axis=1)
+        facts = [Fact(f"error of length, {name}", too_long(share), "%", 2) for name, share in lengths.items()]
+        facts.append(Fact("disparities still wrong by up to", float(remaining[0]), "px", 2))
+        facts.append(Fact("rows still wrong by up to", float(remaining[1]), "px", 2))
+        words = describe_errors(learnt.errors, learnt.covariance, camera)
+        sentence = f"Learnt in {len(tracks)} frames, away from the edges of the image: {words}."
+        return Drawing([maps, lengths_figure(lengths, CHART_HEIGHT)], sentence, tuple(facts))
 
 
 def tracks_of(sequence: Sequence, frame: int) -> list[SimulatedFrame]:
     """Simulated matches along `FRAMES` frames of the true path; without truth, along a straight path."""
     poses = block_tour(1) if sequence.truth is None else sequence.truth
     first = max(min(frame, len(poses) - FRAMES) - 1, 0)
-    given = poses[first : first + FRAMES + 1], sequence.camera, TrackConfig(points=150)
-    return _tracks.get(key_of(sequence, first), lambda: list(simulate_tracks(*given, seed=0)))
+
+    def make() -> list[SimulatedFrame]:
+        part = poses[first : first + FRAMES + 1]
+        return list(simulate_tracks(part, sequence.camera, TrackConfig(points=150), seed=0))
+
+    return _tracks.get(key_of(sequence, first), make)

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from vo_lib.config import preset
 from vo_lib.data.poses import from_first
 from vo_lib.data.sequence import Sequence
+from vo_lib.errors import DataError
 from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.types import Array, Image
 from vo_lib.kit.surface import CoarseDisparity
@@ -40,7 +41,8 @@ const box = this.closest('.vo-clicks'), field = box.querySelector('input');
 const at = box.querySelector('img').getBoundingClientRect();
 field.value = [(event.clientX - at.x) / at.width, (event.clientY - at.y) / at.height];
 field.dispatchEvent(new Event('change', {bubbles: true}))"></div>"""
-RAYS, RAYS_END = 14, 15.0  # number of rays; largest distance of their points, metres
+RAYS = 14  # number
+RAYS_END = 15.0  # largest distance of their points, metres
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,9 @@ class StartPanel(Panel):
         return widgets.GridBox(over, layout={"width": "fit-content"}).add_class("vo-clicks")
 
     def _clicked(self, change: Any) -> None:
-        camera, (x, y) = self.state().sequence.camera, map(float, change["new"].split(","))
+        """Move the point to a place "x,y" of the picture, shares of its width and height."""
+        camera = self.state().sequence.camera
+        x, y = (float(each) for each in change["new"].split(","))
         scale = min(WIDTH / camera.width, PHOTO_HEIGHT / camera.height)
         u = 0.5 + (x - 0.5) * WIDTH / (scale * camera.width)
         v = 0.5 + (y * self.height - PHOTO_HEIGHT / 2) / (scale * camera.height)
@@ -89,43 +93,65 @@ class StartPanel(Panel):
             self.set(view__u=u, view__v=v)
 
     def draw(self, state: State) -> Drawing:
-        sequence, frame, camera = state.sequence, state.frame, state.sequence.camera
-        u, v = round(state.view.u * (camera.width - 1)), round(state.view.v * (camera.height - 1))
+        sequence = state.sequence
+        camera = sequence.camera
+        u = round(state.view.u * (camera.width - 1))
+        v = round(state.view.v * (camera.height - 1))
         largest = state.config.matching.max_disparity
-        coarse = disparity_map(sequence, frame, largest)
-        disparity = float(coarse[min(v // 2, coarse.shape[0] - 1), min(u // 2, coarse.shape[1] - 1)])
-        d = disparity if disparity > 0 else float("nan")
+        coarse = disparity_map(sequence, state.frame, largest)
+        row = min(v // 2, coarse.shape[0] - 1)
+        column = min(u // 2, coarse.shape[1] - 1)
+        known = coarse[row, column] > 0
+        d = float(coarse[row, column]) if known else float("nan")
         depth = camera.f * camera.baseline / d
-        left, right = (photo(image, camera.width) for image in stereo(sequence, frame))
-        for picture, column in ((left, float(u)), (right, u - d)):
-            cv2.line(picture, (0, v), (camera.width, v), bgr(PALE), 1)
-            if np.isfinite(column):
-                cv2.drawMarker(picture, (round(column), v), bgr(BAD), cv2.MARKER_CROSS, 30, 3)
+
+        left, right = (photo(image, camera.width) for image in stereo(sequence, state.frame))
+        _mark(left, u, v)
+        _mark(right, u - d, v)
+        above = caption(photo(left, WIDTH, PHOTO_HEIGHT), f"left image, frame {state.frame}")
         words = "right image: the same row", "disparity: bright is near, grey is missing"
         below = beside(right, disparity_picture(coarse, largest), *words)
-        whole = caption(photo(left, WIDTH, PHOTO_HEIGHT), f"left image, frame {frame}")
-        ground_truth = truth(sequence)
-        true_depth = float("nan") if ground_truth is None else float(true_depths(ground_truth, frame)[v, u])
+
         sentence = (
-            f"The point ({u}, {v}) of the left image is {d:.1f} px further left in the right image, in the "
-            f"same row. Its depth is Z = f b / d = {camera.f:.1f} px × {camera.baseline:.3f} m / {d:.1f} px "
-            f"= {depth:.1f} m."
+            f"At ({u}, {v}) block matching found no disparity: sky, no texture, or not in the right image."
         )
-        if np.isnan(d):
-            sentence = f"At ({u}, {v}) block matching found no disparity: sky, no texture, or not in the right image."
+        if known:
+            sentence = (
+                f"The point ({u}, {v}) of the left image is {d:.1f} px further left in the right image, in the "
+                f"same row. Its depth is Z = f b / d = {camera.f:.1f} px × {camera.baseline:.3f} m / {d:.1f} px "
+                f"= {depth:.1f} m."
+            )
         facts = (
             Fact("disparity d", d, "px", 1),
             Fact("depth Z", depth, "m", 1),
-            Fact("true depth", true_depth if np.isfinite(true_depth) else float("nan"), "m", 1),
+            Fact("true depth", _true_depth(sequence, state.frame, u, v), "m", 1),
             Fact("pixels with a disparity", 100 * float(np.mean(coarse > 0)), "%", 1),
         )
-        return Drawing([whole, below], sentence, facts)
+        return Drawing([above, below], sentence, facts)
+
+
+def _mark(picture: Image, u: float, v: int) -> None:
+    """Draw row v and, unless the column is NaN, a cross at (u, v), in place."""
+    cv2.line(picture, (0, v), (picture.shape[1], v), bgr(PALE), 1)
+    if np.isfinite(u):
+        cv2.drawMarker(picture, (round(u), v), bgr(BAD), cv2.MARKER_CROSS, 30, 3)
+
+
+def _true_depth(sequence: Sequence, frame: int, u: int, v: int) -> float:
+    """True depth of a pixel, metres; NaN if it is not known or the pixel shows the sky."""
+    ground_truth = truth(sequence)
+    if ground_truth is None:
+        return float("nan")
+    depth = float(true_depths(ground_truth, frame)[v, u])
+    return depth if np.isfinite(depth) else float("nan")
 
 
 def watched(sequence: Sequence, *vehicles: int) -> WithBoxes:
     """A drawn sequence with boxes of only those vehicles whose numbers in the truth are `vehicles`."""
-    ground_truth, given = truth(sequence), []
-    assert ground_truth is not None
+    ground_truth = truth(sequence)
+    if ground_truth is None:
+        raise DataError(f"{sequence.name} is not a drawn scene: it has no truth of vehicles")
+    given = []
     for index, frame in enumerate(sequence.frames):
         boxes = sequence.boxes(index)
         corners = np.rint(boxes.xyxy).astype(int)
@@ -136,7 +162,8 @@ def watched(sequence: Sequence, *vehicles: int) -> WithBoxes:
 
 def boxed_picture(sequence: Sequence, frame: int) -> Image:
     """All matches of a frame with the previous frame; matches in vehicle boxes are orange."""
-    config, boxes = preset("feature_selection"), sequence.boxes(frame)
+    config = preset("feature_selection")
+    boxes = sequence.boxes(frame)
     matches = frame_matches(sequence, frame, config)
     kept = ~in_boxes(matches.cur_left, boxes, config.filter)
     count = f"{np.count_nonzero(~kept)} of all {len(kept)} matches are in vehicle boxes (orange)"
@@ -146,17 +173,16 @@ def boxed_picture(sequence: Sequence, frame: int) -> Image:
 
 def rays_view(sequence: Sequence, frame: int) -> View:
     """Both cameras of a pair, and the rays from them to some near matches, in three dimensions."""
-    points, right = frame_points(sequence, frame, preset("solution_selection")), np.eye(4)
+    points = frame_points(sequence, frame, preset("solution_selection"))
+    right = np.eye(4)
     right[0, 3] = sequence.camera.baseline
     near = points.X_p[(points.X_p[:, 2] > 0) & (points.X_p[:, 2] < RAYS_END)]
     some = near[np.linspace(0, len(near) - 1, min(len(near), RAYS)).astype(int)]
-    rays = [
-        Shape(np.array([centre, X]), colour, width=1.0)
-        for centre, colour in ((np.zeros(3), GOOD), (right[:3, 3], THIRD))
-        for X in some
-    ]
-    cameras = camera(np.eye(4), "left camera"), camera(right)
-    return View(*cameras, *rays, Shape(some, BAD, "dots", width=5.0), title="Two rays meet in a point")
+    shapes = [camera(np.eye(4), "left camera"), camera(right)]
+    for centre, colour in ((np.zeros(3), GOOD), (right[:3, 3], THIRD)):
+        shapes += [Shape(np.array([centre, X]), colour, width=1.0) for X in some]
+    shapes.append(Shape(some, BAD, "dots", width=5.0))
+    return View(*shapes, title="Two rays meet in a point")
 
 
 def poses_view(sequence: Sequence, every: int = 20) -> View:
@@ -170,7 +196,9 @@ def poses_view(sequence: Sequence, every: int = 20) -> View:
 def depth_figure(camera: StereoCamera, measured: Array, true: Array) -> Figure:
     """Errors of measured depths (N,) by true depth, metres, and σ_Z for the median disparity error."""
     good = np.isfinite(measured) & np.isfinite(true)
-    measured, true, fb = measured[good], true[good], camera.f * camera.baseline
+    measured = measured[good]
+    true = true[good]
+    fb = camera.f * camera.baseline
     sigma = float(np.median(np.abs(fb / measured - fb / true)))
     labels = f"{len(true)} matches", f"Z² / (f b) · {sigma:.2f} px"
     return by_depth_figure(true, np.abs(measured - true), labels, "error of the depth", sigma / fb)
@@ -178,9 +206,12 @@ def depth_figure(camera: StereoCamera, measured: Array, true: Array) -> Figure:
 
 def method_stages(sequence: Sequence, frame: int) -> dict[str, Image | Figure]:
     """Pictures of the stages 1 to 4 for one frame >= 2, with the matches after bucketing."""
-    config, focal, image = preset("solution_selection"), sequence.camera.f, stereo(sequence, frame)[0]
+    config = preset("solution_selection")
+    focal = sequence.camera.f
+    image = stereo(sequence, frame)[0]
     points = frame_points(sequence, frame, config)
-    places, count = (points.matches.prev_left, points.matches.cur_left), len(points.matches)
+    places = points.matches.prev_left, points.matches.cur_left
+    count = len(points.matches)
     words = f"{count} matches after the buckets: each line leads to where the point is now"
 
     candidates = candidates_of(points, config.selection.sets, 0)
@@ -193,7 +224,8 @@ def method_stages(sequence: Sequence, frame: int) -> dict[str, Image | Figure]:
     candidate_field = field_of(candidates, points, e_prev, R_true, config.selection, focal)
     R_cp, _, _ = motion_of(candidates.E[candidate_field.selected], points, config.selection, focal)
     solved = solve_by(METHOD, sequence.camera, points.matches, R_cp, config.translation)
-    assert solved is not None
+    if solved is None:
+        raise DataError(f"frame {frame}: no feature is near enough for a translation; choose another frame")
     t, residual, _ = solved
     step = ", ".join(f"{value:.2f}" for value in t.round(2) + 0.0)  # no minus before a zero
     off = np.isfinite(residual) & (residual > 1)

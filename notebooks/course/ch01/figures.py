@@ -15,7 +15,7 @@ from vo_lib.paper.features import DESCRIPTOR_OFFSETS
 
 from ..ch02.figures import draw_dots, draw_flow
 from ..colours import BAD, CYCLE, DARK, FIFTH, FOURTH, GOOD, PALE, THIRD, bgr
-from ..drawing import FONT_SIZE, PHOTO_HEIGHT, WIDTH, caption, figure, finish, log_axis, photo, raster, room
+from ..drawing import PHOTO_HEIGHT, SMALL_SIZE, WIDTH, caption, figure, finish, log_axis, photo, raster, room
 from ..frames import stereo
 from .exercises import eigenvalues
 from .trace import CHECKS, CHOSEN, LOST, OPEN, SURPLUS, Trace
@@ -164,7 +164,7 @@ def step_figure(trace: Trace, error: Array, height: int = 290) -> Figure:
         # A feature that was not found again has no right or wrong match.
         words = [w if n in (OPEN, LOST) else f"{w} ({b})" for n, w, b in zip(names, words, bad, strict=True)]
         x = "features (in brackets and dark: wrong by more than 1 px)"
-    axis.bar_label(bars, words, padding=4, fontsize=FONT_SIZE - 1)
+    axis.bar_label(bars, words, padding=4, fontsize=SMALL_SIZE)
     box = axis.get_position()
     axis.set_position((box.x0 + NAMES, box.y0, box.width - NAMES, box.height))
     axis.tick_params(axis="y", length=0)

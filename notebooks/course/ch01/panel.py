@@ -14,7 +14,7 @@ from ..simulation.true_matches import match_errors
 from .figures import RIGHT, by_fate, fates_picture, step_figure
 from .trace import trace
 
-CHART_HEIGHT = 290
+CHART_HEIGHT = 252
 
 
 class MatchingPanel(Panel):
@@ -38,31 +38,36 @@ class MatchingPanel(Panel):
     )
 
     def draw(self, state: State) -> Drawing:
-        sequence, frame = state.sequence, state.frame
-        ground_truth = truth(sequence)
-        traced = trace(sequence, frame, state.config)
+        frame = state.frame
+        ground_truth = truth(state.sequence)
+        traced = trace(state.sequence, frame, state.config)
         if len(traced.id) == 0:
             raise DataError(f"frame {frame - 1} has no features: lower the threshold")
         error = match_errors(ground_truth, traced.matches, frame)
         by_name = by_fate(traced, error)
-        words = f"frame {frame}: kept blue, others in the colour of the failed check"
         wrong = error > RIGHT  # false where the truth is not known
-        exact = by_name["kept"][np.isfinite(by_name["kept"])]
-        facts = [Fact("features", len(traced.id)), Fact("kept", len(traced.chosen))]
-        if ground_truth is not None:
+
+        found = len(traced.matches)
+        checked = len(traced.kept)
+        kept = len(traced.chosen)
+        words = f"frame {frame}: kept blue, others in the colour of the failed check"
+        sentence = (
+            f"{len(traced.id)} features of the previous pair have a stereo match, and {found} of them are "
+            f"matched in all four images. The checks remove {found - checked} of these, the "
+            f"buckets {checked - kept}; {kept} are kept."
+        )
+        facts = [Fact("features", len(traced.id)), Fact("kept", kept)]
+        if ground_truth is None:
+            sentence += " This sequence has no truth for single matches."
+        else:
             words += "; rings: wrong, but kept"
+            exact = by_name["kept"][np.isfinite(by_name["kept"])]
+            median = float(np.median(exact)) if len(exact) else np.nan
             facts += [
                 Fact("wrong among the kept", int(np.count_nonzero(by_name["kept"] > RIGHT))),
                 Fact("right ones dropped", int(np.count_nonzero(by_name["dropped"] <= RIGHT))),
-                Fact("median error of the kept", float(np.median(exact)) if len(exact) else np.nan, "px", 3),
+                Fact("median error of the kept", median, "px", 3),
             ]
-        surplus = len(traced.kept) - len(traced.chosen)
-        sentence = (
-            f"{len(traced.id)} features of the previous pair have a stereo match, and {len(traced.matches)} of them are "
-            f"matched in all four images. The checks remove {len(traced.matches) - len(traced.kept)} of these, the "
-            f"buckets {surplus}; {len(traced.chosen)} are kept."
-            + ("" if ground_truth is not None else " This sequence has no truth for single matches.")
-        )
-        picture = fates_picture(stereo(sequence, frame)[0], traced, wrong, words)
+        picture = fates_picture(stereo(state.sequence, frame)[0], traced, wrong, words)
         chart = step_figure(traced, error, CHART_HEIGHT)
         return Drawing([picture, chart], sentence, tuple(facts))

@@ -20,7 +20,8 @@ from vo_lib.paper.matching import DescribedPair, close_loop
 from vo_lib.paper.settings import MethodConfig, PublishedConfig, StereoLimits
 from vo_lib.runs.drive import single_threaded
 
-from ..frames import Memory, before_step, key_of
+from ..frames import before_step, key_of
+from ..memory import Memory
 
 # The fate of a match that fails a check, and the values of settings that turn the check off.
 CHECKS: dict[str, dict[str, Any]] = {

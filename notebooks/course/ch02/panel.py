@@ -16,17 +16,19 @@ from vo_lib.paper.five_point import five_point
 from vo_lib.paper.selection import draw_sets, sampson_inliers, truncated_errors
 from vo_lib.settings import Checked, setting
 
-from ..colours import BAD, CYCLE, DARK, PALE, THIRD
+from ..colours import BAD, CYCLE, DARK, PALE, THIRD, WHITE
 from ..drawing import PHOTO_HEIGHT, WIDTH, caption, figure, photo
-from ..frames import Memory, Points, frame_points, key_of, stereo
+from ..frames import Points, frame_points, key_of, stereo
 from ..lessons import consensus_rotation
+from ..memory import Memory
 from ..panel import Control, Drawing, Fact, Panel, State
 from . import figures as draw
 
-CHART_HEIGHT = 230
+CHART_HEIGHT = 214
 SETS = 200  # in the histogram
 OUTLIER_PX = 1.0  # from the true epipolar line
 FIVE = (CYCLE[0], CYCLE[5], CYCLE[4], CYCLE[3], CYCLE[6])
+NO_ESSENTIAL = np.zeros((3, 3))  # in place of an unknown true E
 
 
 @dataclass(frozen=True)
@@ -112,80 +114,106 @@ class FivePointPanel(Panel):
         Control("view.points", "your five matches"),
         Control("view.match", "chosen match", step=0.005),
         Control("view.candidate", "solution"),
-        Control("view.spread", "five matches"),
+        Control("view.spread", "random five"),
         Control("selection.threshold", "inlier threshold", high=5, step=0.05),
         Control("view.noise", "noise", step=0.05),
     )
 
     def draw(self, state: State) -> Drawing:
-        sequence, frame, view, camera = state.sequence, state.frame, state.view, state.sequence.camera
-        clean = frame_points(sequence, frame, state.config)
-        points = with_noise(clean, view.noise, camera.f)
-        chosen = self._five(view, points)
+        sequence = state.sequence
+        camera = sequence.camera
+        view = state.view
         threshold = state.config.selection.threshold / camera.f
-        R_true = reference_rotation(sequence, frame, clean)
-        what, than = "rotation difference", "the estimate from all matches (there is no truth)"
-        E_true = np.zeros((3, 3))
+        clean = frame_points(sequence, state.frame, state.config)
+        points = with_noise(clean, view.noise, camera.f)
+        R_true = reference_rotation(sequence, state.frame, clean)
+        E_true = NO_ESSENTIAL
+        what = "rotation difference"
+        than = "the estimate from all matches (there is no truth)"
         if clean.T_cp is not None:
-            what, than = "rotation error", "the true rotation"
             E_true = essential_from_motion(clean.T_cp[:3, :3], clean.T_cp[:3, 3])
-        x_p, x_c = points.x_p[chosen], points.x_c[chosen]
+            what = "rotation error"
+            than = "the true rotation"
+
+        five = five_matches(view, points)
+        x_p = points.x_p[five]
+        x_c = points.x_c[five]
         E = five_point(x_p[None], x_c[None]).E
         if len(E) == 0:
             raise DataError("these five matches determine no essential matrix: are two of them the same?")
-        image_errors = truncated_errors(E, points.x_p, points.x_c, threshold)
-        order = np.argsort(image_errors)
-        shown = order[min(view.candidate, len(order)) - 1]
-        inlier = sampson_inliers(E[shown], points.x_p, points.x_c, threshold)
-        sets = sets_of(points, 2, SETS, view.spread)
-        key = (*key_of(sequence, frame), state.config.variant, view.noise, view.spread, threshold)
-        spread, winner = _errors.get(key, lambda: set_errors(points, R_true, sets, threshold))
-        match = int(np.argsort(points.x_c[:, 0])[round(view.match * (len(points.x_c) - 1))])
-        picture = self._picture(state, points, [*chosen, match], np.stack([E_true, E[shown]]), inlier)
+        order = np.argsort(truncated_errors(E, points.x_p, points.x_c, threshold))
+        number = min(view.candidate, len(order))
+        shown = E[order[number - 1]]
+        inlier = sampson_inliers(shown, points.x_p, points.x_c, threshold)
+        error, best_error = rotation_errors(np.stack([shown, E[order[0]]]), R_true).tolist()
+
+        def errors_of_sets() -> tuple[Array, float]:
+            return set_errors(points, R_true, sets_of(points, 2, SETS, view.spread), threshold)
+
+        key = (*key_of(sequence, state.frame), state.config.variant, view.noise, view.spread, threshold)
+        spread, winner = _errors.get(key, errors_of_sets)
         charts, (left, right) = figure(CHART_HEIGHT, 2)
         draw.polynomial_chart(left, *draw.polynomial_of(x_p, x_c))
         draw.errors_chart(right, spread, winner, what)
-        line = draw.epipolar_line(E[shown], points.x_p[match], camera)
+
+        by_column = np.argsort(points.x_c[:, 0])
+        match = int(by_column[round(view.match * (len(by_column) - 1))])
+        line = draw.epipolar_line(shown, points.x_p[match], camera)
         distance = abs(float(line @ [*draw.pixels(points.x_c[match], camera), 1.0]))
-        error, best_error = rotation_errors(E[[shown, order[0]]], R_true).tolist()
+        picture = self._picture(state, points, [*five, match], {THIRD: E_true, BAD: shown}, inlier)
+
         sentence = (
-            f"{len(E)} essential matrices fit the matches {', '.join(map(str, chosen))} exactly. A {what} is the "
+            f"{len(E)} essential matrices fit the matches {', '.join(map(str, five))} exactly. A {what} is the "
             f"angle to {than}. Match {match} is {distance:.2f} px from its epipolar line (orange)."
         )
-        ends = camera.f * points.x_c[chosen]
+        ends = camera.f * x_c
         apart = np.linalg.norm(ends[:, None] - ends, axis=2)[np.triu_indices(5, 1)].min()
-        wrong = ~sampson_inliers(E_true, points.x_p[chosen], points.x_c[chosen], OUTLIER_PX / camera.f)
+        wrong = np.nan
+        if clean.T_cp is not None:
+            right_ones = sampson_inliers(E_true, x_p, x_c, OUTLIER_PX / camera.f)
+            wrong = 5 - int(np.count_nonzero(right_ones))
         facts = (
             Fact("inliers", int(np.count_nonzero(inlier))),
             Fact(f"{what} of this solution", error, "°", 3),
             Fact(f"{what} of solution 1", best_error, "°", 3),
             Fact(f"{what}: median of the sets", float(np.median(spread)), "°", 3),
-            Fact("solution", min(view.candidate, len(order))),
+            Fact("solution", number),
             Fact("noise added", view.noise, "px", 2),
-            Fact("outliers among the five", int(wrong.sum()) if E_true.any() else np.nan),
+            Fact("outliers among the five", wrong),
             Fact("closest two of the five", float(apart), "px"),
         )
-        return Drawing([picture, charts], sentence, facts)
+        return Drawing([picture, charts], sentence, facts, limits={"view.candidate": len(E)})
 
-    def _five(self, view: FivePointView, points: Points) -> Index:
-        """Indices of the five matches, typed or drawn at random."""
-        count = len(points.x_p)
-        if view.points:
-            if len(set(view.points)) != 5 or max(view.points) >= count:
-                raise DataError(f"your five matches: expected five different numbers from 0 to {count - 1}")
-            return np.array(view.points)
-        return np.asarray(sets_of(points, [3, view.draw], 1, view.spread)[0])
-
-    def _picture(self, state: State, points: Points, named: list[int], E: Array, inlier: BoolArray) -> Image:
-        """The frame with its matches; epipolar lines of match `named[-1]` for the true E and a solution."""
+    def _picture(
+        self, state: State, points: Points, named: list[int], lines: dict[str, Array], inlier: BoolArray
+    ) -> Image:
+        """The frame with its matches, and the epipolar line of match `named[-1]` for each E, by colour."""
         camera = state.sequence.camera
+        match = named[-1]
         picture = photo(stereo(state.sequence, state.frame)[0], camera.width)
-        starts, ends = draw.pixels(points.x_p, camera), draw.pixels(points.x_c, camera)
-        draw.draw_flow(picture, starts, ends, [PALE if each else DARK for each in inlier], 2)
-        for each, colour, width in zip(E, (THIRD, BAD), (1, 2), strict=True):
-            if each.any():
-                line = draw.epipolar_line(each, points.x_p[named[-1]], camera)
-                draw.draw_line(picture, line, colour, width)
+        starts = draw.pixels(points.x_p, camera)
+        ends = draw.pixels(points.x_c, camera)
+        # Outliers are black in white, to be seen on a dark photo and on a bright one.
+        draw.draw_flow(picture, starts[inlier], ends[inlier], [PALE] * int(inlier.sum()), 2)
+        outliers = int(np.count_nonzero(~inlier))
+        draw.draw_flow(picture, starts[~inlier], ends[~inlier], [WHITE] * outliers, 4, thickness=3)
+        draw.draw_flow(picture, starts[~inlier], ends[~inlier], [DARK] * outliers, 2.5)
+        for colour, E in lines.items():
+            if E is not NO_ESSENTIAL:
+                line = draw.epipolar_line(E, points.x_p[match], camera)
+                draw.draw_line(picture, line, colour, 2 if colour == BAD else 1)
         draw.draw_dots(picture, ends[named], (*FIVE, BAD), 6, named)
-        words = f"frame {state.frame}: five matches; line of match {named[-1]} (orange; true: green); black: outliers"
+        words = (
+            f"frame {state.frame}: five matches; line of match {match} (orange; true: green); black: outliers"
+        )
         return caption(photo(picture, WIDTH, PHOTO_HEIGHT), words)
+
+
+def five_matches(view: FivePointView, points: Points) -> Index:
+    """Indices of the five matches, typed or drawn at random; `DataError` for impossible numbers."""
+    if not view.points:
+        return np.asarray(sets_of(points, [3, view.draw], 1, view.spread)[0])
+    count = len(points.x_p)
+    if len(view.points) != 5 or len(set(view.points)) != 5 or max(view.points) >= count:
+        raise DataError(f"your five matches: expected five different numbers from 0 to {count - 1}")
+    return np.array(view.points)

@@ -18,15 +18,17 @@ from vo_lib.settings import Checked, setting
 from ..ch02.figures import pixels
 from ..ch02.panel import reference_rotation, rotation_errors
 from ..drawing import PHOTO_HEIGHT
-from ..frames import Memory, Points, frame_points, key_of, stereo
+from ..frames import Points, frame_points, key_of, stereo
 from ..lessons import angle_between, candidates_of, motion_of, winner_of
+from ..memory import Memory
 from ..panel import Control, Drawing, Fact, Panel, State
 from .figures import Field, features_picture, field_figure
 
-CHART_HEIGHT = 260
+CHART_HEIGHT = 252
 WALL = np.array([0.35, -0.2, 1.0])  # its normal: WALL · X = 12 m
 # Motion of the bus from frame to frame: the bus turns into the street of the camera.
-STEP, TURN = np.array([0.5, 0.0, 0.3]), rotation_from_vector(np.radians([0.0, 2.0, 0.0]))
+STEP = np.array([0.5, 0.0, 0.3])
+TURN = rotation_from_vector(np.radians([0.0, 2.0, 0.0]))
 
 
 @dataclass(frozen=True)
@@ -53,22 +55,26 @@ def disturbed_frame(
     The leftmost matches move together and turn about their middle; a wrong match is shifted by 4 to 40 px.
     Without truth, the camera's motion is the rotation from the matches and the median change of the points.
     """
-    points, camera = frame_points(sequence, frame, config), sequence.camera
+    points = frame_points(sequence, frame, config)
+    camera = sequence.camera
     T_cp = points.T_cp
     if T_cp is None:
         R_cp = reference_rotation(sequence, frame, points)
         X_c = camera.triangulate(points.matches.cur_left, points.matches.cur_right)
         T_cp = rigid(R_cp, np.nanmedian(X_c - points.X_p @ R_cp.T, axis=0))
-    rng, count = np.random.default_rng([4, view.draw]), len(points.x_p)
+    rng = np.random.default_rng([4, view.draw])
+    count = len(points.x_p)
     if view.plane:
         rays = np.concatenate([points.x_p, np.ones((count, 1))], axis=1)
         X_p = rays * (12.0 / np.maximum(rays @ WALL, 0.1))[:, None]
         x_c = _view(transform(T_cp, X_p)) + rng.normal(0.0, 0.3 / camera.f, (count, 2))
         points = replace(points, X_p=X_p, x_c=x_c)
-    moving, wrong = round(view.moving * count), round(view.wrong * count)
+    moving = round(view.moving * count)
+    touched = moving + round(view.wrong * count)
     order = np.argsort(points.x_p[:, 0])
     order[moving:] = rng.permutation(order[moving:])
-    on_object, mismatched = order[:moving], order[moving : moving + wrong]
+    on_object = order[:moving]
+    mismatched = order[moving:touched]
     x_c = points.x_c.copy()
     if moving:
         X = points.X_p[on_object]
@@ -76,12 +82,13 @@ def disturbed_frame(
         noise = np.clip(x_c[on_object] - _view(transform(T_cp, X)), -1.0 / camera.f, 1.0 / camera.f)
         x_c[on_object] = _view(transform(T_cp, (X - middle) @ TURN.T + middle + STEP)) + noise
     x_c[mismatched] += shifts(rng, len(mismatched)) / camera.f
-    return replace(points, x_c=x_c), np.isin(np.arange(count), order[: moving + wrong])
+    return replace(points, x_c=x_c), np.isin(np.arange(count), order[:touched])
 
 
 def shifts(rng: np.random.Generator, count: int) -> Array:
     """Shifts (count, 2) of mismatches, 4 to 40 px in any direction."""
-    angle, length = rng.uniform(0, 2 * np.pi, count), rng.uniform(4.0, 40.0, count)
+    angle = rng.uniform(0, 2 * np.pi, count)
+    length = rng.uniform(4.0, 40.0, count)
     return np.asarray(length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1))
 
 
@@ -96,7 +103,8 @@ def previous_vector(sequence: Sequence, frame: int, config: MethodConfig) -> Arr
         return None
 
     def estimate() -> Array:
-        points, focal = frame_points(sequence, frame - 1, config), sequence.camera.f
+        points = frame_points(sequence, frame - 1, config)
+        focal = sequence.camera.f
         candidates = candidates_of(points, 200, 0)
         field = field_of(candidates, points, None, None, config.selection, focal)
         return motion_of(candidates.E[field.selected], points, config.selection, focal)[1]
@@ -139,7 +147,7 @@ class SelectionPanel(Panel):
         Control("view.moving", "moving share", step=0.05),
         Control("view.wrong", "wrong share", step=0.05),
         Control("selection.mode", "winner"),
-        Control("selection.prior", "use the previous essential vector"),
+        Control("selection.prior", "use the previous vector"),
         Control("view.draw", "draw again", button=True),
         Control("view.plane", "one plane"),
     )
@@ -148,31 +156,37 @@ class SelectionPanel(Panel):
         return set() if state.config.selection.prior and state.frame > 1 else {"selection.top_k"}
 
     def draw(self, state: State) -> Drawing:
-        selection, view, focal = state.config.selection, state.view, state.sequence.camera.f
-        points, touched = disturbed_frame(state.sequence, state.frame, state.config, view)
+        sequence = state.sequence
+        camera = sequence.camera
+        selection = state.config.selection
+        points, touched = disturbed_frame(sequence, state.frame, state.config, state.view)
         R_true = None if points.T_cp is None else points.T_cp[:3, :3]
-        key = (*key_of(state.sequence, state.frame), state.config.variant, selection.sets, view)
-        candidates = _candidates.get(key, lambda: candidates_of(points, selection.sets, view.draw))
-        e_prev = previous_vector(state.sequence, state.frame, state.config)
-        field = field_of(candidates, points, e_prev, R_true, selection, focal)
-        (R, _, inliers), (R_consensus, _, _) = (
-            motion_of(candidates.E[winner], points, selection, focal)
-            for winner in (field.selected, field.consensus)
-        )
+        key = (*key_of(sequence, state.frame), state.config.variant, selection.sets, state.view)
+        candidates = _candidates.get(key, lambda: candidates_of(points, selection.sets, state.view.draw))
+        e_prev = previous_vector(sequence, state.frame, state.config)
+        field = field_of(candidates, points, e_prev, R_true, selection, camera.f)
+        R, _, inliers = motion_of(candidates.E[field.selected], points, selection, camera.f)
+        R_consensus, _, _ = motion_of(candidates.E[field.consensus], points, selection, camera.f)
         error = angle_between(R, R_true)
+
         words = f"frame {state.frame}: the winner's inliers blue, outliers orange, disturbed matches in rings"
-        image, camera = stereo(state.sequence, state.frame)[0], state.sequence.camera
-        start, end = pixels(points.x_p, camera), pixels(points.x_c, camera)
-        photo_above = features_picture(image, start, end, inliers, words, touched)
+        image = stereo(sequence, state.frame)[0]
+        start = pixels(points.x_p, camera)
+        end = pixels(points.x_c, camera)
+        picture = features_picture(image, start, end, inliers, words, touched)
         chart = field_figure(field, error, CHART_HEIGHT)
+
         same = "also" if field.selected == field.consensus else "not"
         sentence = (
             f"Of {len(candidates.E)} solutions of {selection.sets} sets, {np.count_nonzero(field.kept)} may "
             f"compete. The winner is {same} the winner of consensus."
-            + (" The first pair has no previous essential vector." if e_prev is None else "")
-            + (" The sequence has no ground truth." if R_true is None else "")
-            + (" The prior was dropped: its best solution scored clearly worse." if field.dropped else "")
         )
+        if e_prev is None:
+            sentence += " The first pair has no previous essential vector."
+        if R_true is None:
+            sentence += " The sequence has no ground truth."
+        if field.dropped:
+            sentence += " The prior was dropped: its best solution scored clearly worse."
         facts = (
             Fact("error by selection", error, "°", 3),
             Fact("error by consensus", angle_between(R_consensus, R_true), "°", 3),
@@ -181,4 +195,4 @@ class SelectionPanel(Panel):
             Fact("inliers", int(np.count_nonzero(inliers))),
             Fact("disturbed", int(np.count_nonzero(touched))),
         )
-        return Drawing([photo_above, chart], sentence, facts)
+        return Drawing([picture, chart], sentence, facts)

@@ -11,7 +11,7 @@ from matplotlib.patches import Ellipse
 from vo_lib.geometry.types import Array
 
 from ..colours import BAD, DARK, FIFTH, GOOD, PALE
-from ..drawing import COARSE, FONT_SIZE, figure, finish, log_axis, room
+from ..drawing import COARSE, SMALL_SIZE, figure, finish, log_axis, room, round_limits
 
 DEPTHS, DISTANCES = (2.0, 200.0), (1e-3, 100.0)  # metres shown
 LEAST, MOST = 0.01, 100.0  # pixels shown of a residual
@@ -93,7 +93,7 @@ def variants_figure(tables: dict[str, dict[str, Array]]) -> Figure:
             axis.plot(values, row + spread, ".", color=GOOD, markersize=4)
             axis.plot([np.median(values)] * 2, [row, row + 0.4], color=BAD, linewidth=3)
             words = f"{name}: {np.median(values):.1f} mm"
-            axis.text(0.01, row - 0.15, words, fontsize=FONT_SIZE - 1, transform=axis.get_yaxis_transform())
+            axis.text(0.01, row - 0.15, words, fontsize=SMALL_SIZE, transform=axis.get_yaxis_transform())
         axis.set_xscale("log")
         log_axis(axis.xaxis, *axis.get_xlim())
         axis.set_yticks([])
@@ -129,5 +129,6 @@ def lengths_figure(lengths: dict[str, Array], height: int = 200) -> Figure:
     axis.axhline(1.0, color=DARK, linewidth=1, linestyle=":")
     for (name, values), colour in zip(lengths.items(), (BAD, GOOD, FIFTH), strict=False):
         axis.plot(np.arange(1, len(values) + 1), values, color=colour, linewidth=1.5, label=name)
+    round_limits(axis.yaxis)
     finish(axis, "length of the step, as a share of the true length", "frame")
     return made

@@ -27,9 +27,11 @@ from ..panel import Control, Drawing, Fact, Panel, State
 from .figures import MILLI, ellipse_chart, residuals_chart
 from .weightings import METHOD, WEIGHTINGS, alone, solve_by
 
-CHART_HEIGHT = 290
+CHART_HEIGHT = 224
 GROUPS = 10  # of features that are solved separately
-TRUE, RECORDED, ESTIMATE = "the truth", "the recorded truth", "the published estimate"
+TRUE = "the truth"
+RECORDED = "the recorded truth"
+ESTIMATE = "the published estimate"
 ABOUT = {
     RECORDED: " In one frame an error of the calibration looks like one of the recorded truth.",
     ESTIMATE: " Without ground truth, the reference is the result of variant `published` for undisturbed matches.",
@@ -51,12 +53,18 @@ class TranslationView(Checked):
 
 def disturbed(matches: StereoMatches, view: TranslationView) -> StereoMatches:
     """The matches with noise; some matches are shifted by 4 to 40 px in the current pair."""
-    rng, count = np.random.default_rng([6, view.draw]), len(matches)
+    rng = np.random.default_rng([6, view.draw])
+    count = len(matches)
     noise = rng.normal(0.0, view.noise, (4, count, 2))
     mismatched = rng.permutation(count)[: round(view.wrong * count)]
     noise[2:, mismatched] += shifts(rng, len(mismatched))
-    views = ("prev_left", "prev_right", "cur_left", "cur_right")
-    return replace(matches, **{v: getattr(matches, v) + by for v, by in zip(views, noise, strict=True)})
+    return replace(
+        matches,
+        prev_left=matches.prev_left + noise[0],
+        prev_right=matches.prev_right + noise[1],
+        cur_left=matches.cur_left + noise[2],
+        cur_right=matches.cur_right + noise[3],
+    )
 
 
 def usual_rotation(sequence: Sequence, frame: int, points: Points) -> Array:
@@ -120,10 +128,12 @@ class TranslationPanel(Panel):
         return {"translation.agreement"} if isinstance(state.config, KitConfig) else set()
 
     def draw(self, state: State) -> Drawing:
-        sequence, frame, camera = state.sequence, state.frame, state.sequence.camera
-        config, view = state.config.translation, state.view
-        points = frame_points(sequence, frame, state.config)
-        R_usual = usual_rotation(sequence, frame, points)
+        sequence = state.sequence
+        camera = sequence.camera
+        config = state.config.translation
+        view = state.view
+        points = frame_points(sequence, state.frame, state.config)
+        R_usual = usual_rotation(sequence, state.frame, points)
         t_ref, name = reference(sequence, points, R_usual)
         R = rotation_from_vector(np.radians([0.0, view.turn, 0.0])) @ R_usual
         matches = disturbed(points.matches, view)
@@ -131,21 +141,27 @@ class TranslationPanel(Panel):
         if solved is None:
             raise DataError("no feature can be used, or none agrees: increase `depth limit` or `agreement`")
         t, residual, weight = solved
-        used = np.isfinite(residual)
         C = covariance(camera, matches, R, config, view.weighting)
+
+        limit = None
+        if view.weighting == METHOD:
+            limit = config.scale if isinstance(config, KitTranslationConfig) else config.agreement
         chart, (left, right) = figure(CHART_HEIGHT, 2, (1.7, 1.0))
-        limit = config.scale if isinstance(config, KitTranslationConfig) else config.agreement
-        residuals_chart(left, points.X_p[:, 2], residual, limit if view.weighting == METHOD else None)
+        residuals_chart(left, points.X_p[:, 2], residual, limit)
         ellipse_chart(right, alone(*feature_rows(camera, matches, R)), weight, t, C, t_ref, name)
-        words = f"frame {frame}: blue: weight of ½ or more; orange: less; grey: beyond the depth limit"
-        image = stereo(sequence, frame)[0]
+        words = f"frame {state.frame}: blue: weight of ½ or more; orange: less; grey: beyond the depth limit"
+        image = stereo(sequence, state.frame)[0]
         picture = features_picture(image, matches.prev_left, matches.cur_left, weight, words)
-        error, step = MILLI * (t - t_ref), float(np.linalg.norm(t_ref))
-        length = float(np.linalg.norm(t)) / step - 1.0 if step > 0 else np.nan
+
+        error = MILLI * (t - t_ref)
+        step = float(np.linalg.norm(t_ref))
+        longer = float(np.linalg.norm(t)) / step - 1.0 if step > 0 else np.nan
         slip = abs(float(error[0]) / MILLI / np.radians(view.turn)) if view.turn else np.nan
-        sentence = f"t_cp = ({t[0]:.3f}, {t[1]:.3f}, {t[2]:.3f}) m, compared with {name}. "
-        sentence += f"The length of the step differs by {round(length, 3) + 0.0:+.1%} from {step:.2f} m."
-        sentence += ABOUT.get(name, "")
+        sentence = (
+            f"t_cp = ({t[0]:.3f}, {t[1]:.3f}, {t[2]:.3f}) m, compared with {name}. "
+            f"The length of the step differs by {round(longer, 3) + 0.0:+.1%} from {step:.2f} m."
+            f"{ABOUT.get(name, '')}"
+        )
         what = "difference" if name == ESTIMATE else "error"
         facts = (
             Fact(what, float(np.linalg.norm(error)), "mm", 1),
@@ -153,7 +169,7 @@ class TranslationPanel(Panel):
             Fact(f"{what} in z", float(error[2]), "mm", 1),
             Fact("σ in x", MILLI * float(np.sqrt(C[0, 0])), "mm", 1),
             Fact("σ in z", MILLI * float(np.sqrt(C[2, 2])), "mm", 1),
-            Fact("features used", int(used.sum())),
+            Fact("features used", int(np.count_nonzero(np.isfinite(residual)))),
             Fact(f"{what} in x / rotation error", slip, "m", 1),
             Fact("depth limit", config.max_depth, "m"),
             Fact("rotation error", view.turn, "°", 2),

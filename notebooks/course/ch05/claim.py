@@ -19,7 +19,7 @@ from vo_lib.geometry.types import Array
 from vo_lib.report.page import ReportTable
 
 from ..colours import BAD, DARK, GOOD, PALE, THIRD
-from ..drawing import figure, finish, room
+from ..drawing import figure, finish, room, round_limits
 from ..frames import true_poses
 
 RESULTS = Path(__file__).parents[2] / "results.md"  # written by `vo data measure_results`
@@ -101,6 +101,7 @@ def claim_figure(
         if frame is not None:
             axis.axvline(frames[frame - 1], ymax=0.7, color=PALE, linewidth=1)
     reach = max(float(np.abs(places[:, 0, 3]).max()) for places in runs.values())
+    round_limits(path.yaxis)
     path.set_xlim(-room(1.2 * reach, least=0.5), room(1.2 * reach, least=0.5))
     finish(turns, "rotation error of each step [deg]", "frame", "", "upper left")
     finish(lengths, "translation error of each step [mm]", "frame")

@@ -16,7 +16,7 @@ from vo_lib.geometry.types import Array, BoolArray, Image
 from vo_lib.report.plots import match_image
 
 from ..colours import BAD, GOOD, bgr
-from ..drawing import PHOTO_HEIGHT, WIDTH, caption, figure, finish, photo
+from ..drawing import PHOTO_HEIGHT, WIDTH, caption, figure, finish, photo, write
 
 MOST_DRAWN = 400  # candidates; more would hide the picture
 LEAST_LABELLED = 44  # pixels of a box, for its score above it
@@ -39,7 +39,9 @@ def score_picture(image: Image, output: NetworkOutput) -> Image:
     return np.concatenate(parts, axis=1)
 
 
-def candidates_picture(image: Image, output: NetworkOutput, score: float, kept: Array, words: str) -> Image:
+def candidates_picture(
+    image: Image, output: NetworkOutput, score: float, kept: Array, words: str, height: int = PHOTO_HEIGHT
+) -> Image:
     """The network's image with orange candidates above a score, and with the kept boxes (K, 4) in blue."""
     picture = photo(letterboxed(image, output.letterbox), output.letterbox.width)
     best = output.scores.max(axis=1)
@@ -48,7 +50,7 @@ def candidates_picture(image: Image, output: NetworkOutput, score: float, kept: 
     for boxes, colour, thick in ((output.corners[passed], BAD, 1), (kept, GOOD, 2)):
         for x0, y0, x1, y1 in np.rint(np.clip(boxes, -9, 9999)).astype(int).tolist():
             cv2.rectangle(picture, (x0, y0), (x1, y1), bgr(colour), thick, cv2.LINE_AA)
-    return caption(photo(picture, WIDTH, PHOTO_HEIGHT), words)
+    return caption(photo(picture, WIDTH, height), words)
 
 
 def filter_picture(
@@ -60,10 +62,10 @@ def filter_picture(
     words: str,
 ) -> Image:
     """The image with kept matches in blue, removed matches in orange, and the vehicle boxes."""
-    # Words above small boxes would cover each other.
-    wide = np.ptp(boxes.xyxy[:, ::2], axis=1) >= LEAST_LABELLED
-    scores = [f"{score:.2f}" if each else "" for score, each in zip(boxes.score, wide, strict=True)]
-    drawn = match_image(image, matches, keep, boxes, state, scores)
+    drawn = match_image(image, matches, keep, boxes, state)
+    for (x0, y0, x1, _), score in zip(np.rint(boxes.xyxy).astype(int).tolist(), boxes.score, strict=True):
+        if x1 - x0 >= LEAST_LABELLED:  # words above small boxes would cover each other
+            write(drawn, f"{score:.2f}", max(x0, 0), max(y0 - 4, 16), 0.55)
     return caption(photo(drawn, WIDTH, PHOTO_HEIGHT), words)
 
 

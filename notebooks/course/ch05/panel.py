@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from vo_lib.config import change, preset
 from vo_lib.data.sequence import Sequence
 from vo_lib.data.truth import matches_on_moving
+from vo_lib.detection.class_names import COCO, coco_number
 from vo_lib.detection.label_folders import with_label_numbers
 from vo_lib.detection.model_files import model_files
 from vo_lib.detection.models import find_model
@@ -29,13 +29,14 @@ from vo_lib.runs.drive import make_odometry
 from vo_lib.settings import Checked, setting
 
 from ..drawing import PHOTO_HEIGHT, WIDTH, caption, photo
-from ..frames import Memory, frame_matches, key_of, stereo, true_motion, truth
+from ..frames import frame_matches, key_of, stereo, true_motion, truth
+from ..memory import Memory
 from ..panel import Control, Drawing, Fact, Panel, State
 from ..simulation.lorry import LorryConfig, with_lorry
 from .figures import candidates_picture, filter_picture
 
 LABELS = "labels"  # in place of a model: the boxes of the sequence's own folder
-RULES = {"published": ("none", "all"), "kit": ("none", "all", "moving", "truth")}
+NETWORK_HEIGHT = 252  # of the picture of the candidates
 LEAST_SCORE = 0.01  # of a box on the curve of precision and recall
 
 
@@ -119,7 +120,8 @@ def precision_recall(sequence: Sequence, frames: range, detector: YoloDetector) 
     A box is correct if its IoU with a labelled box is at least 0.5. If several boxes match the same label,
     only the box with the best score is correct.
     """
-    pairs, labelled = [], 0
+    pairs = []
+    labelled = 0
     for frame in frames:
         output = frame_candidates(sequence, frame, detector)
         boxes = detector.select_boxes(output, LEAST_SCORE, DetectorConfig().nms)
@@ -130,8 +132,8 @@ def precision_recall(sequence: Sequence, frames: range, detector: YoloDetector) 
             pairs.append((score, right))
             if right:
                 shared[:, row.argmax()] = 0.0  # each labelled box once
-    scores, hits = np.array(sorted(pairs, reverse=True)).reshape(-1, 2).T
-    hits = np.cumsum(hits)
+    scores, right_ones = np.array(sorted(pairs, reverse=True)).reshape(-1, 2).T
+    hits = np.cumsum(right_ones)
     return scores, hits / np.arange(1, len(hits) + 1), hits / max(labelled, 1)
 
 
@@ -142,43 +144,46 @@ class FilteringPanel(Panel):
     view = FilteringView
     start = preset("feature_selection")
     kit = preset("feature_selection", variant="kit")
-    height = 2 * PHOTO_HEIGHT
+    height = PHOTO_HEIGHT + NETWORK_HEIGHT
     controls = (
         Control("view.model", "model"),
         Control("filter.score", "score", low=0.01, high=0.99, step=0.01),
         Control("view.nms", "suppression, IoU", step=0.05),
         Control("filter.margin", step=0.05),
-        Control("filter.classes"),
+        Control("filter.classes", names=COCO, number_of=coco_number),
         Control("filter.rule", "rule"),
     )
 
-    def redraw(self, _: Any = None) -> None:
-        """Offer the rules of the variant, and draw the current state."""
-        rule, rules = self.knobs["filter.rule"].widget, RULES[self.variant.value]
-        if rule.options != rules:
-            quiet, self._quiet, kept = self._quiet, True, rule.value
-            rule.options, rule.value = rules, kept if kept in rules else "all"
-            self._quiet = quiet
-        super().redraw()
-
     def idle(self, state: State) -> set[str]:
-        labels = {"filter.score", "view.nms"} if state.view.model.strip() == LABELS else set()
-        return labels | ({"filter.margin", "filter.classes"} if state.config.filter.rule == "none" else set())
+        without = set()
+        if state.view.model.strip() == LABELS:
+            without |= {"filter.score", "view.nms"}
+        if state.config.filter.rule == "none":
+            without |= {"filter.margin", "filter.classes"}
+        return without
 
     def draw(self, state: State) -> Drawing:
-        sequence, frame, rule = state.sequence, state.frame, state.config.filter
+        sequence = state.sequence
+        frame = state.frame
+        rule = state.config.filter
         matches = frame_matches(sequence, frame, state.config)
         result, boxes = filtered_frame(sequence, frame, state.config, state.view)
-        removed = int(np.sum(~result.kept))
         words = f"frame {frame}, rule {rule.rule}: kept features blue, removed features orange"
         picture = filter_picture(
             stereo(sequence, frame)[0], matches, result.kept, result.boxes, result.state, words
         )
+
         T_true = true_motion(sequence, frame)
         every = motion_from(sequence, frame, np.ones(len(matches), np.bool_), state.config).T_cp
         kept = motion_from(sequence, frame, result.kept, state.config).T_cp
-        sentence = f"The rule removes {removed} of {len(matches)} features"
-        sentence += "." if T_true is not None else "; the sequence has no ground truth."
+        removed = int(np.count_nonzero(~result.kept))
+        sentence = f"The rule removes {removed} of {len(matches)} features."
+        if T_true is None:
+            sentence += " The sequence has no ground truth."
+        if state.view.model.strip() == LABELS and sequence.labels is None:
+            sentence += (
+                " The sequence has no label folder, so there are no boxes: type `street` under *model*."
+            )
         if result.state is not None and removed:
             sentence += " Orange in a parked box (dashed): features that do not agree with the background."
         if state.view.model.strip() == "street" and truth(sequence) is None:
@@ -193,22 +198,23 @@ class FilteringPanel(Panel):
         ]
         if truth(sequence) is not None:
             moving = matches_on_moving(sequence, frame, matches)
-            facts.append(Fact("on moving things, kept", int(np.sum(moving & result.kept))))
-            facts.append(Fact("on standing things, removed", int(np.sum(~moving & ~result.kept))))
+            facts.append(Fact("on moving things, kept", int(np.count_nonzero(moving & result.kept))))
+            facts.append(Fact("on standing things, removed", int(np.count_nonzero(~moving & ~result.kept))))
         return Drawing([picture, self._network(state, boxes)], sentence, tuple(facts))
 
     def _network(self, state: State, boxes: Boxes) -> Image:
         """The picture of the candidates; for boxes from labels, the image alone."""
-        image, score = stereo(state.sequence, state.frame)[0], state.config.filter.score
+        image = stereo(state.sequence, state.frame)[0]
         if state.view.model.strip() == LABELS:
-            plain = photo(image, WIDTH, PHOTO_HEIGHT)
-            return caption(plain, f"{len(boxes)} boxes of the label folder, no network")
+            source = "no label folder" if state.sequence.labels is None else "boxes of the label folder"
+            return caption(photo(image, WIDTH, NETWORK_HEIGHT), f"{len(boxes)} boxes: {source}, no network")
         output = frame_candidates(state.sequence, state.frame, detector_of(state.view.model))
         letterbox = output.letterbox
+        score = state.config.filter.score
         corners = letterbox.to_network(boxes.xyxy)
         count = int(np.count_nonzero(output.scores.max(axis=1) >= score))
         words = f"network's image: {count} candidates orange, {len(boxes)} final boxes blue"
-        return candidates_picture(image, output, score, corners, words)
+        return candidates_picture(image, output, score, corners, words, NETWORK_HEIGHT)
 
 
 class LorryPanel(Panel):
@@ -224,34 +230,46 @@ class LorryPanel(Panel):
     )
 
     def draw(self, state: State) -> Drawing:
-        sequence, frame, config = state.sequence, state.frame, state.config
-        frames = [empty_matches(), frame_matches(sequence, frame, config)]
-        (_, box_p), (matches, box_c) = with_lorry(sequence.camera, frames, state.view)
-        T_true, errors, fits = true_motion(sequence, frame), [], np.zeros(len(matches), np.bool_)
+        sequence = state.sequence
+        frame = state.frame
+        config = state.config
+        given = [empty_matches(), frame_matches(sequence, frame, config)]
+        (_, box_p), (matches, box_c) = with_lorry(sequence.camera, given, state.view)
+        lorry = matches.id < 0
+        T_true = true_motion(sequence, frame)
+        errors = []
         for method in ("feature_selection", "solution_selection"):
             odometry = make_odometry(sequence.camera, preset(method, variant=config.variant))
             odometry.start(box_p)
             errors.append(_apart(odometry.step(matches, box_c).motion.T_cp, T_true) / 10)
-        if odometry.e_prev is not None:  # the winner of all features
+        fits = np.zeros(len(matches), np.bool_)
+        if odometry.e_prev is not None:  # of the last one: the winner of all features
             E = odometry.e_prev.reshape(3, 3)
             fits = sampson_inliers(E, *odometry.points(matches), odometry.threshold)
-        image, lorry = stereo(sequence, frame)[0].copy(), matches.id < 0
+
+        image = stereo(sequence, frame)[0].copy()
         for x0, y0, x1, y1 in np.rint(box_c.xyxy).astype(int).tolist():
             image[y0:y1, x0:x1] = image[y0:y1, x0:x1] // 4 + 96
         words = f"frame {frame}: the winner's inliers blue, other features orange, the lorry grey"
         picture = filter_picture(image, matches, fits, box_c, None, words)
-        used = select_by_bucket(matches.cur_left, matches.age, matches.strength, config.buckets)
+
         sentence = (
-            f"The winner of all features fits {np.sum(fits & ~lorry)} of {np.sum(~lorry)} matches on the street "
-            f"and {np.sum(fits & lorry)} of {np.sum(lorry)} on the lorry."
+            f"The winner of all features fits {np.count_nonzero(fits & ~lorry)} of {np.count_nonzero(~lorry)} "
+            f"matches on the street and {np.count_nonzero(fits & lorry)} of {np.count_nonzero(lorry)} on the lorry."
         )
+        used = select_by_bucket(matches.cur_left, matches.age, matches.strength, config.buckets)
         facts = (
-            Fact("on the lorry", 100 * int(np.sum(lorry)) / max(len(lorry), 1), "%"),
-            Fact("after the buckets", 100 * int(np.sum(lorry[used])) / max(len(used), 1), "%"),
+            Fact("on the lorry", _percent(lorry), "%"),
+            Fact("after the buckets", _percent(lorry[used]), "%"),
             Fact("error, all features", errors[1], "cm", 2),
             Fact("error, box removed", errors[0], "cm", 2),
         )
         return Drawing([picture], sentence, facts)
+
+
+def _percent(mask: BoolArray) -> float:
+    """Share of a mask that is true, %; 0 for an empty mask."""
+    return 100 * int(np.count_nonzero(mask)) / max(len(mask), 1)
 
 
 def _apart(T: Array, T_other: Array | None) -> float:

@@ -14,7 +14,7 @@ from vo_lib.evaluation.kitti_errors import KittiErrors, kitti_errors, trajectory
 from vo_lib.geometry.types import Array
 
 from ..colours import BAD, CYCLE, DARK, FIFTH, GOOD, PALE, THIRD
-from ..drawing import FONT_SIZE, figure, finish, room, say
+from ..drawing import SMALL_SIZE, figure, finish, room, round_limits, say
 
 
 def paths_chart(
@@ -31,6 +31,7 @@ def paths_chart(
         axis.plot(*poses[:, [0, 2], 3].T, color=colour, linewidth=width, alpha=alpha, label=name)
     axis.plot(*truth[0, [0, 2], 3], "o", color=DARK, markersize=5)
     axis.set_aspect("equal", adjustable="datalim")
+    round_limits(axis.xaxis, axis.yaxis)
     finish(axis, title, "x, right [m]", "z, forward [m]")
 
 
@@ -52,6 +53,7 @@ def drift_chart(axis: Axes, truth: Array, estimate: Array, first: int, last: int
         (error[:, 2], THIRD, "ahead"),
     ):
         axis.plot(way, values, color=colour, linewidth=1.5, label=words)
+    round_limits(axis.yaxis)
     title = f"frames {number + first} to {number + last}, starts made equal: error"
     finish(axis, title, "distance along the path [m]", "error [m]")
 
@@ -142,5 +144,5 @@ def distances_figure(errors: Mapping[str, AbsoluteError]) -> Figure:
         axis.plot(each.distance, color=colour, linewidth=1.5, label=words)
     axis.set_ylim(0, 1.3 * max(float(each.distance.max()) for each in errors.values()))
     finish(axis, "distance from the truth", "frame", "distance [m]")
-    axis.legend(loc="upper left", fontsize=FONT_SIZE - 1, frameon=False, ncols=len(errors))
+    axis.legend(loc="upper left", fontsize=SMALL_SIZE, frameon=False, ncols=len(errors))
     return made

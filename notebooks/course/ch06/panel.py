@@ -25,7 +25,8 @@ from ..perturbed_path import perturbed_path
 from .figures import drift_chart, length_chart, paths_chart
 
 MADE_UP = "made-up errors"
-PATH_HEIGHT, CHART_HEIGHT = 330, 220
+PATH_HEIGHT = 320
+CHART_HEIGHT = 220
 
 
 @dataclass(frozen=True)
@@ -94,46 +95,56 @@ class EvaluationPanel(Panel):
 
     def _estimate(self, state: State, truth: Array) -> Array | None:
         view = state.view
-        if path := view.file.strip():
+        path = view.file.strip()
+        if path:
             poses = _poses_of_frames(Path(path), state.sequence.times)
             check_pair(truth, poses, f"{path}: ")
             return poses
         if view.estimate == MADE_UP:
             return perturbed_path(truth, view.scale, view.yaw, view.noise, view.jitter)
         config = preset(view.estimate)
-        return poses_of(state.sequence, config) if has_run(state.sequence, config) else None
+        if not has_run(state.sequence, config):
+            return None
+        return poses_of(state.sequence, config)
 
     def _judged(self, state: State, truth: Array, estimate: Array) -> Drawing:
-        view, frame = state.view, state.frame
+        """Charts and numbers for an estimate."""
+        view = state.view
+        sequence = state.sequence
+        alignment = Alignment(view.alignment)
         lengths = view.lengths or suitable_protocol(truth).lengths
         errors = kitti_errors(truth, estimate, lengths, view.step)
-        part = longest_from(truth, estimate, lengths, frame)
-        aligned, scale = align(truth, estimate, Alignment(view.alignment))
-        distance = absolute_error(truth, estimate, Alignment(view.alignment)).distance
-        steps = relative_error(truth, estimate).translation
-        ate, rpe = np.array([rmse(distance), rmse(steps)], float).tolist()  # None becomes NaN
-        shown = (int(part.first[0]), int(part.last[0])) if len(part) else None
+        part = longest_from(truth, estimate, lengths, state.frame)
+        aligned, scale = align(truth, estimate, alignment)
+        ate = rmse(absolute_error(truth, estimate, alignment).distance)
+        rpe = rmse(relative_error(truth, estimate).translation)
+
         paths, (whole, piece) = figure(PATH_HEIGHT, 2)
-        paths_chart(whole, truth, aligned, f"{state.sequence.name}, alignment {view.alignment}", shown)
-        if shown is None:
-            say(piece, f"the path after frame {frame} is too short")
+        title = f"{sequence.name}, alignment {view.alignment}"
+        if len(part):
+            first = int(part.first[0])
+            last = int(part.last[0])
+            paths_chart(whole, truth, aligned, title, (first, last))
+            drift_chart(piece, truth, estimate, first, last)
         else:
-            drift_chart(piece, truth, estimate, *shown)
-        others = {
-            name: kitti_errors(truth, poses_of(state.sequence, preset(name)), lengths, view.step)
-            for name in PUBLISHED
-            if name != view.estimate and has_run(state.sequence, preset(name))
-        }
-        by_length, axes = figure(CHART_HEIGHT, 2)
-        for axis, rotation in zip(axes, (False, True), strict=True):
-            length_chart(axis, errors, others, rotation)
+            paths_chart(whole, truth, aligned, title)
+            say(piece, f"the path after frame {state.frame} is too short")
+        others = {}
+        for name in PUBLISHED:
+            config = preset(name)
+            if name != view.estimate and has_run(sequence, config):
+                others[name] = kitti_errors(truth, poses_of(sequence, config), lengths, view.step)
+        by_length, (translation, rotation) = figure(CHART_HEIGHT, 2)
+        length_chart(translation, errors, others, rotation=False)
+        length_chart(rotation, errors, others, rotation=True)
+
         (te,), (re,) = te_and_re([errors]).tolist()
         facts = (
             Fact("TE", te, "%", 3),
             Fact("RE", re, "deg/100 m", 3),
             Fact("sub-sequences", len(errors)),
-            Fact("ATE", ate, "m", 3),
-            Fact("RPE", 1e3 * rpe, "mm", 2),
+            Fact("ATE", np.nan if ate is None else ate, "m", 3),
+            Fact("RPE", np.nan if rpe is None else 1e3 * rpe, "mm", 2),
             Fact("scale", scale, "", 4),
         )
         return Drawing([paths, by_length], _sentence(errors, part), facts)
@@ -160,7 +171,8 @@ def longest_from(truth: Array, estimate: Array, lengths: tuple[float, ...], firs
 def _sentence(errors: KittiErrors, part: KittiErrors) -> str:
     if len(part) == 0:
         return "No sub-sequence of these lengths starts here: choose an earlier frame, or shorter lengths."
-    ((te,), (re,)), length = te_and_re([part]), part.length[0]
+    (te,), (re,) = te_and_re([part])
+    length = part.length[0]
     return (
         f"From frame {part.first[0]} to {part.last[0]}, {length:g} m: the error at the end is "
         f"{te * length / 100:.2f} m ({te:.2f} %) and {re * length / 100:.2f}° ({re:.2f} deg/100 m). "

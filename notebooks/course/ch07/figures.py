@@ -27,7 +27,7 @@ from vo_lib.report.table1_page import layout_tables
 from ..ch05.claim import CHOICES, THRESHOLD_AND_BOXES
 from ..ch05.claim import results_table as results_table
 from ..colours import CYCLE, DARK, PALE
-from ..drawing import FONT_SIZE, figure, finish, log_axis, say
+from ..drawing import SMALL_SIZE, figure, finish, log_axis, say
 
 PATHS_HEIGHT = 340
 FEWEST = 3  # seeds that a verdict needs
@@ -165,5 +165,5 @@ def choices_figure(ratios: Mapping[str, Mapping[str, Mapping[str, float]]]) -> F
     values = [value for _, cells in lines for value in cells.values()]
     log_axis(axis.xaxis, 0.9 * min(values), 1.1 * max(values), (1.0, 2.0, 3.0, 5.0, 7.0))
     finish(axis, "translation error with another choice", "TE with this choice / TE as published")
-    axis.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=FONT_SIZE - 1, frameon=False)
+    axis.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=SMALL_SIZE, frameon=False)
     return made

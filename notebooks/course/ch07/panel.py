@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import Any
 
 from vo_lib.config import VARIANTS, change, preset
@@ -16,7 +16,7 @@ from vo_lib.kit.settings import KitConfig
 from vo_lib.report.table1 import group_entries, te_and_re
 from vo_lib.report.table1_page import VARIANT_WORDS, results
 from vo_lib.runs.match_cache import CachedMatches
-from vo_lib.settings import Checked, setting
+from vo_lib.settings import Checked, declared, setting
 
 from ..ch05.claim import claim_figure
 from ..ch05.panel import LABELS
@@ -25,7 +25,8 @@ from ..panel import Control, Drawing, Fact, Panel, State
 from .figures import PATHS_HEIGHT, paths_figure, table_html, tables_of
 from .runs import Plan, part_of, poses_of, run_plan
 
-FRAMES, METHOD = 30, "feature_selection"
+FRAMES = 30
+METHOD = "feature_selection"
 
 
 class ExplorePanel(Panel):
@@ -47,24 +48,37 @@ class ExplorePanel(Panel):
         Control("seed", high=9),
     )
 
-    def changed(self) -> dict[str, Any]:
+    def changed(self, state: State) -> dict[str, Any]:
         """Settings that differ from the panel's start values and have an effect, by dotted name."""
-        active = {name: knob.value for name, knob in self.knobs.items() if not knob.shown.disabled}
-        differ = {name for name, value in active.items() if _shown(value) != _shown(self._first[name])}
-        return {name: value for name, value in active.items() if name in differ - {"seed"}}
+        settings = {item.name for item in declared(type(state.config))}
+        changed = {}
+        for control in self.controls:
+            name = control.name
+            if name == "seed" or name not in settings or name in self.idle(state):
+                continue
+            value = attrgetter(name)(state.config)
+            if _shown(value) != _shown(self.first[name]):
+                changed[name] = value
+        return changed
 
     def idle(self, state: State) -> set[str]:
         literal = isinstance(state.config, KitConfig) and state.config.selection.mode == "literal"
         return {"selection.refine_scale"} if literal else set()
 
     def draw(self, state: State) -> Drawing:
-        variant, sequence = state.config.variant, state.sequence
-        truth, changed = true_poses(sequence), self.changed()
+        sequence = state.sequence
+        truth = true_poses(sequence)
+        variant = state.config.variant
         base = preset(METHOD, variant=variant, seed=state.config.seed)
-        config = functools.reduce(lambda config, name: change(config, name, changed[name]), changed, base)
+        changed = self.changed(state)
+        config = base
+        for name, value in changed.items():
+            config = change(config, name, value)
         paths = {"preset": poses_of(sequence, base), "with these settings": poses_of(sequence, config)}
-        measure = SHORT_PROTOCOL.lengths, SHORT_PROTOCOL.step
-        errors = (kitti_errors(truth, poses, *measure) for poses in paths.values())
+        errors = [
+            kitti_errors(truth, poses, SHORT_PROTOCOL.lengths, SHORT_PROTOCOL.step)
+            for poses in paths.values()
+        ]
         (te_preset, te), (re_preset, re) = te_and_re(errors).tolist()
         facts = (
             Fact("TE", te, "%", 4),
@@ -82,17 +96,15 @@ class ExplorePanel(Panel):
         picture = claim_figure(sequence, paths, self.height, min(state.frame, len(sequence) - 1))
         return Drawing([picture], sentence, facts)
 
-    def _open(self, name: str) -> None:
-        """Open the first frames of a sequence with their matches, as a job: the first call takes seconds."""
+    def is_ready(self, name: str) -> bool:
+        return False
 
-        def prepare(report: Progress) -> Sequence:
-            sequence = part_of(opened(name, report), FRAMES)
-            for done, _ in enumerate(CachedMatches(sequence, self.start), start=1):
-                report(done, len(sequence))
-            return sequence
-
-        self._clear()
-        self.job.start(f"matching {FRAMES} frames of {name}", prepare, self._use, self._not_opened)
+    def prepare(self, name: str, progress: Progress) -> Sequence:
+        """The first frames of a sequence with their matches: the first call takes seconds."""
+        sequence = part_of(opened(name, progress), FRAMES)
+        for done, _ in enumerate(CachedMatches(sequence, self.start), start=1):
+            progress(done, len(sequence))
+        return sequence
 
 
 def _shown(value: Any) -> str:
@@ -128,7 +140,8 @@ class ReproducePanel(Panel):
 
     def draw(self, state: State) -> Drawing:
         plan = _plan(state)
-        sequence, truth = plan.sequence, true_poses(plan.sequence)
+        sequence = plan.sequence
+        truth = true_poses(sequence)
         frame = min(state.frame, len(sequence) - 1)
         title = f"{sequence.name}, frames {sequence.frames[0]} to {sequence.frames[-1]}"
         if not plan.is_run:
@@ -141,7 +154,7 @@ class ReproducePanel(Panel):
             return Drawing([picture], "Press Run.", (Fact("runs", runs),))
         entries = run_plan(plan)
         paths = paths_figure(title, truth, {entry.method: entry.poses for entry in entries}, frame)
-        tables = "".join(map(table_html, tables_of(entries)))
+        tables = "".join(table_html(table) for table in tables_of(entries))
         sentence = " ".join(results(group_entries(entries)))
         if not any(entry.labels for entry in entries):
             sentence = "No boxes: feature_selection equals solution_selection. Name a detector under `boxes`."
@@ -155,8 +168,10 @@ class ReproducePanel(Panel):
 
 
 def _plan(state: State) -> Plan:
-    view, variant = state.view, state.config.variant
-    methods = tuple(dict.fromkeys(name.strip() for name in view.methods)) or tuple(VARIANTS[variant])
+    view = state.view
+    variant = state.config.variant
+    typed = dict.fromkeys(name.strip() for name in view.methods)  # each once, in this order
+    methods = tuple(typed) or tuple(VARIANTS[variant])
     for name in methods:
         preset(name, variant=variant)
     true_poses(state.sequence)  # or say that there are none

@@ -17,7 +17,8 @@ from vo_lib.report.table1 import Entry, measure_runs
 from vo_lib.runs.drive import run_methods
 from vo_lib.runs.match_cache import CachedMatches
 
-from ..frames import Memory, opened
+from ..frames import opened
+from ..memory import Memory
 
 STREET, STREET_FRAMES = "synthetic/traffic", 130  # enough frames for a path of 100 m
 WHOLE = "kitti/04"  # the shortest sequence of Table 1, 271 frames

@@ -20,7 +20,8 @@ from ..perturbed_path import perturbed_path
 from .block_drive import ate, made_up_loops, second_visits
 from .figures import AFTER, BEFORE, draw_edges, draw_path, weight_chart
 
-PHOTO_HEIGHT, CHART_HEIGHT = 150, 380
+PHOTO_HEIGHT = 150
+CHART_HEIGHT = 380
 EQUAL_WEIGHTS = 1e6  # scale, standard deviations, at which all weights are 1
 
 
@@ -56,40 +57,53 @@ class LoopPanel(Panel):
         return set() if state.view.robust else {"view.scale"}
 
     def draw(self, state: State) -> Drawing:
-        image = stereo(state.sequence, state.frame)[0]
-        truth, view = from_first(true_poses(state.sequence)), state.view
+        view = state.view
+        truth = from_first(true_poses(state.sequence))
         config = LoopConfig(frame_turn=0.1, scale=view.scale if view.robust else EQUAL_WEIGHTS)
         before = perturbed_path(truth, 0.0, view.yaw, 5.0, 0.0)
         frames = place_frames(len(truth), config)
         pairs = second_visits(truth, frames, config.gap)
         loops = made_up_loops(truth, pairs, config, view.false, view.draw)
-        false = len(loops) - len(pairs)
-        closing = close_path(before, loops, config)
-        after, weight = (closing.poses, closing.weight) if view.closed else (before, np.ones(len(loops)))
-        edges = graph_edges(before[frames], frames, loops, config)
-        residual = np.linalg.norm(linearised(after[frames], edges)[0], axis=1)[edges.is_loop]
         is_false = np.arange(len(loops)) >= len(pairs)
-        chart, (left, right) = figure(CHART_HEIGHT, 2)
+        after = before
+        weight = np.ones(len(loops))
         paths = {"truth": (truth, DARK), "before": (before, BEFORE)}
-        draw_path(left, paths | ({"closed": (after, AFTER)} if view.closed else {}))
+        if view.closed:
+            closing = close_path(before, loops, config)
+            after = closing.poses
+            weight = closing.weight
+            paths["closed"] = after, AFTER
+        edges = graph_edges(before[frames], frames, loops, config)
+        residuals, *_ = linearised(after[frames], edges)
+        residual = np.linalg.norm(residuals, axis=1)[edges.is_loop]
+
+        chart, (left, right) = figure(CHART_HEIGHT, 2)
+        draw_path(left, paths)
         draw_edges(left, before, loops.first, loops.second, weight)
         left.plot(*before[state.frame, [0, 2], 3], "o", color=BEFORE)
         weight_chart(right, residual, is_false, config.scale)
-        partner = loops.first[np.abs(loops.second - state.frame).argmin()] if len(pairs) else 0
-        visit = "the first visit of the nearest loop" if len(pairs) else "as no place is visited twice"
-        words = f"frame {state.frame}", f"frame {partner}, {visit}"
-        pictures = beside(image, stereo(state.sequence, int(partner))[0], *words)
-        errors = ate(truth, before), ate(truth, after)
-        end = f", {errors[1]:.2f} m closed." if view.closed else "; the loops are not closed."
-        sentence = f"True loops: {len(pairs)}, false loops: {false}. ATE {errors[0]:.2f} m before{end}"
-        least = float(weight[~is_false].min(initial=1.0))
+
+        partner = 0
+        visit = "as no place is visited twice"
+        if len(pairs):
+            partner = int(loops.first[np.abs(loops.second - state.frame).argmin()])
+            visit = "the first visit of the nearest loop"
+        here = stereo(state.sequence, state.frame)[0]
+        there = stereo(state.sequence, partner)[0]
+        photos = beside(here, there, f"frame {state.frame}", f"frame {partner}, {visit}")
+
+        ate_before = ate(truth, before)
+        ate_after = ate(truth, after)
+        false = len(loops) - len(pairs)
+        sentence = f"True loops: {len(pairs)}, false loops: {false}. ATE {ate_before:.2f} m before"
+        sentence += f", {ate_after:.2f} m closed." if view.closed else "; the loops are not closed."
         facts = (
-            Fact("ATE before", errors[0], "m", 2),
-            Fact("ATE after", errors[1], "m", 2),
+            Fact("ATE before", ate_before, "m", 2),
+            Fact("ATE after", ate_after, "m", 2),
             Fact("true loops", len(pairs)),
             Fact("false loops", false),
-            Fact("smallest weight, true", least, "", 3),
+            Fact("smallest weight, true", float(weight[~is_false].min(initial=1.0)), "", 3),
             Fact("largest weight, false", float(weight[is_false].max(initial=0.0)), "", 3),
             Fact("robust", int(view.robust)),
         )
-        return Drawing([pictures, chart], sentence, facts)
+        return Drawing([photos, chart], sentence, facts)
