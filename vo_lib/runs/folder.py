@@ -137,8 +137,8 @@ def warnings_of(result: Run) -> list[str]:
     if contradicted > MAX_CONTRADICTED_SHARE * len(result.motions):
         warnings.append(
             f"stereo contradicts the motion of {contradicted} of {len(result.motions)} frames, so the path "
-            "is probably wrong: a wall or a repeated pattern fits several motions, and a wrong calibration fits "
-            f"none; these frames are marked {Flag.CONTRADICTS_STEREO} in {LOG}"
+            "is probably wrong: a wall or a repeated pattern fits several motions, a wrong calibration none; "
+            f"the frames are marked {Flag.CONTRADICTS_STEREO} in {LOG}"
         )
     return warnings
 
