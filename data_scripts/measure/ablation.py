@@ -24,7 +24,7 @@ RESULTS = ("te", "re", "end", "length", "lost")
 COLUMNS = (*KEY, *(f"{name}{end}" for name in RESULTS for end in ("", "_sd")), "ms")
 # An idea is needed if, without it, one of these errors grows by this share and by `SPREADS` deviations.
 DECISIVE, NEEDED_SHARE = ("te", "re", "end"), 0.01
-UNITS = {"te": "TE", "re": "RE", "end": "the end point", "length": "the length", "lost": "frames"}
+WORDS = {"te": "TE", "re": "RE", "end": "end"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,11 +99,15 @@ IDEAS = (
     Idea("drift of the calibration", {"calibration.drift": 0.0}),
     Idea("inflated noise", {"calibration.noise_inflation": 1.0}),
     _calibration("shrinking", "shrinking", taught="the appendix"),
-    Idea("vehicle check", {"vehicle.check": False}),
     Idea("boxes: rule `all` (turned off: `none`)", {"filter.rule": "none"}, taught="chapter 5"),
     Idea("boxes: rule `moving` (turned off: `all`)", {"filter.rule": "all"}, MOVING, "chapter 5"),
     Idea("boxes: removal of disagreeing features", {"filter.moving.agreement": 1000.0}, MOVING),
-    Idea("boxes: mean of the moving features", {"filter.moving.without": ("moving-mean",)}, MOVING),
+    Idea(
+        "boxes: mean of the moving features",
+        {"filter.moving.without": ("moving-mean",)},
+        MOVING,
+        "chapter 5, exercise 5.6",
+    ),
 )
 
 
@@ -213,10 +217,12 @@ class Ablation:
                 grown += [(sequence, name, share) for name, share in shares.items()]
         return sorted(grown, key=lambda each: -each[2])
 
-    def seeds_text(self, sequences: Sequence[str]) -> str:
-        """The number of seeds of some drives as text."""
-        counts = sorted({row.seeds for row in self.rows if row.sequence in sequences and not row.idea})
-        return " or ".join(map(str, counts))
+    @property
+    def seeds_text(self) -> str:
+        """The numbers of seeds as text."""
+        counts = sorted({row.seeds for row in self.rows if row.idea not in self.removed})
+        text = f"{' or '.join(map(str, counts))} seeds"
+        return text if len(counts) == 1 else f"{text} (column `seeds` of ablation.csv)"
 
 
 def tables(ablation: Ablation) -> list[ReportTable]:
@@ -248,22 +254,21 @@ def _worth_table(ablation: Ablation) -> ReportTable:
         worst = NO_NUMBER
         if grown:
             sequence, name, share = grown[0]
-            worst = f"{UNITS[name]} of {sequence}: +{100 * share:.0f} %"
+            worst = f"{sequence}, {WORDS[name]} {_growth(share)}"
         taught = next((each.taught for each in IDEAS if each.name == idea), "")
         drives = len({sequence for sequence, _, _ in grown})
         ms = f"{np.mean(times):+.1f}" if times else NO_NUMBER
         rows.append([idea, ms, str(drives), worst, taught or NO_NUMBER])
-    seeds = ablation.seeds_text(ablation.sequences)
     head = (
         "In each row of these tables, one idea is turned off in the complete kit; a positive change is an "
-        f"increase. The cells are means, or means ± standard deviations, over {seeds} seeds. The errors are "
-        "over sub-sequences of 20, 50 and 100 m that start at every frame. Drawn scenes have 100 frames; TE "
-        "and the end of drive_0013 are computed with the pitch and yaw that minimise TE. The method is "
-        "`moving_selection` for ideas of the rule `moving`, and `feature_selection` for all other ideas. The "
-        "column `ms` has the change of the processor time per frame. The column `drives` counts the drives, "
-        f"out of {len(ablation.sequences)} clean and disturbed ones, on which TE, RE or the end point gets "
-        f"worse by more than {100 * NEEDED_SHARE:.0f} % and two standard deviations, so that one run "
-        "would show it; the next column has the largest of these changes. A dash is a change that was not "
+        f"increase. The cells are means, or means ± standard deviations, over {ablation.seeds_text}. The "
+        "errors are over sub-sequences of 20, 50 and 100 m that start at every frame. Drawn scenes have 100 "
+        "frames; TE and the end of drive_0013 are computed with the pitch and yaw that minimise TE. The "
+        "method is `moving_selection` for ideas of the rule `moving`, and `feature_selection` for all other "
+        "ideas. The column `ms` has the change of the processor time per frame. The column `drives` counts "
+        f"the drives, out of {len(ablation.sequences)} clean and disturbed ones, on which TE, RE or the end "
+        f"point gets worse by more than {100 * NEEDED_SHARE:.0f} % and two standard deviations, so that one "
+        "run would show it; the next column has the largest change. A dash is a change that was not "
         "measured, or that does not exist."
     )
     notes = []
@@ -276,6 +281,11 @@ def _worth_table(ablation: Ablation) -> ReportTable:
         notes,
         [head],
     )
+
+
+def _growth(share: float) -> str:
+    """The growth of an error as text: in per cent, or as a factor if the error is a multiple."""
+    return f"+{100 * share:.0f} %" if share < 2.0 else f"× {1.0 + share:.0f}"
 
 
 def _change_text(ablation: Ablation, idea: str, sequence: str, name: str) -> str:
@@ -313,7 +323,7 @@ def _end_table(ablation: Ablation, sequence: str, drives: list[str]) -> ReportTa
         "distance of the last position from the truth with all ideas; the other rows have its change."
     )
     title = f"End of the disturbed drives of {sequence}, m, without an idea of the kit"
-    return ReportTable(title, ["without", "clean", *names], rows, [], [head])
+    return ReportTable(title, ["without", "clean, whole clip", *names], rows, [], [head])
 
 
 def _lost_table(ablation: Ablation, sequence: str, drives: list[str]) -> ReportTable:
@@ -325,7 +335,7 @@ def _lost_table(ablation: Ablation, sequence: str, drives: list[str]) -> ReportT
         found = [ablation.row(idea, drive) for drive in columns]
         if any(row is not None and np.nan_to_num(row.mean["lost"]) != 0.0 for row in found):
             rows.append([idea, *(_signed_cell(row, "lost", 1) for row in found)])
-    short = ["clean", *(drive.partition(": ")[2] for drive in drives)]
+    short = ["clean, whole clip", *(drive.partition(": ")[2] for drive in drives)]
     title = f"Frames without a motion in the disturbed drives of {sequence}"
     notes = ["Ideas without a row do not change these numbers."]
     return ReportTable(title, ["without", *short], rows, notes)

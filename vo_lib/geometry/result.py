@@ -19,14 +19,10 @@ class Flag(StrEnum):
     # Only in variant `kit`:
     FILTER_OFF = "filter_off"  # no features removed, since too few would remain
     PRIOR_DROPPED = "prior_dropped"  # best candidate of the prior clearly worse than the overall best
-    DOUBTFUL_SPEED = "doubtful_speed"  # beyond the limits of a vehicle
-    DOUBTFUL_TURN = "doubtful_turn"
-    DOUBTFUL_TILT = "doubtful_tilt"
 
 
 MAX_MISSING_FRAMES = 10  # largest number of frames in a row without a motion; with more, tracking is lost
 WITHOUT_MOTION = frozenset((Flag.FEW_MATCHES, Flag.NO_MOTION))
-DOUBTFUL = frozenset((Flag.DOUBTFUL_SPEED, Flag.DOUBTFUL_TURN, Flag.DOUBTFUL_TILT))
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,11 +54,6 @@ class FrameResult:
     def measured(self) -> bool:
         """Whether the motion was measured in this frame's images; if not, an earlier motion is repeated."""
         return not WITHOUT_MOTION.intersection(self.flags)
-
-    @property
-    def in_doubt(self) -> bool:
-        """Whether the motion is not measured or exceeds the limits of a vehicle."""
-        return not self.measured or bool(DOUBTFUL.intersection(self.flags))
 
 
 class Clock:

@@ -1,8 +1,8 @@
 """The odometry of variant `kit`, which replaces whole steps of the paper's odometry.
 
-`SelfCalibratingOdometry` has the additions for both estimators: estimation of the calibration errors, box
-rules, and flags for motions beyond a vehicle's limits. `KitOdometry` refines the winner and solves a robust
-translation; `KitViso2` is VISO2 on the same matches.
+`SelfCalibratingOdometry` has the additions for both estimators: estimation of the calibration errors and box
+rules. `KitOdometry` refines the winner and solves a robust translation; `KitViso2` is VISO2 on the same
+matches.
 """
 
 from __future__ import annotations
@@ -29,7 +29,6 @@ from .calibration import Calibration
 from .refined_selection import choose_candidate, motion_of_winner, sample_sets
 from .rig import Rig
 from .settings import KitConfig
-from .vehicle import Vehicle
 from .weighted_translation import papers_translation, robust_translation
 
 # Largest Sampson distance of an inlier of the previous essential matrix, as a multiple of the threshold.
@@ -42,12 +41,11 @@ MIN_INLIER_SHARE = 0.1  # lower bound of the estimated share of matches without 
 
 
 class SelfCalibratingOdometry(Odometry):
-    """Odometry with estimated calibration errors, box rules and vehicle check.
+    """Odometry with estimated calibration errors and box rules.
 
     Parameters
     ----------
     calibration : initial calibration errors; `DataError` for the errors of another camera.
-    times : (N,) times of all frames, seconds; if None, the vehicle check is off.
     on_moving : function for the box rule `truth`.
 
     Attributes
@@ -62,7 +60,6 @@ class SelfCalibratingOdometry(Odometry):
         camera: StereoCamera,
         config: KitConfig,
         calibration: Calibration | None = None,
-        times: Array | None = None,
         on_moving: OnMoving | None = None,
     ):
         super().__init__(camera, config, KitBoxFilter(camera, config.filter, on_moving))
@@ -70,8 +67,7 @@ class SelfCalibratingOdometry(Odometry):
         if calibration is not None:
             calibration.check(camera)
             self.rig.set_estimate(calibration.estimate, calibration.covariance_on_another_drive())
-        self._intervals = None if times is None else np.diff(times)
-        self._vehicle = Vehicle(config.vehicle)
+        self._moving = np.eye(4)  # the last measured motion of a moving camera
 
     @property
     def calibration(self) -> Calibration:
@@ -79,23 +75,24 @@ class SelfCalibratingOdometry(Odometry):
         return Calibration(self.camera, self.rig.estimate, self.rig.covariance)
 
     def step(self, matches: StereoMatches, boxes: Boxes) -> StepResult:
-        """The paper's step on corrected matches, with the vehicle check; then the calibration is learnt.
+        """The paper's step on corrected matches; then the calibration is learnt from the motion.
 
-        A motion that is in doubt changes neither E_prev nor the calibration.
+        A frame without a measured motion repeats the last motion that was not a standstill, since a repeated
+        image looks like a standstill. Such a frame does not change the calibration.
         """
-        e_prev = self.e_prev
         estimate = self.rig.estimate
         covariance = self.rig.covariance
         learns = self.config.calibration.estimate
         if learns:
             self.rig.update_from_rows(matches)
         result = super().step(self.rig.correct(matches), boxes)
-        seconds = 0.0 if self._intervals is None else float(self._intervals[self._frame - 1])
-        motion = self._vehicle.check_vehicle(result.motion, seconds)
-        if motion.in_doubt:
-            self.e_prev = e_prev
+        motion = result.motion
+        if not motion.measured:
+            motion = replace(motion, T_cp=self._moving)
+        elif not motion.still:
+            self._moving = motion.T_cp
         # A still camera sees the same errors again and again: that is no new information on the calibration.
-        if motion.in_doubt or motion.still:
+        if motion.still or not motion.measured:
             self.rig.set_estimate(estimate, covariance)
         elif learns:
             self.rig.update(result.used, motion.T_cp[:3, :3], motion.T_cp[:3, 3])
@@ -229,9 +226,8 @@ def make_kit_odometry(
     camera: StereoCamera,
     config: KitConfig,
     calibration: Calibration | None = None,
-    times: Array | None = None,
     on_moving: OnMoving | None = None,
 ) -> SelfCalibratingOdometry:
     """The odometry of variant `kit` for a configuration; arguments as in `SelfCalibratingOdometry`."""
     kind = KitViso2 if config.estimator == "reprojection" else KitOdometry
-    return kind(camera, config, calibration, times, on_moving)
+    return kind(camera, config, calibration, on_moving)

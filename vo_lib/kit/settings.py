@@ -182,18 +182,6 @@ class CalibrationConfig(Checked):
 
 
 @dataclass(frozen=True)
-class VehicleConfig(Checked):
-    """Limits of a vehicle's motion; KITTI's cars reach half of the limits of turn and tilt rate."""
-
-    check: bool = setting(True, "flag motions that no car makes; off for a hand-held or flying camera")
-    speed_change: float = setting(
-        30.0, "largest acceleration, in any direction", unit="m/s²", low=1, high=1e4
-    )
-    turn_rate: float = setting(90.0, "largest yaw rate", unit="deg/s", low=1, high=1e4)
-    tilt_rate: float = setting(40.0, "largest pitch and roll rate", unit="deg/s", low=1, high=1e4)
-
-
-@dataclass(frozen=True)
 class KitConfig(MethodConfig):
     """Settings that, with the images, determine a run of the variant `kit`."""
 
@@ -205,4 +193,3 @@ class KitConfig(MethodConfig):
     selection: KitSelectionConfig = section(KitSelectionConfig)
     translation: KitTranslationConfig = section(KitTranslationConfig)
     calibration: CalibrationConfig = section(CalibrationConfig)
-    vehicle: VehicleConfig = section(VehicleConfig)

@@ -118,7 +118,7 @@ class MethodRun:
             from ..data.truth import matches_on_moving
 
             on_moving = functools.partial(matches_on_moving, sequence)
-        self.odometry = make_odometry(sequence.camera, config, calibration, sequence.times, on_moving)
+        self.odometry = make_odometry(sequence.camera, config, calibration, on_moving)
         self.motions: list[FrameResult] = []
 
     def start(self, frame: Frame) -> None:
@@ -146,18 +146,17 @@ def make_odometry(
     camera: StereoCamera,
     config: MethodConfig,
     calibration: Calibration | None = None,
-    times: Array | None = None,
     on_moving: Callable[[int, StereoMatches], BoolArray] | None = None,
 ) -> Odometry:
     """The odometry for a configuration: the paper's method, VISO2, or a method of variant `kit`.
 
-    Variant `kit` uses initial calibration errors, the frames' times for the vehicle check, and the truth
-    about moving vehicles for the box rule `truth`; see `kit.kit_odometry`.
+    Variant `kit` uses initial calibration errors, and the truth about moving vehicles for the box rule
+    `truth`; see `kit.kit_odometry`.
     """
     if isinstance(config, KitConfig):
         from ..kit.kit_odometry import make_kit_odometry
 
-        return make_kit_odometry(camera, config, calibration, times, on_moving)
+        return make_kit_odometry(camera, config, calibration, on_moving)
     if config.estimator == "reprojection":
         return Viso2(camera, config)
     return Odometry(camera, config)

@@ -103,7 +103,6 @@ def write_run(folder: Path, result: Run, identity: dict[str, Any]) -> None:
     metrics: dict[str, Any] = {kind: errors.to_dict() for kind, errors in evaluate_run(result).items()}
     metrics["path"] = {
         "frames_without_motion": sum(not m.measured for m in result.motions),
-        "frames_in_doubt": sum(m.in_doubt for m in result.motions),
         "lost": path_lost(result),
         "warnings": warnings_of(result),
     }
