@@ -91,8 +91,8 @@ class SelfCalibratingOdometry(Odometry):
             motion = replace(motion, T_cp=self._moving)
         elif not motion.still:
             self._moving = motion.T_cp
-        # A still camera sees the same errors again and again: that is no new information on the calibration. A
-        # motion that stereo contradicts would teach a calibration that agrees with it.
+        # A still camera sees the same errors again and again: that is no new information on the calibration.
+        # A motion that stereo contradicts would teach a calibration that agrees with it.
         contradicted = Flag.CONTRADICTS_STEREO in motion.flags
         if motion.still or contradicted or not motion.measured:
             self.rig.set_estimate(estimate, covariance)
