@@ -135,3 +135,13 @@ def test_imported_packages_are_declared() -> None:
         for path in (ROOT / folder).rglob("*.py"):
             used = {maker.lower() for name in packages(path) for maker in makers.get(name, [])}
             assert used - {"stereo-vo-kit"} <= declared, path
+
+
+def test_a_chapter_imports_no_later_chapter() -> None:
+    """Chapter 0 is the overview, and shows pictures of later chapters."""
+    course = ROOT / "notebooks" / "course"
+    for path in course.glob("ch0[1-9]/*.py"):
+        own = int(path.parent.name[2:])
+        for name in imports(path):
+            chapter = re.search(r"course\.ch(\d\d)\b", name)
+            assert chapter is None or int(chapter[1]) <= own, (path.relative_to(ROOT), name)

@@ -13,9 +13,9 @@ from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.types import Array, Image
 from vo_lib.paper.features import DESCRIPTOR_OFFSETS
 
-from ..ch02.figures import draw_dots, draw_flow
 from ..colours import BAD, CYCLE, DARK, FIFTH, FOURTH, GOOD, PALE, THIRD, bgr
 from ..drawing import PHOTO_HEIGHT, SMALL_SIZE, WIDTH, caption, figure, finish, log_axis, photo, raster, room
+from ..drawn_matches import draw_dots, draw_flow
 from ..frames import stereo
 from .exercises import eigenvalues
 from .trace import CHECKS, CHOSEN, LOST, OPEN, SURPLUS, Trace

@@ -36,6 +36,7 @@ from vo_lib.paper.sampson import sampson_distance
 
 from ..colours import BAD, CYCLE, DARK, FOURTH, GOOD, PALE, bgr
 from ..drawing import figure, finish, log_axis, photo, room
+from ..drawn_matches import draw_dots
 from ..simulation.problems import FOCAL, Motion, random_problems
 from ..view3d import Shape
 from ..view3d import camera as view_of
@@ -63,33 +64,6 @@ def draw_line(picture: Image, line: Array, colour: str, thickness: int = 1) -> N
     ends = np.clip(np.rint(16 * np.stack([foot - along, foot + along])), -(2**24), 2**24).astype(int)
     start, end = ends.tolist()
     cv2.line(picture, start, end, bgr(colour), thickness, cv2.LINE_AA, shift=4)
-
-
-def draw_dots(
-    picture: Image, places: Array, colours: Sequence[str], radius: float, names: Sequence[object] = ()
-) -> None:
-    """Draw discs at positions (N, 2) of a BGR picture, in place; then names in black boxes over the discs."""
-    font = cv2.FONT_HERSHEY_SIMPLEX, 0.55
-    white = (255, 255, 255)
-    sixteenths = np.rint(np.asarray(places) * 16).astype(int).tolist()
-    for place, colour in zip(sixteenths, colours, strict=True):
-        cv2.circle(picture, place, round(radius * 16), bgr(colour), -1, cv2.LINE_AA, shift=4)
-    for (u, v), name in zip(sixteenths, map(str, names), strict=False):
-        (w, h), _ = cv2.getTextSize(name, *font, 1)
-        x, y = min(u // 16 + 9, picture.shape[1] - w - 3), max(v // 16 - 6, h + 3)
-        cv2.rectangle(picture, (x - 2, y - h - 3), (x + w + 2, y + 3), (0, 0, 0), -1)
-        cv2.putText(picture, name, (x, y), *font, white, 1, cv2.LINE_AA)
-
-
-def draw_flow(
-    picture: Image, start: Array, end: Array, colours: Sequence[str], radius: float, thickness: int = 1
-) -> None:
-    """Draw lines from starts (N, 2) to discs at ends (N, 2), pixels, the last line on top, in place."""
-    places = np.rint(16 * np.stack([start, end], axis=1)).astype(int).tolist()
-    paint = {colour: bgr(colour) for colour in set(colours)}
-    for (a, b), colour in zip(places, colours, strict=True):
-        cv2.line(picture, a, b, paint[colour], thickness, cv2.LINE_AA, shift=4)
-        cv2.circle(picture, b, round(16 * radius), paint[colour], -1, cv2.LINE_AA, shift=4)
 
 
 def pixels(x: Array, camera: StereoCamera) -> Array:

@@ -18,6 +18,7 @@ from vo_lib.settings import Checked, setting
 
 from ..colours import BAD, CYCLE, DARK, PALE, THIRD, WHITE
 from ..drawing import PHOTO_HEIGHT, WIDTH, caption, figure, photo
+from ..drawn_matches import draw_dots, draw_flow
 from ..frames import Points, frame_points, key_of, stereo
 from ..lessons import consensus_rotation
 from ..memory import Memory
@@ -194,15 +195,15 @@ class FivePointPanel(Panel):
         starts = draw.pixels(points.x_p, camera)
         ends = draw.pixels(points.x_c, camera)
         # Outliers are black in white, to be seen on a dark photo and on a bright one.
-        draw.draw_flow(picture, starts[inlier], ends[inlier], [PALE] * int(inlier.sum()), 2)
+        draw_flow(picture, starts[inlier], ends[inlier], [PALE] * int(inlier.sum()), 2)
         outliers = int(np.count_nonzero(~inlier))
-        draw.draw_flow(picture, starts[~inlier], ends[~inlier], [WHITE] * outliers, 4, thickness=3)
-        draw.draw_flow(picture, starts[~inlier], ends[~inlier], [DARK] * outliers, 2.5)
+        draw_flow(picture, starts[~inlier], ends[~inlier], [WHITE] * outliers, 4, thickness=3)
+        draw_flow(picture, starts[~inlier], ends[~inlier], [DARK] * outliers, 2.5)
         for colour, E in lines.items():
             if E is not NO_ESSENTIAL:
                 line = draw.epipolar_line(E, points.x_p[match], camera)
                 draw.draw_line(picture, line, colour, 2 if colour == BAD else 1)
-        draw.draw_dots(picture, ends[named], (*FIVE, BAD), 6, named)
+        draw_dots(picture, ends[named], (*FIVE, BAD), 6, named)
         words = (
             f"frame {state.frame}: five matches; line of match {match} (orange; true: green); black: outliers"
         )

@@ -12,9 +12,9 @@ from matplotlib.ticker import MaxNLocator
 
 from vo_lib.geometry.types import Array, BoolArray, Image
 
-from ..ch02.figures import draw_flow
 from ..colours import BAD, DARK, FIFTH, GOOD, PALE, bgr
 from ..drawing import PHOTO_HEIGHT, WIDTH, caption, figure, finish, log_axis, photo
+from ..drawn_matches import draw_flow
 
 LEAST, MOST = 1e-3, 180.0  # degrees shown of a rotation error
 ALIKE = 0.02  # largest relative difference of curves that look the same

@@ -17,9 +17,9 @@ from vo_lib.geometry.types import Array, Progress
 from vo_lib.report.table1 import te_and_re
 from vo_lib.settings import Checked, setting
 
-from ..ch07.runs import has_run, poses_of
 from ..drawing import figure, say
 from ..frames import true_poses
+from ..kept_runs import has_run, poses_of
 from ..panel import Control, Drawing, Fact, Panel, State
 from ..perturbed_path import perturbed_path
 from .figures import drift_chart, length_chart, paths_chart

@@ -21,9 +21,10 @@ from vo_lib.settings import Checked, declared, setting
 from ..ch05.claim import claim_figure
 from ..ch05.panel import LABELS
 from ..frames import opened, true_poses
+from ..kept_runs import poses_of
 from ..panel import Control, Drawing, Fact, Panel, State
 from .figures import PATHS_HEIGHT, paths_figure, table_html, tables_of
-from .runs import Plan, part_of, poses_of, run_plan
+from .runs import Plan, part_of, run_plan
 
 FRAMES = 30
 METHOD = "feature_selection"

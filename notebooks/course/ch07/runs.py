@@ -11,13 +11,13 @@ from vo_lib.data.sequence import Sequence
 from vo_lib.detection.label_folders import labelled_sequence
 from vo_lib.detection.models import list_detectors
 from vo_lib.evaluation.kitti_errors import KITTI_PROTOCOL, suitable_protocol
-from vo_lib.geometry.types import Array, Progress
-from vo_lib.paper.settings import MethodConfig
+from vo_lib.geometry.types import Progress
 from vo_lib.report.table1 import Entry, measure_runs
 from vo_lib.runs.drive import run_methods
 from vo_lib.runs.match_cache import CachedMatches
 
 from ..frames import opened
+from ..kept_runs import sequence_key
 from ..memory import Memory
 
 STREET, STREET_FRAMES = "synthetic/traffic", 130  # enough frames for a path of 100 m
@@ -25,26 +25,6 @@ WHOLE = "kitti/04"  # the shortest sequence of Table 1, 271 frames
 FIRST = {"kitti/00": 16}  # first frame of a part: the truth of earlier steps has errors of up to 20 cm
 
 _entries: Memory[list[Entry]] = Memory(12)
-_poses: Memory[Array] = Memory(400)
-
-
-def _key(sequence: Sequence, *others: Hashable) -> tuple[Hashable, ...]:
-    """Key of a result on a sequence, from all inputs."""
-    return sequence.folder, sequence.labels, sequence.frames[0], len(sequence), *others
-
-
-def has_run(sequence: Sequence, config: MethodConfig) -> bool:
-    """Whether `poses_of` has stored the result."""
-    return _key(sequence, config) in _poses
-
-
-def poses_of(sequence: Sequence, config: MethodConfig, progress: Progress | None = None) -> Array:
-    """Poses (N, 4, 4) of a configuration; the matches are kept on disk, the poses in memory."""
-
-    def run() -> Array:
-        return run_methods(sequence, {"": config}, progress, CachedMatches(sequence, config))[""].poses
-
-    return _poses.get(_key(sequence, config), run)
 
 
 @dataclass(frozen=True)
@@ -59,7 +39,7 @@ class Plan:
     @property
     def key(self) -> tuple[Hashable, ...]:
         """Key of the result, from all inputs."""
-        return _key(self.sequence, self.methods, self.seeds, self.variant)
+        return sequence_key(self.sequence, self.methods, self.seeds, self.variant)
 
     @property
     def is_run(self) -> bool:
