@@ -27,9 +27,10 @@ from .translation import PairBefore, solve_translation
 CONTRADICTION_OVER_NOISE = 15.0
 LEAST_CONTRADICTION_OVER_NOISE = 3.0
 LEAST_CONTRADICTION_PX = 0.3
-# Above this multiple of the noise, a motion is compared with a fit of the reprojection error. The motion
-# contradicts stereo if its error is more than `FIT_GAIN` times that of the fit.
+# Above this multiple of the noise, and above what rounding leaves, a motion is compared with a fit of the
+# reprojection error. It contradicts stereo if its error is more than `FIT_GAIN` times that of the fit.
 SUSPICION_OVER_NOISE = 5.0
+LEAST_SUSPICION_PX = 0.05
 FIT_GAIN = 2.0
 
 
@@ -206,7 +207,8 @@ class Odometry:
         error = float(np.median(stereo_residuals(self.camera, agreeing, rigid(rotation.R_cp, t_cp))))
         if error > contradiction_limit(noise, self.config.stereo_limit):
             return True
-        if error <= min(self.config.stereo_limit, SUSPICION_OVER_NOISE * noise):
+        suspicious = max(min(self.config.stereo_limit, SUSPICION_OVER_NOISE * noise), LEAST_SUSPICION_PX)
+        if error <= suspicious:
             return False
         X_p = self.camera.triangulate(agreeing.prev_left, agreeing.prev_right)
         near = np.isfinite(X_p).all(axis=1)
