@@ -9,6 +9,7 @@ import io
 import json
 import os
 import re
+import shutil
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -123,7 +124,7 @@ def only_process(folder: Path, waiting: Callable[[Path], None] | None = None) ->
     try:
         for draft in folder.iterdir():
             if DRAFT_NAME.fullmatch(draft.name):
-                draft.unlink(missing_ok=True)
+                delete_tree(draft)
         yield
     finally:
         # The file is removed before the release: a waiting process then finds no file and tries again.
@@ -140,7 +141,7 @@ def writing(path: str | Path) -> Iterator[BinaryIO]:
     missing, not writable or full.
     """
     path = Path(path)
-    draft = path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}{DRAFT}")
+    draft = _draft_of(path)
     try:
         try:
             with open(draft, "wb") as file:
@@ -152,6 +153,74 @@ def writing(path: str | Path) -> Iterator[BinaryIO]:
             draft.unlink(missing_ok=True)
     except OSError as error:
         raise DataError(f"cannot be written: {error.strerror}", path) from error
+
+
+def _draft_of(path: Path) -> Path:
+    """The temporary name of a file that this thread writes."""
+    return path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}{DRAFT}")
+
+
+@contextmanager
+def written_together(
+    folder: Path, last: str = "", stale: Iterable[str] = (), own: bool = True
+) -> Iterator[Path]:
+    """A temporary folder, whose files then replace those of `folder`: all of them, or none.
+
+    Every file is complete on the disk before the first file is replaced, so on a full disk the files from
+    before remain. Raises `DataError` like `writing`.
+
+    stale : names of files that are deleted at the end.
+    last : name of the file that is replaced last, the mark of a complete result.
+    own : whether files in `folder` may be replaced (see `refuse_foreign`).
+    """
+    draft = _draft_of(folder / "results")
+    new = list[Path]()
+    try:
+        draft.mkdir()
+        yield draft
+        names = sorted(os.listdir(draft), key=lambda name: (name == last, name))
+        refuse_foreign(folder, names, own)
+        new += [folder / name for name in names if not (folder / name).exists()]
+        for name in names:
+            if name == last:
+                _delete(folder / each for each in stale)
+            os.replace(draft / name, folder / name)
+    except OSError as error:
+        _delete(new)
+        raise DataError(f"cannot be written: {error.strerror}", folder) from error
+    except DataError as error:
+        raise DataError(str(error).replace(str(draft), str(folder))) from error
+    except BaseException:
+        _delete(new)  # a new result without its last file is no result
+        raise
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+
+
+def delete_tree(path: Path) -> None:
+    """Delete a file, or a folder with all its files; a link is deleted, not its target."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        _delete([path])
+
+
+def _delete(paths: Iterable[Path]) -> None:
+    for path in paths:
+        with suppress(OSError):
+            path.unlink(missing_ok=True)
+
+
+def refuse_foreign(folder: Path, names: Iterable[str], own: bool) -> None:
+    """Raise `DataError` with the first file that a result would replace in a folder that is not the kit's.
+
+    own : whether the folder has results of the kit; a folder with the lock of a process is the kit's too.
+    """
+    if own or (folder / LOCK).exists():
+        return
+    for name in names:
+        if os.path.lexists(folder / name):
+            raise DataError("is not the kit's file: choose another folder for the results", folder / name)
 
 
 def write_atomic(path: str | Path, data: bytes | str) -> None:

@@ -329,3 +329,34 @@ def test_a_part_of_a_sequence_is_never_as_kitti(tmp_path: Path, capsys: pytest.C
     assert sequence.part(0, 4).is_part
     (tmp_path / "bands" / "part.txt").write_text("--sequences 00 --frames 0:6\n", encoding="utf-8")
     assert open_sequence(tmp_path / "bands").is_part
+
+
+def test_changed_poses_of_a_run_are_told(
+    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(runs / "a", tmp_path / "a")
+    assert main(["evaluate", str(tmp_path / "a")]) == 0
+    assert capsys.readouterr().err == ""
+    poses = tmp_path / "a" / "poses.txt"
+    poses.write_bytes(poses.read_bytes()[:-5])
+    assert main(["evaluate", str(tmp_path / "a"), "--json"]) == 0
+    answer = capsys.readouterr()
+    assert answer.err.startswith(
+        f"warning: poses.txt was missing or changed in {tmp_path / 'a'} since the run"
+    )
+    json.loads(answer.out)
+
+
+@pytest.mark.parametrize("name", ["evaluation.json", "trajectory_bands.png"])
+def test_files_of_somebody_else_are_kept(
+    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / name).write_text("mine", encoding="utf-8")
+    assert f"{name}: is not the kit's file" in refused(capsys, runs / "a", "--out", out)
+    assert [(path.name, path.read_text()) for path in out.iterdir()] == [(name, "mine")]
+    (out / name).unlink()
+    for _ in range(2):  # its own files are replaced
+        assert main(["evaluate", str(runs / "a"), "--out", str(out)]) == 0
+    assert {"evaluation.json", "trajectory_bands.png"} <= {path.name for path in out.iterdir()}

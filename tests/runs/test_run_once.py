@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -15,9 +17,10 @@ from conftest import small, with_box, write_bands
 
 from vo_lib import DataError, Sequence, open_sequence, run
 from vo_lib.data.poses import format_kitti_poses
-from vo_lib.files import only_process, write_atomic
+from vo_lib.files import only_process
 from vo_lib.kit.settings import KitConfig
-from vo_lib.runs.folder import is_finished, read_run, run_folder, timing
+from vo_lib.runs.folder import RUN_FILES, changed_files, is_finished, read_run, run_folder, timing, write_run
+from vo_lib.runs.identity import run_identity
 from vo_lib.runs.jobs import run_once
 from vo_lib.runs.match_cache import CachedMatches
 
@@ -73,26 +76,115 @@ def test_stopped_run_leaves_no_files(sequence: Sequence, folder: Path, tmp_path:
     require_same(folder, sequence)
 
 
-@pytest.mark.parametrize("written", [0, 3, 5, 6])
-def test_run_stopped_while_writing_is_repeated(
-    sequence: Sequence, folder: Path, monkeypatch: pytest.MonkeyPatch, written: int
+# Runs a method in a folder, and kills itself when it has replaced a number of files.
+KILLED_WHILE_WRITING = """
+import os, signal, sys
+from pathlib import Path
+from conftest import small
+from vo_lib import open_sequence
+from vo_lib.runs.jobs import run_once
+replace, left = os.replace, iter(range(int(sys.argv[3])))
+def stopping(draft, path):
+    if Path(path).parent == Path(sys.argv[1]) and next(left, None) is None:
+        os.kill(os.getpid(), signal.SIGKILL)
+    replace(draft, path)
+os.replace = stopping
+config = small("feature_selection", filter__min_matches=10, selection__sets=20)
+run_once(Path(sys.argv[1]), open_sequence(sys.argv[2]).part(0, 4), config, "m", fresh=True)
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.parametrize("before", [True, False], ids=["over another run", "new"])
+@pytest.mark.parametrize("written", [0, 1, 5, 6])
+def test_run_killed_while_writing_is_repeated(
+    sequence: Sequence, folder: Path, written: int, before: bool
 ) -> None:
     sequence = sequence.part(0, 4)
-    run_once(folder, sequence, boxed(seed=1), "m")
-    missing = iter(range(written))
-
-    def stops(path: Path, text: str) -> None:
-        if next(missing, None) is None:
-            raise Stopped
-        write_atomic(path, text)
-
-    with monkeypatch.context() as patch:
-        patch.setattr("vo_lib.runs.folder.write_atomic", stops)
-        with suppress(Stopped):
-            run_once(folder, sequence, boxed(), "m", fresh=True)
-    assert is_finished(folder) == (written == 6)  # config.json is the last of six files
-    assert run_once(folder, sequence, boxed(), "m")[1] == (written == 6)
+    if before:
+        run_once(folder, sequence, boxed(seed=1), "m")
+    old = {path.name: path.read_bytes() for path in folder.iterdir()}
+    code = [sys.executable, "-c", KILLED_WHILE_WRITING, str(folder), str(sequence.folder), str(written)]
+    environ = {**os.environ, "XDG_CACHE_HOME": str(folder.parent / "cache")}
+    killed = subprocess.run(code, cwd=Path(__file__).parents[1], env=environ, check=False)
+    assert killed.returncode == (0 if written == 6 else -signal.SIGKILL)  # config.json is the last of six
+    if written == 0:
+        assert {name: (folder / name).read_bytes() for name in old} == old
+    assert is_finished(folder) == (written == 6 or before)
+    # The folder is known as the kit's, and the repetition is not taken for the other run.
+    fresh = before and written < 6
+    if before:
+        assert bool(changed_files(folder)) == (0 < written < 6)
+    with suppress(Stopped):  # a second interruption, of another kind
+        run_once(folder, sequence, boxed(), "m", fresh=fresh, progress=stop_at(2))
+    assert run_once(folder, sequence, boxed(), "m", fresh=fresh)[1] == (written == 6)
     require_same(folder, sequence)
+    assert {path.name for path in folder.iterdir()} <= set(RUN_FILES)
+
+
+@pytest.mark.parametrize("room", [0, 1, 2, 3])
+def test_full_disk_keeps_the_run_before(sequence: Sequence, folder: Path, room: int) -> None:
+    resource = pytest.importorskip("resource")
+    run_once(folder, sequence, boxed(seed=1), "m")
+    old = {path.name: path.read_bytes() for path in folder.iterdir()}
+    sizes = sorted(len(content) for content in old.values())
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    result = run(sequence, boxed())
+    identity = run_identity(sequence, boxed(), "m")
+    # A larger file than this cannot be written, as on a full disk.
+    resource.setrlimit(resource.RLIMIT_FSIZE, (sizes[room] - 1, before[1]))
+    try:
+        with pytest.raises(DataError, match="cannot be written: File too large"):
+            write_run(folder, result, identity)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == old
+    assert run_once(folder, sequence, boxed(seed=1), "m")[1]
+
+
+DAMAGE: dict[str, Callable[[bytes], bytes | None]] = {
+    "cut": lambda data: data[:-5],
+    "digit": lambda data: data.replace(b"1", b"2", 1),
+    "empty": lambda data: b"",
+    "longer": lambda data: data + data[-40:],
+    "missing": lambda data: None,
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+@pytest.mark.parametrize(
+    "name", ["poses.txt", "frames.csv", "metrics.json", "poses_tum.txt", "calibration.json"]
+)
+def test_run_with_a_changed_file_is_computed_again(
+    sequence: Sequence, folder: Path, name: str, damage: str
+) -> None:
+    sequence = sequence.part(0, 4)
+    run_once(folder, sequence, boxed(), "m")
+    timed = {"frames.csv", "config.json", "metrics.json"}  # these have times of computation
+    whole = {path.name: path.read_bytes() for path in folder.iterdir() if path.name not in timed}
+    content = DAMAGE[damage]((folder / name).read_bytes())
+    if content is None:
+        (folder / name).unlink()
+    else:
+        (folder / name).write_bytes(content)
+    assert changed_files(folder) == [name]
+    with pytest.raises(DataError, match=f"{name}: is missing or is not as the run wrote it"):
+        read_run(folder, sequence)
+    assert not run_once(folder, sequence, boxed(), "m")[1]
+    assert {name: (folder / name).read_bytes() for name in whole} == whole
+    assert run_once(folder, sequence, boxed(), "m")[1]
+
+
+@pytest.mark.parametrize("name", RUN_FILES)
+@pytest.mark.parametrize("fresh", [False, True])
+def test_files_of_somebody_else_are_never_replaced(
+    sequence: Sequence, folder: Path, name: str, fresh: bool
+) -> None:
+    (folder / name).write_text('{"settings": {}}', encoding="utf-8")
+    with pytest.raises(DataError, match=f"run/{name}: is not the kit's file: choose another folder"):
+        run_once(folder, sequence, boxed(), "m", fresh=fresh)
+    assert [path.name for path in folder.iterdir()] == [name]
+    assert (folder / name).read_text(encoding="utf-8") == '{"settings": {}}'
 
 
 def test_finished_run_is_read_only(sequence: Sequence, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,6 +13,7 @@ from ..data.sequence import Sequence
 from ..evaluation.ate_rpe import rmse
 from ..evaluation.kitti_errors import suitable_protocol
 from ..evaluation.path_errors import evaluate
+from ..files import written_together
 from ..geometry.types import Array
 from ..loops.close import close_accepted, comparison_key, write_closure
 from ..loops.find import Loops, find_loops
@@ -49,7 +50,8 @@ def close_run(
     """Close the accepted loops of a run, and write the corrected path and the loops into its folder."""
     with single_threaded():  # the last digits depend on the number of threads
         closure = close_accepted(poses, loops, config)
-    write_closure(folder / LOOPS_POSES, folder / LOOPS, sequence.frames, closure)
+    with written_together(folder) as draft:
+        write_closure(draft / LOOPS_POSES, draft / LOOPS, sequence.frames, closure)
     return closure
 
 

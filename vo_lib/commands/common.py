@@ -25,6 +25,7 @@ from ..errors import DataError
 from ..evaluation.ate_rpe import Delta
 from ..paper.settings import MethodConfig
 from ..runs.folder import read_config, settings_in
+from ..runs.jobs import Outcome
 from .console import continues_when_repeated, print_wrapped, reporting
 
 if TYPE_CHECKING:
@@ -196,6 +197,20 @@ def warn_without_boxes(runs: Iterable[tuple[Sequence, MethodConfig]], remedy: st
     )
     print_wrapped(f"warning: {warning}")
     return [warning]
+
+
+def changed_words(names: Iterable[str]) -> str:
+    """The beginning of a sentence on files of a run that are not as the run wrote them."""
+    files = list(names)
+    return f"{', '.join(files)} {'was' if len(files) == 1 else 'were'} missing or changed"
+
+
+def tell_repeated_runs(outcomes: Iterable[Outcome]) -> None:
+    """Print a note on finished runs that were computed again, since their files had changed."""
+    for outcome in outcomes:
+        if outcome.changed:
+            words = changed_words(outcome.changed)
+            print_wrapped(f"note: {words} in {outcome.job.folder}, so the run was computed again")
 
 
 def labelled(

@@ -192,6 +192,11 @@ def print_wrapped(*sentences: str) -> None:
         _console().print(sentence, highlight=False, markup=False)
 
 
+def warn(sentence: str) -> None:
+    """Print a warning to stderr, where it does not disturb an output for programs."""
+    print(f"warning: {sentence}", file=sys.stderr)
+
+
 def show_table(columns: list[str], rows: list[list[str]], numbers: bool = True) -> None:
     """Print a table; the first column has the names of the rows, and numbers are aligned to the right."""
     from rich.table import Table

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from contextlib import suppress
 from pathlib import Path
 
 from ..data.poses import TIME_TOLERANCE_S
@@ -11,11 +12,13 @@ from ..errors import DataError
 from ..evaluation.ate_rpe import Alignment
 from ..evaluation.kitti_errors import SubsequenceProtocol, suitable_protocol
 from ..evaluation.path_errors import evaluate
-from ..files import write_atomic
+from ..files import read_mapping, write_atomic, written_together
 from ..report.paths import evaluation_tables, read_paths, write_pictures
-from ..runs.folder import run_folder
-from .common import parse_delta, parse_lengths, parse_whole
-from .console import print_lines, print_wrapped, show_report_table
+from ..runs.folder import POSES, POSES_TUM, changed_files, run_folder
+from .common import changed_words, parse_delta, parse_lengths, parse_whole
+from .console import print_lines, print_wrapped, show_report_table, warn
+
+EVALUATION = "evaluation.json"
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -45,12 +48,24 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(command=_evaluate)
 
 
+def _is_evaluation(path: Path) -> bool:
+    """Whether a file is the evaluation.json of an earlier call."""
+    with suppress(DataError):
+        return isinstance(read_mapping(path, "an evaluation").get("sequences"), list)
+    return False
+
+
 def _evaluate(options: argparse.Namespace) -> int:
     lengths = None if options.lengths is None else parse_lengths(options.lengths)
     step = None if options.step is None else parse_whole("--step", options.step)
     if not options.t_max_diff >= 0:
         raise DataError(f"--t-max-diff {options.t_max_diff:g}: expected 0 s or more")
     alignment, delta = Alignment(options.alignment), parse_delta(options.delta)
+    for folder in options.paths:
+        if changed := {POSES, POSES_TUM}.intersection(changed_files(folder)):
+            warn(
+                f"{changed_words(sorted(changed))} in {folder} since the run: the errors are not of this run"
+            )
     results = []
     for paths in read_paths(options.paths, options.truth, options.t_max_diff):
         usual = suitable_protocol(paths.truth, paths.frames)
@@ -74,9 +89,11 @@ def _evaluate(options: argparse.Namespace) -> int:
     missing = list[str]()
     if options.out is not None:
         with run_folder(options.out) as folder:
-            write_atomic(folder / "evaluation.json", data + "\n")
-            for paths, result in results:
-                missing += write_pictures(folder, paths, result)
+            own = _is_evaluation(folder / EVALUATION)
+            with written_together(folder, EVALUATION, own=own) as draft:
+                write_atomic(draft / EVALUATION, data + "\n")
+                for paths, result in results:
+                    missing += write_pictures(draft, paths, result)
     if options.json:
         print(data)
         return 0

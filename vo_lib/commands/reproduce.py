@@ -4,26 +4,29 @@ from __future__ import annotations
 
 import argparse
 import time
+from contextlib import ExitStack
 from pathlib import Path
 
 from ..data.catalogue import parse_sequences
 from ..detection.models import find_model
 from ..errors import DataError
 from ..evaluation.kitti_errors import SubsequenceProtocol
-from ..files import only_process
+from ..files import only_process, refuse_foreign
 from ..loops.settings import LoopConfig
 from ..report.film import FILM_ENDING, Film, film_frames
 from ..report.table1 import (
     PROPOSAL,
+    RUNS,
     collect,
     default_sequences,
     group_entries,
+    is_own_table,
     plan_jobs,
     read_paper_table,
     split_missing,
 )
-from ..report.table1_page import layout_tables, results, write_table_files
-from ..runs.folder import read_run, run_folder
+from ..report.table1_page import REPORT, TABLE, layout_tables, results, table_files, write_table_files
+from ..runs.folder import has_runs, read_run, run_folder
 from ..runs.jobs import Job, run_jobs
 from ..runs.match_cache import CachedMatches
 from . import close_loops, common
@@ -71,8 +74,13 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
         find_model(options.detector)
     candidates = default_sequences() if options.sequences is None else parse_sequences(options.sequences)
     names, missing = split_missing(candidates)
-    with run_folder(options.out) as folder, only_process(folder):
+    with ExitStack() as stack:
+        folder = stack.enter_context(run_folder(options.out))
         opened = [common.open_with_bar(name, options.cache) for name in names]
+        own = is_own_table(folder / TABLE) or has_runs(folder / RUNS)
+        # Before the lock, which marks the folder as the kit's.
+        refuse_foreign(folder, table_files(methods, [sequence.name for sequence in opened]), own)
+        stack.enter_context(only_process(folder))
         sequences = [s if s.labels else common.labelled(s, options, options.cache) for s in opened]
         jobs = plan_jobs(sequences, methods, seeds, folder, config)
         without_boxes = common.warn_without_boxes((job.sequence, job.config) for job in jobs)
@@ -92,7 +100,8 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
     for table in tables:
         show_report_table(table)
     print_wrapped("", *result.problems, *conclusions)
-    print_lines(f"Report with figures: {folder / 'report.html'}")
+    common.tell_repeated_runs(outcomes)
+    print_lines(f"Report with figures: {folder / REPORT}")
     return 1 if result.failed else 0
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING
@@ -21,7 +22,19 @@ from ..report.film import FILM_ENDING, Film, film_frames
 from ..report.page import format_number
 from ..report.paths import evaluation_tables
 from ..report.plots import png, trajectories_figure
-from ..runs.folder import LOOPS, LOOPS_POSES, PICTURE, path_lost, run_folder, warnings_of
+from ..runs.folder import (
+    CONFIG,
+    LOOPS,
+    LOOPS_POSES,
+    PICTURE,
+    RUN_FILES,
+    changed_files,
+    is_finished,
+    path_lost,
+    refuse_foreign_files,
+    run_folder,
+    warnings_of,
+)
 from ..runs.jobs import run_once
 from ..runs.match_cache import CachedMatches, match_folder
 from . import close_loops, common
@@ -83,6 +96,10 @@ def _run(options: argparse.Namespace) -> int:
     sequence = common.open_with_bar(options.sequence, cache, options)
     label = f"{sequence.name}, {options.method}, {config.variant}"
     with run_folder(options.out) as folder:
+        refuse_foreign_files(folder, options.fresh)
+        changed = [] if options.fresh else changed_files(folder)
+        if options.fresh or changed or not is_finished(folder):
+            _refuse_to_replace_input(options)
         if options.detector is not None and config.filter.rule == "none":
             print_wrapped(
                 f"note: {options.method} does not use the boxes of --detector; only a film shows the boxes"
@@ -124,6 +141,8 @@ def _run(options: argparse.Namespace) -> int:
         print_lines(f"film: {options.video}")
     if read_back:
         print_lines("The folder contains this run already; --fresh repeats the run.")
+    elif changed:
+        print_wrapped(f"note: {common.changed_words(changed)} in {folder}, so the run was computed again")
     return 0
 
 
@@ -189,3 +208,15 @@ def _check(options: argparse.Namespace, config: MethodConfig) -> Calibration | N
     from ..kit.calibration import read_learnt_calibration
 
     return read_learnt_calibration(options.calibration)
+
+
+def _refuse_to_replace_input(options: argparse.Namespace) -> None:
+    """Raise `DataError` if the run would write its results over a file that it reads.
+
+    A config.json is repeated as it is, so it may be that of the folder.
+    """
+    results = {os.path.realpath(Path(options.out) / name) for name in RUN_FILES if name != CONFIG}
+    for name in ("calibration", "masks"):
+        path = getattr(options, name)
+        if path is not None and os.path.realpath(path) in results:
+            raise DataError(f"is read by --{name}, and the run would replace it: choose another --out", path)

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import ExitStack
 
 from ..errors import DataError
-from ..files import only_process, write_atomic
+from ..files import only_process, refuse_foreign, write_atomic, written_together
 from ..report.page import records_csv
-from ..report.sweep_table import heat_map, parse_axis, run_sweep, sweep_table
-from ..runs.folder import run_folder
+from ..report.sweep_table import CELLS, heat_map, parse_axis, run_sweep, sweep_table
+from ..report.table1 import is_own_table
+from ..runs.folder import has_runs, run_folder
 from ..runs.jobs import Job, Outcome, run_jobs
 from . import common
 from .console import print_lines, reporting, show_report_table
+
+TABLE, HEAT_MAP = "sweep.csv", "sweep.png"
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -45,7 +49,11 @@ def _sweep(options: argparse.Namespace) -> int:
     sequence = common.open_with_bar(options.sequence, options.cache, options)
     remedy = "For boxes, call `vo data write_labels`, then add `--labels DIR`."
     common.warn_without_boxes([(sequence, base)], remedy)
-    with run_folder(options.out) as folder, only_process(folder):
+    with ExitStack() as stack:
+        folder = stack.enter_context(run_folder(options.out))
+        own = is_own_table(folder / TABLE) or has_runs(folder / CELLS)
+        refuse_foreign(folder, (TABLE, HEAT_MAP), own)  # before the lock, which marks the folder as the kit's
+        stack.enter_context(only_process(folder))
         with reporting(f"{sequence.name}, {options.method}") as report:
 
             def run(jobs: list[Job]) -> list[Outcome]:
@@ -54,9 +62,11 @@ def _sweep(options: argparse.Namespace) -> int:
             sweep = run_sweep(sequence, options.method, base, axes, seeds, folder, run)
         if not any(record["seeds"] for record in sweep.records):  # an earlier table is kept
             raise DataError(sweep.records[0]["failed"])
-        write_atomic(folder / "sweep.csv", records_csv(sweep.records))
-        if sweep.has_errors:
-            write_atomic(folder / "sweep.png", heat_map(sweep))
+        with written_together(folder, TABLE, stale=() if sweep.has_errors else (HEAT_MAP,)) as draft:
+            write_atomic(draft / TABLE, records_csv(sweep.records))
+            if sweep.has_errors:
+                write_atomic(draft / HEAT_MAP, heat_map(sweep))
     show_report_table(sweep_table(sweep))
-    print_lines(f"written to {folder}: sweep.csv{', sweep.png' if sweep.has_errors else ''}")
+    common.tell_repeated_runs(sweep.outcomes)
+    print_lines(f"written to {folder}: {TABLE}{f', {HEAT_MAP}' if sweep.has_errors else ''}")
     return int(any(record["failed"] for record in sweep.records))

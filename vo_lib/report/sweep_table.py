@@ -31,6 +31,7 @@ from .page import (
 from .plots import SMALL_PAGE, figure_page, png
 from .table1 import ERROR_KINDS, measure_runs, number_fields
 
+CELLS = "cells"  # folder of the runs in the folder of a sweep
 Axes = dict[str, tuple[Any, ...]]  # values of each setting, by dotted name; the last changes fastest
 
 
@@ -39,12 +40,13 @@ class Sweep:
     """The results on a grid.
 
     The record of a combination has the value of each axis as text, the number of successful seeds, errors and
-    costs as in a record of Table 1, and the causes of failed runs.
+    costs as in a record of Table 1, and the causes of failed runs. `outcomes` : of all jobs, in order.
     """
 
     title: str
     axes: Axes
     records: list[dict[str, Any]]
+    outcomes: list[Outcome] = dataclasses.field(default_factory=list)
 
     @property
     def has_errors(self) -> bool:
@@ -101,13 +103,14 @@ def run_sweep(
             config = change(config, name, value)  # raises for settings that contradict each other
         cell = "+".join(f"{name}={word}" for name, word in words.items()).replace(",", "-")
         for seed in range(seeds):
-            place = folder / "cells" / base.variant / cell / f"seed{seed}"
+            place = folder / CELLS / base.variant / cell / f"seed{seed}"
             jobs.append(Job(sequence, method, dataclasses.replace(config, seed=seed), place))
         grid.append(words)
-    outcomes = iter(run(jobs))
+    outcomes = run(jobs)
+    remaining = iter(outcomes)
     measure, records = suitable_protocol(sequence.truth), list[dict[str, Any]]()
     for words in grid:
-        done = list(itertools.islice(outcomes, seeds))
+        done = list(itertools.islice(remaining, seeds))
         runs = [read_run(outcome.job.folder, sequence) for outcome in done if outcome.error is None]
         causes = [f"seed {outcome.job.config.seed}: {outcome.error}" for outcome in done if outcome.error]
         entry = measure_runs(method, runs, measure) if runs else None
@@ -118,7 +121,7 @@ def run_sweep(
     count = len(kitti_errors(sequence.truth, sequence.truth, measure.lengths, measure.step))
     measure_words = measure.words_with(is_as_kitti(measure, count, not sequence.is_part))
     title = f"{runs_text}: {count_words(count)} of {measure_words}; {seeds_text(seeds)}"
-    return Sweep(title, axes, records)
+    return Sweep(title, axes, records, outcomes)
 
 
 def sweep_table(sweep: Sweep) -> ReportTable:

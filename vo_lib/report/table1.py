@@ -51,6 +51,7 @@ PAPER_ROWS = (AVERAGE, *SUB_SEQUENCES)
 # Section 4 of the paper: gains of Feature selection, (TE, RE) in %.
 CLAIMS = {"solution_selection": (8.0, 7.0), "mesvo_f": (6.0, 15.0)}
 
+RUNS = "runs"  # folder of the runs in the folder of the table
 FRONT_END_STAGES = ("wait_images", "matching", "cached_matches")
 BENCHMARK_FRAMES = {f"{KITTI}{number}": frames for number, frames in EXPECTED_FRAMES.items()}
 # Names of TE and RE in records and in tables, and the number of decimals in the paper.
@@ -331,7 +332,16 @@ def plan_jobs(
 
 def job_folder(folder: Path, variant: str, sequence: str, method: str, seed: int) -> Path:
     """The run folder of a job, inside the folder of the table."""
-    return folder / "runs" / variant / slug(sequence) / method / f"seed_{seed}"
+    return folder / RUNS / variant / slug(sequence) / method / f"seed_{seed}"
+
+
+def is_own_table(path: Path) -> bool:
+    """Whether a file is a CSV table of errors that the kit wrote, by its heading."""
+    try:
+        rows = read_csv(path)
+    except DataError:
+        return False
+    return bool(rows) and set(ERROR_KINDS) <= set(rows[0][1])
 
 
 def slug(name: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -11,7 +12,7 @@ import numpy as np
 from ..data.catalogue import KITTI
 from ..evaluation.kitti_errors import FEW_SUBSEQUENCES, KITTI_PROTOCOL, count_words
 from ..evaluation.statistics import COUNTED, NO_CHANGE, change_limit, mean_and_deviation
-from ..files import write_atomic
+from ..files import write_atomic, written_together
 from ..geometry.types import Array
 from .film import FILM_ENDING
 from .page import (
@@ -46,6 +47,7 @@ from .table1 import (
     table_records,
 )
 
+TABLE, MARKDOWN, REPORT = "table1.csv", "table1.md", "report.html"
 VARIANT_WORDS = {"published": "variant published", "kit": "variant kit"}
 FIGURE_4_SEQUENCES = (f"{KITTI}02", f"{KITTI}07")
 # The truth (N, 4, 4) of a sequence or None, and each method's path.
@@ -238,15 +240,35 @@ def write_table_files(
     conclusions: list[str],
     origin: list[str],
 ) -> None:
-    """Write tables, report and figures; `conclusions` : sentences; `origin` : command and duration."""
+    """Write tables, report and figures; `conclusions` : sentences; `origin` : command and duration.
+
+    All files are written, or none.
+    """
     printed = [printed_table()] if any(group.kitti for group in groups) else []
-    pictures = _pictures(folder, result, groups)
     films = _films(folder, result)
-    page = render_report(conclusions, tables, printed, pictures, origin, result.problems, films)
     sentences = "".join(f"{line}\n\n" for line in [*conclusions, *result.problems])
-    write_atomic(folder / "table1.md", sentences + "\n".join(map(markdown, [*tables, *printed])))
-    write_atomic(folder / "table1.csv", records_csv(table_records(groups, paper)))
-    write_atomic(folder / "report.html", page)
+    with written_together(folder, TABLE) as draft:
+        pictures = _pictures(draft, result, groups)
+        page = render_report(conclusions, tables, printed, pictures, origin, result.problems, films)
+        write_atomic(draft / MARKDOWN, sentences + "\n".join(map(markdown, [*tables, *printed])))
+        write_atomic(draft / TABLE, records_csv(table_records(groups, paper)))
+        write_atomic(draft / REPORT, page)
+
+
+def table_files(variants: Iterable[str], sequences: list[str]) -> list[str]:
+    """Names of the files of `write_table_files` for these variants and sequences."""
+    names = [TABLE, MARKDOWN, REPORT]
+    for variant in variants:
+        names += [_figure_4_name(variant), *(_picture_name(variant, sequence) for sequence in sequences)]
+    return names
+
+
+def _picture_name(variant: str, sequence: str) -> str:
+    return f"trajectory_{variant}_{slug(sequence)}.png"
+
+
+def _figure_4_name(variant: str) -> str:
+    return f"figure4_{variant}.png"
 
 
 def _pictures(folder: Path, result: Reproduction, groups: list[Group]) -> list[Picture]:
@@ -258,12 +280,12 @@ def _pictures(folder: Path, result: Reproduction, groups: list[Group]) -> list[P
         panels = {name: panel for (key, name), panel in result.paths.items() if key == variant}
         for name, panel in panels.items():
             picture = _path_picture(variant, {name: panel})
-            write_atomic(folder / f"trajectory_{variant}_{slug(name)}.png", picture.data)
+            write_atomic(folder / _picture_name(variant, name), picture.data)
             paths.append(picture)
         figure_4 = {name: panels[name] for name in FIGURE_4_SEQUENCES if name in panels}
         if figure_4:
             picture = _path_picture(variant, figure_4, "Figure 4: ")
-            write_atomic(folder / f"figure4_{variant}.png", picture.data)
+            write_atomic(folder / _figure_4_name(variant), picture.data)
             paths.append(picture)
     return [*paths[:1], *bars, *paths[1:]]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -21,7 +22,15 @@ from ..data.sequence import Sequence
 from ..errors import DataError
 from ..evaluation.kitti_errors import KITTI_LENGTHS, SHORT_PROTOCOL, trajectory_distances
 from ..evaluation.path_errors import Evaluation, evaluate
-from ..files import DRAFT, LOCK, csv_text, read_csv, read_mapping, write_atomic
+from ..files import (
+    csv_text,
+    file_sha256,
+    read_csv,
+    read_mapping,
+    refuse_foreign,
+    write_atomic,
+    written_together,
+)
 from ..geometry.motion import inverse
 from ..geometry.result import MAX_MISSING_FRAMES, Flag, FrameResult
 from ..geometry.types import Array
@@ -39,6 +48,11 @@ PICTURE = "trajectory.png"
 MAX_CONTRADICTED_SHARE = 0.1  # of the frames; a run with more is told that its path is probably wrong
 LOOPS, LOOPS_POSES = "loops.csv", "poses_loops.txt"  # only after the closing of loops
 RUN_FILES = (CONFIG, POSES, POSES_TUM, LOG, CALIBRATION, METRICS, PICTURE, LOOPS, LOOPS_POSES)
+# Values of config.json that are read back, with their types; "frames" has two texts.
+CONFIG_VALUES: dict[str, tuple[type, str]] = {
+    **dict.fromkeys(("method", "variant", "sequence"), (str, "a text")),
+    **dict.fromkeys(("camera", "made_with", "files"), (dict, "an object")),
+}
 COUNTS = {"matches": "matches", "removed": "removed_by_boxes", "used": "used", "inliers": "inliers"}
 STAGES = ("wait_images", "matching", "cached_matches", "filter", "rotation", "translation", "calibration")
 
@@ -68,15 +82,48 @@ def run_folder(folder: str | Path) -> Iterator[Path]:
                 new_folder.rmdir()
 
 
-def refuse_foreign_files(folder: Path) -> None:
-    """Raise `DataError` if a folder without a finished run contains files other than `RUN_FILES`."""
+def refuse_foreign_files(folder: Path, fresh: bool = False) -> None:
+    """Raise `DataError` if a folder contains files that no run of the kit wrote.
+
+    A folder is the kit's if it has the config.json of a run, or the lock of a process that was killed. With
+    `fresh`, files that a run does not replace are allowed.
+    """
     if is_finished(folder):
         return
-    for path in sorted(folder.iterdir()):
-        if path.name not in RUN_FILES and path.name != LOCK and not path.name.endswith(DRAFT):
+    refuse_foreign(folder, RUN_FILES, own=False)
+    if fresh:
+        return
+    try:
+        names = sorted(os.listdir(folder))
+    except OSError as error:
+        raise DataError(f"the folder cannot be read: {error.strerror}", folder) from None
+    for name in names:
+        if name not in RUN_FILES and not name.startswith("."):
             raise DataError(
-                f"the folder contains other files, such as {path.name}: choose another or add --fresh", folder
+                f"the folder contains other files, such as {name}: choose another or add --fresh", folder
             )
+
+
+def delete_unfinished(folder: Path) -> None:
+    """Delete the files of a run that was killed before its last file, config.json, was written."""
+    if not is_finished(folder):
+        for name in RUN_FILES:
+            (folder / name).unlink(missing_ok=True)
+
+
+def changed_files(folder: Path) -> list[str]:
+    """Names of the files of a finished run that are missing, or that differ from what the run wrote."""
+    if not is_finished(folder):
+        return []
+    digests = read_config(folder).get("files", {})
+    return [name for name in RUN_FILES if name in digests and _digest_or_none(folder / name) != digests[name]]
+
+
+def _digest_or_none(path: Path) -> str | None:
+    try:
+        return file_sha256(path)
+    except DataError:  # a missing or unreadable file
+        return None
 
 
 def evaluate_run(result: Run) -> dict[str, Evaluation]:
@@ -97,6 +144,9 @@ def evaluate_run(result: Run) -> dict[str, Evaluation]:
 def write_run(folder: Path, result: Run, identity: dict[str, Any]) -> None:
     """Write poses, per-frame log, errors and, last, config.json, which marks the run as finished.
 
+    All files are written, or none: a run that is in the folder already remains whole on a full disk. The
+    config.json has the SHA-256 of the other files.
+
     identity : result of `identity.run_identity`.
     """
     sequence = result.sequence
@@ -106,16 +156,18 @@ def write_run(folder: Path, result: Run, identity: dict[str, Any]) -> None:
         "lost": path_lost(result),
         "warnings": warnings_of(result),
     }
-    for name in (CONFIG, CALIBRATION, LOOPS, LOOPS_POSES):
-        (folder / name).unlink(missing_ok=True)
-    write_atomic(folder / POSES, format_kitti_poses(result.poses))
-    write_atomic(folder / POSES_TUM, format_tum(sequence.times, result.poses))
-    write_atomic(folder / LOG, frames_csv(sequence.frames[1:], result.motions))
-    if result.calibration is not None:
-        write_atomic(folder / CALIBRATION, result.calibration.to_json())
-    write_atomic(folder / METRICS, _json(metrics))
-    about = {"timing": timing(result), "machine_info": machine_info()}
-    write_atomic(folder / CONFIG, _json(identity | about | {"folder": str(sequence.folder.resolve())}))
+    # A picture and loops are of the run before, and so is a calibration without a successor.
+    stale = (PICTURE, LOOPS, LOOPS_POSES, *(() if result.calibration is not None else (CALIBRATION,)))
+    with written_together(folder, CONFIG, stale) as draft:
+        write_atomic(draft / POSES, format_kitti_poses(result.poses))
+        write_atomic(draft / POSES_TUM, format_tum(sequence.times, result.poses))
+        write_atomic(draft / LOG, frames_csv(sequence.frames[1:], result.motions))
+        if result.calibration is not None:
+            write_atomic(draft / CALIBRATION, result.calibration.to_json())
+        write_atomic(draft / METRICS, _json(metrics))
+        digests = {path.name: file_sha256(path) for path in sorted(draft.iterdir())}
+        about = {"timing": timing(result), "machine_info": machine_info(), "files": digests}
+        write_atomic(draft / CONFIG, _json(identity | about | {"folder": str(sequence.folder.resolve())}))
 
 
 def path_lost(result: Run) -> bool:
@@ -155,6 +207,12 @@ def read_config(path: Path) -> dict[str, Any]:
     data = read_mapping(path, expected)
     if not isinstance(data.get("settings"), dict):
         raise DataError(f"expected {expected}", path)
+    for name, (kind, words) in CONFIG_VALUES.items():
+        if not isinstance(data.get(name, kind()), kind):
+            raise DataError(f"{name}: expected {words}, as written by `vo run`", path)
+    frames = data.get("frames", ["", ""])
+    if not (isinstance(frames, list) and len(frames) == 2 and all(isinstance(each, str) for each in frames)):
+        raise DataError("frames: expected the names of the first and the last frame", path)
     return data
 
 
@@ -168,15 +226,29 @@ def settings_in(data: dict[str, Any], path: Path) -> MethodConfig:
 
 
 def is_finished(folder: Path) -> bool:
-    """Whether a folder contains a finished run."""
-    return (folder / CONFIG).exists()
+    """Whether a folder contains a finished run: config.json has the content that only a run writes."""
+    if not (folder / CONFIG).exists():
+        return False
+    try:
+        data = read_config(folder)
+    except DataError:
+        return False
+    return all(name in data for name in ("method", "variant", "frames", "images", "made_with"))
+
+
+def has_runs(folder: Path) -> bool:
+    """Whether a folder contains a finished run in one of its folders."""
+    return any(is_finished(path.parent) for path in folder.rglob(CONFIG))
 
 
 def read_run(folder: Path, sequence: Sequence) -> Run:
     """A finished run of the sequence, read from its folder with the precision of poses.txt and frames.csv.
 
-    Raises `DataError` if a file is missing or invalid, or does not have one row per frame.
+    Raises `DataError` if a file is missing, invalid or not as the run wrote it, or does not have one row per
+    frame.
     """
+    if changed := changed_files(folder):
+        raise DataError("is missing or is not as the run wrote it: repeat the run", folder / changed[0])
     config = settings_in(read_config(folder), folder / CONFIG)
     poses = read_kitti_poses(folder / POSES)
     path = folder / LOG

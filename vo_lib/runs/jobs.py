@@ -19,7 +19,16 @@ from ..geometry.types import Progress
 from ..paper.settings import MethodConfig
 from ..parallel import local_pool
 from .drive import Run, run_methods, single_threaded
-from .folder import is_finished, read_config, read_run, refuse_foreign_files, run_folder, write_run
+from .folder import (
+    changed_files,
+    delete_unfinished,
+    is_finished,
+    read_config,
+    read_run,
+    refuse_foreign_files,
+    run_folder,
+    write_run,
+)
 from .front_end import TimedMatches
 from .identity import images_digest, run_identity
 from .match_cache import CachedMatches
@@ -44,20 +53,22 @@ def run_once(
 ) -> tuple[Run, bool]:
     """The run with its files in `folder`, and whether the run was read from these files, not computed.
 
-    Files are written after the last frame. A run that is killed and repeated gives the same bytes. `matches`,
-    `calibration` and `progress` are as in `run_methods`; `method` is the name written into the folder.
-    `fresh` computes the run in any case; the new files replace the old files at the end.
+    Files are written after the last frame. A run that is killed and repeated gives the same bytes. A finished
+    run whose files have changed (`changed_files`) is computed again. `matches`, `calibration` and `progress`
+    are as in `run_methods`; `method` is the name written into the folder. `fresh` computes the run in any
+    case; the new files replace the old files at the end.
 
     Raises `DataError` if the folder is missing, not writable, in use by another process, or contains another
     run or other files.
     """
+    refuse_foreign_files(folder, fresh)  # before the lock, which marks the folder as the kit's
     identity = run_identity(sequence, config, method, calibration)
     with only_process(folder):
-        if not fresh:
-            refuse_foreign_files(folder)
-            if is_finished(folder):
-                _refuse_another(folder, identity)
+        if is_finished(folder) and not fresh:
+            _refuse_another(folder, identity)
+            if not changed_files(folder):
                 return read_run(folder, sequence), True
+        delete_unfinished(folder)
         result = run_methods(sequence, {method: config}, progress, matches, calibration)[method]
         write_run(folder, result, identity)
     return result, False
@@ -102,10 +113,14 @@ class Job:
 
 @dataclass(frozen=True)
 class Outcome:
-    """A job, and the cause of its failure as one line; None for success."""
+    """A job, and the cause of its failure as one line; None for success.
+
+    `changed` : names of files that differed from what an earlier run wrote, so that the run was repeated.
+    """
 
     job: Job
     error: str | None
+    changed: tuple[str, ...] = ()
 
 
 def run_jobs(
@@ -139,8 +154,9 @@ def run_jobs(
     if len({job.folder for job in jobs}) < len(jobs):
         raise DataError("two jobs share a folder")
     cache = None if cache is None else cache.resolve()
-    # One job per front end to run.
-    front_ends = {_front_end(job): job for job in jobs if fresh or not is_finished(job.folder)}
+    changed = {job.folder: () if fresh else tuple(changed_files(job.folder)) for job in jobs}
+    to_run = [job for job in jobs if fresh or changed[job.folder] or not is_finished(job.folder)]
+    front_ends = {_front_end(job): job for job in to_run}  # one job per front end to run
     for sequence in {job.sequence.folder: job.sequence for job in jobs}.values():
         images_digest(sequence)  # hash here once; workers read the stored hashes
     total = sum(len(job.sequence) for job in [*jobs, *MATCHING_FRAMES * list(front_ends.values())])
@@ -172,7 +188,10 @@ def run_jobs(
                 "a worker process was killed, perhaps for lack of memory; repeat the command to continue"
             ) from None
     errors = {job.folder: cause for job, cause in zip(ready, causes, strict=True)}
-    return [Outcome(job, errors.get(job.folder, failures.get(_front_end(job)))) for job in jobs]
+    return [
+        Outcome(job, errors.get(job.folder, failures.get(_front_end(job))), changed[job.folder])
+        for job in jobs
+    ]
 
 
 def _front_end(job: Job) -> Hashable:
