@@ -14,7 +14,7 @@ import argparse
 from pathlib import Path
 
 from training.street_set import DetectionSetConfig, write_street_set
-from vo_lib.commands.common import parse_whole
+from vo_lib.commands.common import parse_jobs
 from vo_lib.commands.console import add_settings, from_options, print_lines, reporting
 
 
@@ -29,6 +29,6 @@ def run(options: argparse.Namespace) -> int:
     """Draw the missing images."""
     config = from_options(options, DetectionSetConfig)
     with reporting("drawing streets") as report:
-        write_street_set(options.folder, config, parse_whole("--jobs", options.jobs), report)
+        write_street_set(options.folder, config, parse_jobs(options.jobs), report)
     print_lines(f"written to {options.folder}")
     return 0

@@ -28,7 +28,7 @@ from measure.ablation import COLUMNS, IDEAS, WHOLE, Ablation, Idea, Row, read_ro
 from measure.axes import axes_rotation, fit_axes, is_raw_drive, turn_axes
 from measure.disturbances import disturbed_drives
 from measure_results import add_inputs, open_all
-from vo_lib.commands.common import parse_whole
+from vo_lib.commands.common import parse_jobs, parse_whole
 from vo_lib.commands.console import print_lines, reporting
 from vo_lib.data.catalogue import SYNTHETIC, parse_sequences
 from vo_lib.data.sequence import Sequence
@@ -150,7 +150,7 @@ def run_all(
         for seed in range(seeds)
     }
     with reporting(f"{len(jobs)} runs") as report:
-        outcomes = run_jobs(list(jobs.values()), parse_whole("--jobs", options.jobs), report, options.cache)
+        outcomes = run_jobs(list(jobs.values()), parse_jobs(options.jobs, len(jobs)), report, options.cache)
     failed = [f"{outcome.job.folder}: {outcome.error}" for outcome in outcomes if outcome.error]
     if failed:
         raise DataError(failed[0])

@@ -23,7 +23,7 @@ import numpy as np
 
 from measure.axes import te_and_re
 from measure_results import add_inputs, open_all
-from vo_lib.commands.common import parse_whole
+from vo_lib.commands.common import parse_jobs
 from vo_lib.commands.console import print_lines, reporting
 from vo_lib.config import change, preset
 from vo_lib.data.catalogue import SYNTHETIC
@@ -160,7 +160,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run variant `published` unchanged and with each alternative choice; write the differences."""
-    workers = parse_whole("--jobs", options.jobs)
+    workers = parse_jobs(options.jobs)
     tasks = []
     for sequence in open_all(options, 0.1):
         tasks += [(sequence, *row[:2], *way) for row in OPEN for way in row[2].items()]

@@ -19,7 +19,7 @@ from pathlib import Path
 from measure import ablation
 from measure.axes import MAX_ANGLE_DEG
 from measure.result_tables import Key, cells_of_systems, claim_table, jobs_of, result_tables
-from vo_lib.commands.common import add_cache, open_with_bar, parse_whole
+from vo_lib.commands.common import add_cache, open_with_bar, parse_jobs
 from vo_lib.commands.console import print_lines, reporting, show_report_table
 from vo_lib.data.catalogue import SYNTHETIC, parse_sequences
 from vo_lib.data.scenes import TABLE_SCENES
@@ -58,7 +58,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the missing jobs and write the page."""
-    workers = parse_whole("--jobs", options.jobs)
     sequences = open_all(options)
     for sequence in sequences:
         if sequence.truth is None:
@@ -66,6 +65,7 @@ def run(options: argparse.Namespace) -> int:
     out = options.out or Path(options.runs) / "results.md"
     with run_folder(options.runs) as folder:
         jobs = {key: job for sequence in sequences for key, job in jobs_of(sequence, folder)}
+        workers = parse_jobs(options.jobs, len(jobs))
         with reporting(f"{len(jobs)} runs") as report:
             outcomes = run_jobs(list(jobs.values()), workers, report, options.cache)
     failed = [f"{outcome.job.name}: {outcome.error}" for outcome in outcomes if outcome.error]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 
-from vo_lib.commands.common import add_cache, parse_frames, parse_whole
+from vo_lib.commands.common import add_cache, parse_frames, parse_jobs
 from vo_lib.commands.console import add_settings, option_values, reporting
 from vo_lib.data.drawn import ensure_scene
 from vo_lib.data.scenes import SCENES, SceneConfig, scene_config
@@ -30,6 +30,7 @@ def run(options: argparse.Namespace) -> int:
     """Draw a scene."""
     config = scene_config(options.scene, **option_values(options, declared(SceneConfig)))
     frames = None if options.frames is None else range(*parse_frames(options.frames, 1_000_000))
+    jobs = parse_jobs(options.jobs)
     with reporting(f"drawing {options.scene}") as report:
-        print(ensure_scene(config, options.cache, report, parse_whole("--jobs", options.jobs), frames))
+        print(ensure_scene(config, options.cache, report, jobs, frames))
     return 0

@@ -26,6 +26,22 @@ def test_value_out_of_range_is_refused(item: settings.Setting) -> None:
         settings.replace(KitConfig(), item.name, wrong)
 
 
+@pytest.mark.parametrize(
+    ("low", "high", "words"),
+    [
+        (None, None, "a number m"),
+        (0, None, "a number of 0 or more m"),
+        (None, 5, "a number of 5 or less m"),
+        (0, 5, "a number from 0 to 5 m"),
+    ],
+)
+def test_range_is_described(low: float | None, high: float | None, words: str) -> None:
+    item = settings.Setting("x", float, 1.0, "a length", "m", low, high, ())
+    assert item.describe() == words
+    with pytest.raises(DataError, match=f"x: nan is not {words}" if low is not None else "x: '1' is not"):
+        item.check(float("nan") if low is not None else "1")
+
+
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), "1", None, True])
 def test_values_of_another_type_are_refused(value: object) -> None:
     with pytest.raises(DataError, match="loop_tolerance"):

@@ -10,6 +10,17 @@ from pathlib import Path
 _PREFIX = re.compile("^(--|.*/)")  # of options and of sequences such as kitti/07
 
 
+MAX_TYPED = 80  # characters of a value that a message shows
+
+
+def shorten(text: str) -> str:
+    """A text of at most `MAX_TYPED` characters: of a longer text, the middle is left out."""
+    if len(text) <= MAX_TYPED:
+        return text
+    half = (MAX_TYPED - 3) // 2
+    return f"{text[: MAX_TYPED - 3 - half]} … {text[-half:]}"
+
+
 class DataError(Exception):
     """Bad input: a file, a folder or an option that cannot be used.
 

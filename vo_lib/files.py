@@ -10,6 +10,7 @@ import json
 import os
 import re
 import shutil
+import stat
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -28,8 +29,12 @@ LOCK_POLL_S = 0.2  # interval at which a waiting process tries the lock again
 
 @contextmanager
 def open_binary(path: str | Path) -> Iterator[io.BufferedReader]:
-    """A file open for reading; `DataError` if the file is missing, a folder, or unreadable."""
+    """A file open for reading; `DataError` if the file is missing, not a file on a disk, or unreadable."""
     try:
+        # Before the file is opened: a pipe without a writer would wait, and a device may have no end.
+        mode = os.stat(path).st_mode
+        if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+            raise DataError("is a pipe or a device, expected a file", path)
         with open(path, "rb") as file:
             yield file
     except FileNotFoundError:
@@ -38,6 +43,8 @@ def open_binary(path: str | Path) -> Iterator[io.BufferedReader]:
         raise DataError("is a folder, expected a file", path) from None
     except OSError as error:
         raise DataError(f"cannot be read: {error.strerror}", path) from None
+    except ValueError:  # a zero byte in the name
+        raise DataError("is not the name of a file", path) from None
 
 
 def read_bytes(path: str | Path) -> bytes:

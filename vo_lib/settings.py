@@ -12,7 +12,7 @@ import typing
 from dataclasses import dataclass
 from typing import Any
 
-from .errors import DataError, did_you_mean
+from .errors import DataError, did_you_mean, shorten
 
 SWITCH = {"true": True, "on": True, "1": True, "false": False, "off": False, "0": False}
 
@@ -67,14 +67,14 @@ class Setting:
                 return () if raw.lower() == "none" else tuple(kind(item) for item in raw.split(",") if item)
             return None if self.default is None and raw.lower() == "none" else kind(raw)
         except (KeyError, ValueError):
-            raise DataError(f"{self.name}: {raw!r} is not {self.describe()}") from None
+            raise DataError(f"{self.name}: {shorten(repr(raw))} is not {self.describe()}") from None
 
     def check(self, value: Any) -> None:
         """Raise `DataError` unless the value has the declared type, range and choices."""
         single = not isinstance(value, tuple)
         items = (value,) if single else value
         if single == isinstance(self.default, tuple) or not all(map(self._allows, items)):
-            raise DataError(f"{self.name}: {value!r} is not {self.describe()}")
+            raise DataError(f"{self.name}: {shorten(repr(value))} is not {self.describe()}")
 
     def _allows(self, item: Any) -> bool:
         if item is None:
@@ -96,10 +96,12 @@ class Setting:
             return "on or off"
         noun = {int: "whole number", float: "number"}.get(self._item_kind, "text")
         text = f"a comma-separated list of {noun}s" if isinstance(self.default, tuple) else f"a {noun}"
-        if self.high is not None:
+        if self.low is not None and self.high is not None:
             text += f" from {self.low:g} to {self.high:g}"
         elif self.low is not None:
             text += f" of {self.low:g} or more"
+        elif self.high is not None:
+            text += f" of {self.high:g} or less"
         return f"{text} {self.unit}".rstrip()
 
 
@@ -140,7 +142,9 @@ def replace(config: Any, name: str, value: Any) -> Any:
     """A copy of nested settings in which the setting with this dotted name has a new, checked value."""
     items = {item.name: item for item in declared(type(config))}
     if name not in items:
-        raise DataError(f"{name}: there is no such setting; {did_you_mean(name, items)}".rstrip("; "))
+        raise DataError(
+            f"{shorten(name)}: there is no such setting; {did_you_mean(name, items)}".rstrip("; ")
+        )
     items[name].check(value)
     head, _, rest = name.partition(".")
     changed = replace(getattr(config, head), rest, value) if rest else value
@@ -159,7 +163,9 @@ def from_dict(cls: Any, data: dict[str, Any]) -> Any:
     hints, values = _hints(cls), dict[str, Any]()
     for name, value in data.items():
         if name not in hints:
-            raise DataError(f"{name}: there is no such setting; {did_you_mean(name, hints)}".rstrip("; "))
+            raise DataError(
+                f"{shorten(name)}: there is no such setting; {did_you_mean(name, hints)}".rstrip("; ")
+            )
         value = from_dict(hints[name], value) if dataclasses.is_dataclass(hints[name]) else value
         values[name] = tuple(value) if isinstance(value, list) else value
     return cls(**values)

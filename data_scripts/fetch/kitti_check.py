@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +16,7 @@ from vo_lib.errors import DataError
 from vo_lib.geometry.types import Progress
 
 LAST_WITH_POSES = "10"
+MAX_NUMBERS_PER_IMAGE = 100  # with more numbers between the images' numbers, the names are times
 
 
 @dataclass(frozen=True)
@@ -78,14 +79,20 @@ def _check_sequence(root: Path, folder: Path, deep: bool) -> SequenceReport:
     colour = any((folder / side).is_dir() for side in ("image_2", "image_3"))
     sides = {f"image_{side}": _by_number(folder / f"image_{side}") for side in range(4 if colour else 2)}
     part = kitti.read_part(folder)
-    numbers = kitti.wanted_frames(folder)
-    expected = None if numbers is None else len(numbers)
-    if numbers is None:  # a user's own clip may start with any number
-        everything = set().union(*sides.values())
-        numbers = range(min(everything, default=0), max(everything, default=-1) + 1)
     mark = "" if part is None else part[0]
     complete = [f"a part: {mark}"] if mark else []
     problems = list[str]()
+    wanted = kitti.wanted_frames(folder)
+    expected = None if wanted is None else len(wanted)
+    numbers: Sequence[int]
+    if wanted is not None:
+        numbers = wanted
+    else:
+        everything = sorted(set().union(*sides.values()))
+        numbers = range(everything[0], everything[-1] + 1) if everything else range(0)
+        if len(numbers) > MAX_NUMBERS_PER_IMAGE * len(everything):  # a list of these numbers may not fit
+            numbers = everything
+            problems.append("the names of the images are times, not numbers: convert with from_folder")
     for side, images in sides.items():
         missing = [number for number in numbers if number not in images]
         if not images:

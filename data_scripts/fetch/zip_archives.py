@@ -13,6 +13,7 @@ from remotezip import RangeNotSupported, RemoteIOError, RemoteZip
 from fetch import download
 from fetch.download import is_url, open_session, with_retries
 from vo_lib.errors import DataError
+from vo_lib.files import open_binary
 
 NO_PARTS = "the server does not send parts of files: download the whole archive and add --from-zip FILE"
 HEADER_BYTES = 30  # length of a member's header; the last four bytes are the lengths of name and extra field
@@ -59,6 +60,9 @@ class Archives:
             except RemoteIOError as error:
                 raise error.__context__ or error from None
 
+        if not is_url(place):
+            with open_binary(place):  # raises for a missing file, a folder or a pipe
+                pass
         members, end = with_retries(ask, place, "is not a complete zip file")
         members = sorted(members, key=lambda info: info.header_offset)
         ends = [*(info.header_offset for info in members[1:]), end]

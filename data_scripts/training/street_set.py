@@ -151,7 +151,7 @@ def write_street_set(
     write_atomic(folder / "data.yaml", data_yaml(NAMES))
     total = sum(street.frames for street in everything)
     done = 0
-    with local_pool(jobs) as pool:
+    with local_pool(min(jobs, len(everything))) as pool:
         for future in as_completed([pool.submit(draw_street, street, folder) for street in everything]):
             done += future.result()
             if progress:

@@ -42,7 +42,7 @@ def write_scene(
     selection = range(count) if frames is None else frames
     if not 0 <= selection.start < selection.stop <= count:
         raise DataError(f"--frames {selection.start}:{selection.stop}: the scene has the frames 0:{count}")
-    with local_pool(jobs) as pool:
+    with local_pool(min(jobs, len(selection))) as pool:
         tables = pool.submit(_write_tables, config, folder)
         running = [pool.submit(_write_frame, config, folder, frame) for frame in selection]
         try:

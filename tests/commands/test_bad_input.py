@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import re
 import shlex
 from pathlib import Path
 
@@ -24,6 +26,9 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     bands = write_bands(tmp_path_factory.mktemp("bad") / "bands")
     config = {"method": "mesvo_f", "variant": "published", "settings": {}}
     (bands / "config.json").write_text(json.dumps(config), encoding="utf-8")
+    (bands / "number.json").write_text(json.dumps(config | {"frames": 5}), encoding="utf-8")
+    (bands / "list.json").write_text(json.dumps(config | {"method": ["mesvo_f"]}), encoding="utf-8")
+    os.mkfifo(bands / "fifo")
     (bands / "loop").symlink_to(bands / "loop")
     cv2.imwrite(str(bands / "mask.png"), np.zeros((120, 480), np.uint8))
     cv2.imwrite(str(bands / "full.png"), np.full((240, 480), 255, np.uint8))
@@ -39,6 +44,9 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
         "RIGHT": bands / "image_1",
         "POSES": bands / "poses.txt",
         "OUT": bands / "out",
+        "FIFO": bands / "fifo",
+        "NUMBER": bands / "number.json",
+        "LIST": bands / "list.json",
     }
     paths |= {"CONFIG": bands / "config.json", "LOOP/x": bands / "loop" / "x"}
     return {name: str(path) for name, path in paths.items()}
@@ -61,4 +69,6 @@ def test_bad_input_gives_one_line_and_exit_code_2(
     assert code == 2
     assert expected in error
     assert len(error.splitlines()) == 1
+    # At most 80 characters of a long argument.
+    assert all(len(run.group()) <= 80 for run in re.finditer(r"(\w)\1*", error))
     assert not Path(places["OUT"]).exists()

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -123,3 +126,33 @@ def test_damaged_runs_of_a_table_are_told_and_computed_again(
     assert f"note:poses.txtwasmissingorchangedin{poses.parent}".replace(" ", "") in printed
     assert poses.read_bytes() == whole
     assert next(out.glob("*.csv")).read_text(encoding="utf-8").split(",")[:7] == table
+
+
+@pytest.mark.parametrize("command", ["run", "sweep", "reproduce"])
+def test_unknown_backend_of_matplotlib_is_told_before_the_work(
+    bands: Path, tmp_path: Path, command: str
+) -> None:
+    words = [sys.executable, "-m", "vo_lib", *commands(bands, tmp_path / "out")[command]]
+    environ = {**os.environ, "MPLBACKEND": "nonsense"}
+    done = subprocess.run(words, capture_output=True, text=True, env=environ, check=False)
+    assert done.returncode == 2
+    assert done.stderr == "vo: error: MPLBACKEND=nonsense: is no backend of Matplotlib; unset this variable\n"
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(("jobs", "note"), [("1", False), ("999", True)])
+def test_jobs_are_at_most_the_runs(
+    bands: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    jobs: str,
+    note: bool,
+) -> None:
+    monkeypatch.setattr("vo_lib.commands.common.os.cpu_count", lambda: 1)
+    words = commands(bands, tmp_path / "out")["reproduce"]
+    words[words.index("--seeds") + 1] = "2"
+    assert main([*words, "--jobs", jobs]) == 0
+    printed = capsys.readouterr().out
+    assert ("note: 2 processes, but this machine has 1 processor core" in " ".join(printed.split())) == note
+    assert f"processes: {2 if note else 1}" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")

@@ -71,6 +71,30 @@ def test_damaged_images_are_listed(tree: Path) -> None:
     assert second == "image_1/000001.png: 100×240, the others are 480×240"
 
 
+@pytest.mark.parametrize("first", [1403636579763555584, 20260101120000, 1700000000])
+def test_names_that_are_times_are_listed_in_one_line(tmp_path: Path, first: int) -> None:
+    folder = write_bands(tmp_path / "root" / "sequences" / "mine", FRAMES)
+    for number in range(FRAMES):
+        for side in ("image_0", "image_1"):
+            old, new = f"{number:06d}.png", f"{first + number * 50_000_000}.png"
+            (folder / side / old).rename(folder / side / new)
+    (folder / "image_1" / f"{first}.png").unlink()
+    assert set(only(tmp_path / "root").problems) == {
+        "the names of the images are times, not numbers: convert with from_folder",
+        f"image_1: 1 images missing, the first is {first}",
+    }
+
+
+def test_gap_in_a_users_clip_is_listed(tmp_path: Path) -> None:
+    folder = write_bands(tmp_path / "root" / "sequences" / "mine", FRAMES)
+    for side in ("image_0", "image_1"):
+        (folder / side / "000005.png").rename(folder / side / "000300.png")
+    problem = "images missing, the first is 000005"
+    problems = {f"{side}: 295 {problem}" for side in ("image_0", "image_1")}
+    problems |= {f"{name}: 6 rows for 301 frames" for name in ("times.txt", "poses.txt")}
+    assert set(only(tmp_path / "root").problems) == problems
+
+
 def test_sequence_numbers_and_ranges_are_parsed() -> None:
     assert parse_numbers("07,04,07") == ["07", "04"]
     assert parse_numbers("09-11") == ["09", "10", "11"]

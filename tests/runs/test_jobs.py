@@ -8,7 +8,11 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
+from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
 import pytest
 from conftest import small, write_bands
@@ -140,6 +144,24 @@ def test_killed_worker_gives_one_line(
 
 def _killed(job: Job, cache: Path | None) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_failed_workers_keep_the_cause(
+    two: list[Sequence], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Elsewhere(Executor):
+        """The workers of a cluster on which a module is missing."""
+
+        def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+            future: Future[Any] = Future()
+            future.set_exception(ModuleNotFoundError("No module named 'vo_lib'"))
+            return future
+
+    monkeypatch.setattr("vo_lib.runs.jobs.executor", lambda *_: nullcontext(Elsewhere()))
+    with pytest.raises(DataError) as raised:
+        run_jobs(all_jobs(two[:1], tmp_path / "runs"), cache=tmp_path / "cache")
+    assert str(raised.value) == "the workers failed: ModuleNotFoundError: No module named 'vo_lib'"
+    assert isinstance(raised.value.__cause__, ModuleNotFoundError)
 
 
 def test_dask_cluster_runs_the_jobs(two: list[Sequence], tmp_path: Path) -> None:

@@ -49,7 +49,7 @@ def main(words: Items[str] | None = None) -> int:
             code = int(options.command(options))
             print(end="", flush=True)  # a closed output pipe raises its error here
         except ENDINGS as error:
-            return exit_code("vo", error)
+            return exit_code("vo", error, words)
     for warning in raised:
         print(f"vo: warning: {warning.message} ({warning.filename}:{warning.lineno})", file=sys.stderr)
     return code

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import os
 import re
 from collections.abc import Iterable
 from itertools import islice
@@ -24,6 +25,7 @@ from ..detection.yolo import PROVIDERS
 from ..errors import DataError
 from ..evaluation.ate_rpe import Delta
 from ..paper.settings import MethodConfig
+from ..report.plots import require_matplotlib
 from ..runs.folder import read_config, settings_in
 from ..runs.jobs import Outcome
 from .console import continues_when_repeated, print_wrapped, reporting
@@ -151,11 +153,28 @@ def parse_methods(text: str | None, variant: str | None) -> dict[str, list[str]]
     return {name: [m for m in methods if m in VARIANTS[name]] for name in variants}
 
 
+def require_drawing() -> None:
+    """Raise `DataError` before the work if Matplotlib could not draw its figures afterwards."""
+    if os.environ.get("MPLBACKEND"):  # without it, the import of half a second can wait
+        require_matplotlib()
+
+
 def parse_whole(name: str, text: str, least: int = 1, most: int = 1_000_000) -> int:
     """A whole number from `least` to `most`; `DataError` with the option's name for other text."""
     if re.fullmatch(r"\d{1,9}", text, re.ASCII) is None or not least <= int(text) <= most:
         raise DataError(f"{name} {text!r}: expected a whole number from {least} to {most}")
     return int(text)
+
+
+def parse_jobs(text: str, runs: int | None = None) -> int:
+    """The number of processes in --jobs, at most one for each run; a note if the machine has fewer cores."""
+    workers = parse_whole("--jobs", text)
+    workers = workers if runs is None else min(workers, max(runs, 1))
+    cores = os.cpu_count() or 1
+    if workers > cores:
+        words = "processor core" if cores == 1 else "processor cores"
+        print_wrapped(f"note: {workers} processes, but this machine has {cores} {words}")
+    return workers
 
 
 def parse_frames(text: str, number: int) -> tuple[int, int]:

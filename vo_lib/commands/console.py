@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import os
+import re
 import shlex
 import shutil
 import sys
@@ -18,7 +19,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
-from ..errors import DataError, did_you_mean
+from ..errors import MAX_TYPED, DataError, did_you_mean, shorten
 from ..settings import Setting, as_typed, declared
 
 # Rich is imported where something is printed: its import takes 0.1 s, which `vo --help` does not need.
@@ -29,7 +30,12 @@ if TYPE_CHECKING:
     from ..report.page import ReportTable
 
 SETTINGS_PAGE = "--help-settings"  # the option that lists a command's settings
-ENDINGS = (DataError, OSError, KeyboardInterrupt)  # exceptions that end a command without a traceback
+ENDINGS = (
+    DataError,
+    OSError,
+    MemoryError,
+    KeyboardInterrupt,
+)  # exceptions that end a command without a traceback
 LOG_PERIOD_S = 60.0  # period of the progress lines without a terminal
 SPEED_PERIOD_S = 180.0  # time over which a progress bar averages the speed
 
@@ -50,7 +56,7 @@ class OneLineParser(argparse.ArgumentParser):
         self._words = sys.argv[1:] if args is None else list(args)
         options, unknown = super().parse_known_args(args, namespace)
         if unknown:
-            self.error(f"unrecognized arguments: {' '.join(unknown)}")
+            self.error(f"unrecognized arguments: {shorten(' '.join(unknown))}")
         return options, unknown
 
     def error(self, message: str) -> NoReturn:
@@ -62,14 +68,29 @@ class OneLineParser(argparse.ArgumentParser):
                 hint = f"; {did_you_mean(name, options) or self.get_default('others') or ''}".rstrip("; ")
                 page = SETTINGS_PAGE if "." in name and SETTINGS_PAGE in options else page
                 break
-        text = " ".join(message.split())
+        text = one_line(message, self._words)
         self.exit(2, f"{self.prog}: error: {text}{hint} (see {self.prog} {page})\n")
 
 
-def exit_code(program: str, error: BaseException) -> int:
+def one_line(message: str, words: Iterable[str]) -> str:
+    """A message as one printable line, in which nothing that was typed has more than `MAX_TYPED` characters.
+
+    words : the arguments of the command. Of a longer argument, or a long part of one, the middle is left out.
+    """
+    text = " ".join(message.split())
+    pieces = (part for word in words for part in (word, *re.split(r"[=,;:/\s]", word)))
+    parts = {part for part in pieces if len(part) > MAX_TYPED}
+    for part in sorted(parts, key=len, reverse=True):
+        for form in (part, " ".join(part.split()), repr(part)[1:-1], shlex.quote(part)):
+            text = text.replace(form, shorten(form))
+    return "".join(letter if letter.isprintable() else "?" for letter in text)
+
+
+def exit_code(program: str, error: BaseException, words: Iterable[str] = ()) -> int:
     """Print the message of an exception of `ENDINGS` to stderr, and return the exit code.
 
     Code 2: bad input, or an error of the system; 130: Ctrl-C; 1, without a message: a closed output pipe.
+    `words` : the arguments of the command, for `one_line`.
     """
     if isinstance(error, BrokenPipeError):
         # At its end, Python writes the rest of its buffer, here to the null device.
@@ -81,7 +102,9 @@ def exit_code(program: str, error: BaseException) -> int:
         return 130
     if isinstance(error, OSError):
         text = ": ".join(str(part) for part in (error.filename, error.strerror or error) if part is not None)
-    print(f"{program}: error: {text}", file=sys.stderr)
+    if isinstance(error, MemoryError):
+        text = "out of memory"
+    print(f"{program}: error: {one_line(text, words)}", file=sys.stderr)
     return 2
 
 

@@ -15,7 +15,7 @@ from ..evaluation.path_errors import evaluate
 from ..files import read_mapping, write_atomic, written_together
 from ..report.paths import evaluation_tables, read_paths, write_pictures
 from ..runs.folder import POSES, POSES_TUM, changed_files, run_folder
-from .common import changed_words, parse_delta, parse_lengths, parse_whole
+from .common import changed_words, parse_delta, parse_lengths, parse_whole, require_drawing
 from .console import print_lines, print_wrapped, show_report_table, warn
 
 EVALUATION = "evaluation.json"
@@ -58,6 +58,8 @@ def _is_evaluation(path: Path) -> bool:
 def _evaluate(options: argparse.Namespace) -> int:
     lengths = None if options.lengths is None else parse_lengths(options.lengths)
     step = None if options.step is None else parse_whole("--step", options.step)
+    if options.out is not None:
+        require_drawing()
     if not options.t_max_diff >= 0:
         raise DataError(f"--t-max-diff {options.t_max_diff:g}: expected 0 s or more")
     alignment, delta = Alignment(options.alignment), parse_delta(options.delta)

@@ -59,13 +59,15 @@ def add(parser: argparse.ArgumentParser) -> None:
 def reproduce(options: argparse.Namespace, *remarks: str) -> int:
     """Do the runs; write and print the table, the result and the remarks. Exit code 1 if a run failed."""
     start, config = time.perf_counter(), None
+    common.require_drawing()
     if options.config is not None:
         if options.methods is not None:
             raise DataError("--config and --methods: use only one of them, since both set the method")
         config = common.read_settings(options)
         options.methods = options.method
     methods = common.parse_methods(options.methods, options.variant)
-    seeds, workers = common.parse_whole("--seeds", options.seeds), common.parse_whole("--jobs", options.jobs)
+    seeds = common.parse_whole("--seeds", options.seeds)
+    common.parse_whole("--jobs", options.jobs)  # refused before the work
     measure = (
         None if options.lengths is None else SubsequenceProtocol(common.parse_lengths(options.lengths), 1)
     )
@@ -83,6 +85,7 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
         stack.enter_context(only_process(folder))
         sequences = [s if s.labels else common.labelled(s, options, options.cache) for s in opened]
         jobs = plan_jobs(sequences, methods, seeds, folder, config)
+        workers = common.parse_jobs(options.jobs, len(jobs))
         without_boxes = common.warn_without_boxes((job.sequence, job.config) for job in jobs)
         with reporting(f"{len(jobs)} runs") as report:
             outcomes = run_jobs(jobs, workers, report, options.cache, fresh=options.fresh)

@@ -90,6 +90,7 @@ def _run(options: argparse.Namespace) -> int:
     for item in (SETTINGS | {item.name: item for item in settings.declared(type(config))}).values():
         if (text := getattr(options, item.name)) is not None:
             config = change(config, item.name, item.parse(text))
+    common.require_drawing()
     loops = from_options(options, LoopConfig, close_loops.PREFIX)
     calibration, cache = _check(options, config), Path(options.cache) if options.cache else None
     detection = from_options(options, DetectorConfig, DETECTOR)

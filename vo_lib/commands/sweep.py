@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from contextlib import ExitStack
 
 from ..errors import DataError
@@ -41,11 +42,13 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def _sweep(options: argparse.Namespace) -> int:
-    seeds, workers = common.parse_whole("--seeds", options.seeds), common.parse_whole("--jobs", options.jobs)
+    common.require_drawing()
+    seeds = common.parse_whole("--seeds", options.seeds)
     base = common.read_settings(options)
     axes = dict(parse_axis(text, base) for text in options.axes)
     if len(axes) < len(options.axes):
         raise DataError("--set: a setting is repeated")
+    workers = common.parse_jobs(options.jobs, seeds * math.prod(map(len, axes.values())))
     sequence = common.open_with_bar(options.sequence, options.cache, options)
     remedy = "For boxes, call `vo data write_labels`, then add `--labels DIR`."
     common.warn_without_boxes([(sequence, base)], remedy)

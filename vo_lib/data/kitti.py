@@ -274,7 +274,11 @@ def bits_note(bits: int) -> str:
 
 
 def _has_valid_chunks(png: bytes) -> bool:
-    """Whether all chunks of a PNG file up to IEND are present and pass their checksums."""
+    """Whether all chunks of a PNG file up to IEND are present and pass their checksums.
+
+    In an animated PNG, the image must be one of the frames; otherwise, OpenCV returns black or another frame.
+    """
+    kinds = set[bytes]()
     if not png.startswith(PNG_SIGNATURE):
         return False
     start = len(PNG_SIGNATURE)
@@ -285,5 +289,8 @@ def _has_valid_chunks(png: bytes) -> bool:
             return False
         if kind == b"IEND":
             return True
+        if kind == b"IDAT" and b"acTL" in kinds and b"fcTL" not in kinds:
+            return False
+        kinds.add(kind)
         start = end
     return False

@@ -83,7 +83,7 @@ class Film:
         self.run = run
         self.label = label
         self.loops = loops
-        self._colour = plots.bgr(plots.METHOD_COLOURS[method])
+        self._colour = plots.bgr(plots.METHOD_COLOURS.get(method, plots.METHOD_COLOURS[PROPOSAL]))
         camera = run.sequence.camera
         side = max(camera.height, MIN_PATH_SIDE_PX)
         # Encoders require even numbers of pixels.

@@ -6,6 +6,7 @@ Matplotlib is imported only for the first figure, since the import takes half a 
 from __future__ import annotations
 
 import io
+import os
 import re
 import textwrap
 import warnings
@@ -16,6 +17,7 @@ import cv2
 import numpy as np
 
 from ..data.poses import from_first
+from ..errors import DataError
 from ..evaluation.kitti_errors import trajectory_distances
 from ..evaluation.statistics import standard_deviation
 from ..geometry.boxes import MOVING, PARKED, Boxes
@@ -41,8 +43,18 @@ TRUTH_COLOUR, LOOP_COLOUR = "#222222", CYCLE[5]
 LINE_WIDTHS = {PROPOSAL: 4.0, TRUTH: 0.9}  # points; other lines have widths between these
 
 
+def require_matplotlib() -> None:
+    """Raise `DataError` if Matplotlib refuses the environment variable MPLBACKEND."""
+    try:
+        import matplotlib  # noqa: F401  (an invalid variable is an error of the import)
+    except ValueError:
+        backend = os.environ.get("MPLBACKEND")
+        raise DataError(f"MPLBACKEND={backend}: is no backend of Matplotlib; unset this variable") from None
+
+
 def figure_page(title: str = "", width: float = SMALL_PAGE[0], height: float = SMALL_PAGE[1]) -> Figure:
     """An empty figure of a size in inches, with constrained layout; a long title is wrapped."""
+    require_matplotlib()
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), dpi=160, layout="constrained")

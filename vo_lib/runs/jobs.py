@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import traceback
 from collections.abc import Callable, Hashable, Iterable, Iterator
-from concurrent.futures import Executor
+from concurrent.futures import BrokenExecutor, Executor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from ..kit.calibration import Calibration
 
 MATCHING_FRAMES = 4  # number of back-end frames that take as long as the matching of one frame
+DASK_WORKER_KILLED = "KilledWorker"  # the exception of Dask, which is not always installed
 CONNECT_TIMEOUT_S = 10.0
 
 
@@ -136,7 +137,7 @@ def run_jobs(
     Parameters
     ----------
     jobs : runs in different folders.
-    workers : number of processes; 1 means this process.
+    workers : number of processes, at most one for each job; 1 means this process.
     progress : called with (frames done, total frames); a frame of a front end counts as `MATCHING_FRAMES`.
     cache : folder of the match cache; default the user's cache folder.
     scheduler : address of a Dask scheduler, "tcp://host:port", used instead of local processes; the workers
@@ -177,16 +178,18 @@ def run_jobs(
         return [future.result() for future in futures]
 
     frames_done(0)
-    with executor(workers, scheduler) as pool:
+    with executor(min(workers, max(len(jobs), 1)), scheduler) as pool:
         try:
             causes = in_pool(partial(_fill, cache=cache), front_ends.values(), MATCHING_FRAMES)
             failures = {key: cause for key, cause in zip(front_ends, causes, strict=True) if cause}
             ready = [job for job in jobs if _front_end(job) not in failures]
             causes = in_pool(partial(_run, cache=cache, fresh=fresh), ready)
-        except Exception:  # `_attempt` catches the exceptions of the jobs
-            raise DataError(
-                "a worker process was killed, perhaps for lack of memory; repeat the command to continue"
-            ) from None
+        except Exception as error:  # `_attempt` catches the exceptions of the jobs
+            if isinstance(error, BrokenExecutor) or type(error).__name__ == DASK_WORKER_KILLED:
+                raise DataError(
+                    "a worker process was killed, perhaps for lack of memory; repeat the command to continue"
+                ) from error
+            raise DataError(f"the workers failed: {_in_one_line(error)}") from error
     errors = {job.folder: cause for job, cause in zip(ready, causes, strict=True)}
     return [
         Outcome(job, errors.get(job.folder, failures.get(_front_end(job))), changed[job.folder])
@@ -221,9 +224,12 @@ def _attempt(function: Callable[[Job], None], job: Job) -> str | None:
         return str(error)
     except Exception as error:
         origin = traceback.extract_tb(error.__traceback__)[-1]
-        text = " ".join(str(error).split())
-        return f"{type(error).__name__}: {text} ({Path(origin.filename).name}, line {origin.lineno})"
+        return f"{_in_one_line(error)} ({Path(origin.filename).name}, line {origin.lineno})"
     return None
+
+
+def _in_one_line(error: BaseException) -> str:
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"
 
 
 @contextmanager
