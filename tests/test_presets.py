@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from functools import reduce
 from pathlib import Path
 from typing import Any
 
 import pytest
+from conftest import with_box, write_bands
 
-from vo_lib import preset
-from vo_lib.config import CONFIG_CLASSES, METHODS, VARIANTS
+from vo_lib import DataError, open_sequence, preset, run
+from vo_lib.config import CONFIG_CLASSES, METHODS, VARIANTS, change
 from vo_lib.detection.settings import DetectorConfig
 from vo_lib.kit.settings import KitConfig
 from vo_lib.paper.settings import PublishedConfig
-from vo_lib.settings import declared
+from vo_lib.settings import Checked, declared, unused_because
 
 # All defaults. A change of a default is made there too, and the results are measured again.
 DEFAULTS = Path(__file__).with_name("defaults.json")
@@ -73,3 +75,68 @@ def test_defaults_are_unchanged(config: Any) -> None:
 @pytest.mark.parametrize("method", ORDER)
 def test_seed_is_the_only_change(method: str) -> None:
     assert flat(preset(method, seed=7, variant="kit")) == flat(preset(method, variant="kit")) | {"seed": 7}
+
+
+def test_error_of_a_value_names_the_values_of_the_own_variant() -> None:
+    with pytest.raises(DataError, match=r"filter\.rule: 'foo' is not one of none, all$"):
+        change(preset("feature_selection"), "filter.rule", "foo")
+    with pytest.raises(DataError, match=r"filter\.rule: 'foo' is not one of none, all, moving, truth$"):
+        change(preset("feature_selection", variant="kit"), "filter.rule", "foo")
+    with pytest.raises(DataError, match=r"there is no such setting; did you mean selection\.sets\?"):
+        change(preset("feature_selection"), "selection.sats", 5)
+
+
+@pytest.mark.parametrize(
+    "call", [lambda: preset("moving_selection"), lambda: change(preset("viso2"), "filter.rule", "moving")]
+)
+def test_library_does_not_speak_of_options(call: Callable[[], object]) -> None:
+    with pytest.raises(DataError) as raised:
+        call()
+    assert "--" not in str(raised.value)
+    assert raised.value.remedy == "variant kit"
+
+
+# Changes of a preset that turn other settings off.
+CHANGES: tuple[dict[str, Any], ...] = (
+    {},
+    {"selection.prior": False},
+    {"filter.rule": "none"},
+    {"selection.mode": "literal"},
+    {"calibration.estimate": False},
+)
+
+
+@pytest.mark.parametrize("changes", CHANGES, ids=str)
+@pytest.mark.parametrize(
+    ("variant", "method"), [(variant, method) for variant in VARIANTS for method in VARIANTS[variant]]
+)
+def test_a_run_reads_the_settings_that_are_declared_as_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, variant: str, method: str, changes: dict[str, Any]
+) -> None:
+    names = [item.name for item in declared(CONFIG_CLASSES[variant])]
+    if not changes.keys() <= set(names):
+        pytest.skip("the variant has no such setting")
+    folder = with_box(write_bands(tmp_path / "bands", 6), 6)
+    config = change(preset(method, variant=variant), "min_matches", 5)
+    for name, value in ({"features.cell": 10} if variant == "kit" else {"features.blob_cell": 9}).items():
+        config = change(config, name, value)
+    for name, value in changes.items():
+        config = change(config, name, value)
+    read = set[tuple[int, str]]()
+
+    def watched(self: Checked, name: str) -> Any:
+        read.add((id(self), name))
+        return object.__getattribute__(self, name)
+
+    sequence = open_sequence(folder)
+    with monkeypatch.context() as patch:
+        patch.setattr(Checked, "__getattribute__", watched, raising=False)
+        run(sequence, config)
+    places = {}
+    for name in names:
+        *parents, last = name.split(".")
+        places[name] = id(reduce(getattr, parents, config)), last
+    unused = {name for name in names if unused_because(config, name)}
+    # Read without an effect on the path: boxes for films, and the ratio if all candidates compete.
+    harmless = {"filter.margin", "filter.classes", "filter.score", "selection.prior_rejection_ratio"}
+    assert {name for name in names if places[name] not in read} - harmless == unused - harmless

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any, Literal, TypeVar, overload
 
 from . import settings
-from .errors import DataError, did_you_mean
+from .errors import DataError, did_you_mean, shorten
 from .kit.settings import KitConfig, KitFilterConfig, KitSelectionConfig
 from .paper.settings import BucketConfig, FilterConfig, MethodConfig, PublishedConfig, SelectionConfig
 
@@ -68,7 +68,7 @@ def preset(method: str, *, variant: str = "published", seed: int = 0) -> MethodC
     config_class(variant)
     methods = VARIANTS[variant]
     if method in METHODS and method not in methods:
-        raise DataError(f"{method} is not in the paper: add --variant kit")
+        raise DataError(f"{method} is not in the paper, only in variant kit", remedy="variant kit")
     if method not in methods:
         near = did_you_mean(method, methods)
         raise DataError(f"unknown method {method!r}: {near}the methods are {', '.join(methods)}")
@@ -90,8 +90,13 @@ def change(config: AnyConfig, name: str, value: Any) -> AnyConfig:
     """
     try:
         changed: AnyConfig = settings.replace(config, name, value)
-    except DataError:
-        other = "published" if isinstance(config, KitConfig) else "kit"
-        settings.replace(VARIANTS[other]["viso2"], name, value)  # raises for an unknown setting
-        raise DataError(f"{name} {value} is a setting of the other variant: add --variant {other}") from None
+    except DataError as error:
+        other = "published" if config.variant == "kit" else "kit"
+        try:
+            settings.replace(CONFIG_CLASSES[other](), name, value)
+        except DataError as error_of_other:
+            known = name in {item.name for item in settings.declared(type(config))}
+            raise (error if known else error_of_other) from None
+        shown = f"{name} {shorten(settings.as_typed(value))}"
+        raise DataError(f"{shown} is a setting of the other variant", remedy=f"variant {other}") from None
     return changed

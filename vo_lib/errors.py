@@ -26,9 +26,14 @@ class DataError(Exception):
 
     The message is a single line: the file and its line (or image), if any, then the fault and the expected
     content. The `vo` command prints the message and exits with code 2.
+
+    remedy : name of a parameter that would help, such as "fresh"; the `vo` command adds how to type it.
     """
 
-    def __init__(self, message: str, path: str | Path | None = None, line: int | None = None):
+    def __init__(
+        self, message: str, path: str | Path | None = None, line: int | None = None, *, remedy: str = ""
+    ):
+        self.remedy = remedy
         location = "" if path is None else str(path) + ("" if line is None else f", line {line}") + ": "
         super().__init__(" ".join((location + message).split("\n")))
 

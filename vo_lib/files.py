@@ -177,7 +177,8 @@ def written_together(
     before remain. Raises `DataError` like `writing`.
 
     stale : names of files that are deleted at the end.
-    last : name of the file that is replaced last, the mark of a complete result.
+    last : name of the file that is replaced last, the mark of a complete result. In the temporary folder, its
+        name ends in `DRAFT`: a search for complete results does not find it there.
     own : whether files in `folder` may be replaced (see `refuse_foreign`).
     """
     draft = _draft_of(folder / "results")
@@ -185,13 +186,17 @@ def written_together(
     try:
         draft.mkdir()
         yield draft
-        names = sorted(os.listdir(draft), key=lambda name: (name == last, name))
+        names = sorted(name for name in os.listdir(draft) if name != last + DRAFT)
+        if last:
+            names.append(last)
         refuse_foreign(folder, names, own)
         new += [folder / name for name in names if not (folder / name).exists()]
         for name in names:
-            if name == last:
-                _delete(folder / each for each in stale)
-            os.replace(draft / name, folder / name)
+            if name != last:
+                os.replace(draft / name, folder / name)
+        _delete(folder / name for name in stale)
+        if last:
+            os.replace(draft / (last + DRAFT), folder / last)
     except OSError as error:
         _delete(new)
         raise DataError(f"cannot be written: {error.strerror}", folder) from error

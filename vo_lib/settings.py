@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import typing
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,9 +26,13 @@ def setting(
     low: float | None = None,
     high: float | None = None,
     choices: tuple[str, ...] = (),
+    when: Mapping[str, tuple[Any, ...]] | None = None,
 ) -> Any:
-    """A dataclass field with a unit, a closed range [low, high] or choices, and a sentence on its meaning."""
-    meta = {"text": text, "unit": unit, "low": low, "high": high, "choices": choices}
+    """A dataclass field with a unit, a closed range [low, high] or choices, and a sentence on its meaning.
+
+    when : names of other settings with the values for which this setting is used; by default, always.
+    """
+    meta = {"text": text, "unit": unit, "low": low, "high": high, "choices": choices, "when": when or {}}
     return dataclasses.field(default=default, metadata=meta)
 
 
@@ -40,7 +45,8 @@ def section(cls: type) -> Any:
 class Setting:
     """One declared setting: `name` is a dotted path such as "selection.sets", `kind` a Python type.
 
-    If the default is None, None is a valid value. If the default is a tuple, the value is a tuple.
+    If the default is None, None is a valid value. If the default is a tuple, the value is a tuple. `when` :
+    values of other settings for which this setting is used.
     """
 
     name: str
@@ -51,6 +57,7 @@ class Setting:
     low: float | None
     high: float | None
     choices: tuple[str, ...]
+    when: Mapping[str, tuple[Any, ...]] = dataclasses.field(default_factory=dict)
 
     @property
     def _item_kind(self) -> Any:
@@ -149,6 +156,16 @@ def replace(config: Any, name: str, value: Any) -> Any:
     head, _, rest = name.partition(".")
     changed = replace(getattr(config, head), rest, value) if rest else value
     return dataclasses.replace(config, **{head: changed})
+
+
+def unused_because(config: Any, name: str) -> str:
+    """Why a configuration does not use one of its settings: "estimator is reprojection"; "" if it is used."""
+    items = {item.name: item for item in declared(type(config))}
+    for other, values in items[name].when.items():
+        value = functools.reduce(getattr, other.split("."), config)
+        if value not in values:
+            return f"{other} is {as_typed(value)}"
+    return ""
 
 
 def to_dict(config: Any) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from vo_lib import Sequence, open_sequence, preset, run
 from vo_lib.commands.cli import main
 from vo_lib.config import change
 from vo_lib.evaluation.kitti_errors import SHORT_PROTOCOL, kitti_errors
+from vo_lib.files import read_csv
 from vo_lib.report.sweep_table import Sweep, heat_map, parse_axis, run_sweep, sweep_table
 from vo_lib.runs.jobs import run_jobs
 
@@ -102,3 +103,20 @@ def test_sweep_of_a_short_path_has_no_errors(
     assert main([*words, "selection.sets=10,20", *places]) == 0
     assert "No errors and no heat map" in capsys.readouterr().out
     assert not (tmp_path / "out" / "sweep.png").exists()
+
+
+def test_rows_that_a_setting_does_not_touch_are_marked(
+    sequence: Sequence, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    words = ["sweep", "--sequence", str(sequence.folder), "--seeds", "1", "--method", "solution_selection"]
+    words += ["--set", "selection.prior=on,off", "--set", "selection.top_k=1,2"]
+    words += ["--cache", str(tmp_path / "cache"), "--out", str(tmp_path / "out")]
+    assert main(words) == 0
+    (_, names), *rows = read_csv(tmp_path / "out" / "sweep.csv")
+    records = [dict(zip(names, cells, strict=True)) for _, cells in rows]
+    assert [record["not_used"] for record in records] == ["", "", "selection.top_k", "selection.top_k"]
+    assert records[2]["te_percent"] == records[3]["te_percent"]
+    printed = capsys.readouterr().out
+    assert printed.count("1 (not used)") == printed.count("2 (not used)") == 1
+    assert "(not used): the setting has no effect on the runs of this row." in printed

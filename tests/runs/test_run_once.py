@@ -16,6 +16,7 @@ import pytest
 from conftest import small, with_box, write_bands
 
 from vo_lib import DataError, Sequence, open_sequence, run
+from vo_lib.commands.cli import main
 from vo_lib.data.poses import format_kitti_poses
 from vo_lib.files import only_process
 from vo_lib.kit.settings import KitConfig
@@ -230,10 +231,16 @@ def test_folder_of_another_run_is_refused(
     assert run_once(folder, dataclasses.replace(sequence, name="x"), boxed(), "m")[1]
 
 
-def test_folder_with_other_files_needs_fresh(sequence: Sequence, folder: Path) -> None:
+def test_folder_with_other_files_needs_fresh(
+    sequence: Sequence, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (folder / "notes.md").write_text("mine", encoding="utf-8")
-    with pytest.raises(DataError, match=r"other files, such as notes\.md: .*--fresh"):
+    with pytest.raises(DataError, match=r"other files, such as notes\.md: choose another folder$") as raised:
         run_once(folder, sequence, boxed(), "m")
+    assert raised.value.remedy == "fresh"
+    words = ["run", str(sequence.folder), "--out", str(folder)]
+    assert main(words) == 2
+    assert "choose another folder, or replace the run with --fresh" in capsys.readouterr().err
     run_once(folder, sequence, boxed(), "m", fresh=True)
     assert run_once(folder, sequence, boxed(), "m")[1]
     assert (folder / "notes.md").read_text(encoding="utf-8") == "mine"

@@ -36,6 +36,13 @@ ENDINGS = (
     MemoryError,
     KeyboardInterrupt,
 )  # exceptions that end a command without a traceback
+# How to type the parameter that a `DataError` names as its remedy.
+REMEDIES = {
+    "fresh": ", or replace the run with --fresh",
+    "replace": ", or add --replace",
+    "variant kit": ": add --variant kit",
+    "variant published": ": add --variant published",
+}
 LOG_PERIOD_S = 60.0  # period of the progress lines without a terminal
 SPEED_PERIOD_S = 180.0  # time over which a progress bar averages the speed
 
@@ -97,6 +104,8 @@ def exit_code(program: str, error: BaseException, words: Iterable[str] = ()) -> 
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     text = str(error)
+    if isinstance(error, DataError):
+        text += REMEDIES.get(error.remedy, "")
     if isinstance(error, KeyboardInterrupt):
         print(f"{program}: interrupted" + (f"; {text}" if text else ""), file=sys.stderr)
         return 130

@@ -92,7 +92,7 @@ def _evaluate(options: argparse.Namespace) -> int:
     if options.out is not None:
         with run_folder(options.out) as folder:
             own = _is_evaluation(folder / EVALUATION)
-            with written_together(folder, EVALUATION, own=own) as draft:
+            with written_together(folder, own=own) as draft:
                 write_atomic(draft / EVALUATION, data + "\n")
                 for paths, result in results:
                     missing += write_pictures(draft, paths, result)

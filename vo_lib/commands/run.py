@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from ..paper.settings import MethodConfig
     from ..runs.drive import Run
 
+BOX_SETTINGS = ("filter.margin", "filter.classes", "filter.score")
 DETECTOR = "detector."
 DETECTOR_SETTINGS = settings.declared(DetectorConfig, DETECTOR)
 
@@ -87,9 +88,12 @@ def _run(options: argparse.Namespace) -> int:
     config = common.read_settings(options)
     if options.help_settings:
         return _help_settings(config)
+    given = []
     for item in (SETTINGS | {item.name: item for item in settings.declared(type(config))}).values():
         if (text := getattr(options, item.name)) is not None:
             config = change(config, item.name, item.parse(text))
+            given.append(item.name)
+    _refuse_unused(options, config, given)
     common.require_drawing()
     loops = from_options(options, LoopConfig, close_loops.PREFIX)
     calibration, cache = _check(options, config), Path(options.cache) if options.cache else None
@@ -209,6 +213,23 @@ def _check(options: argparse.Namespace, config: MethodConfig) -> Calibration | N
     from ..kit.calibration import read_learnt_calibration
 
     return read_learnt_calibration(options.calibration)
+
+
+def _refuse_unused(options: argparse.Namespace, config: MethodConfig, given: list[str]) -> None:
+    """Raise `DataError` for a setting on the command line that has no effect on this run."""
+    for prefix, items in ((DETECTOR, DETECTOR_SETTINGS), (close_loops.PREFIX, close_loops.LOOP_SETTINGS)):
+        option = prefix.removesuffix(".")
+        for item in items:
+            if getattr(options, item.name) is not None and not getattr(options, option):
+                raise DataError(f"--{item.name} has no effect without --{option}")
+    for name in given:
+        reason = settings.unused_because(config, name)
+        # Places are compared by the reprojection error, and a film shows the boxes of every rule.
+        also = (options.loops and name.startswith("reprojection.")) or (
+            options.video is not None and name in BOX_SETTINGS
+        )
+        if reason and not also:
+            raise DataError(f"--{name}: {options.method} does not use this setting, since {reason}")
 
 
 def _refuse_to_replace_input(options: argparse.Namespace) -> None:

@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from ..errors import DataError
 from ..files import only_process, refuse_foreign, write_atomic, written_together
 from ..report.page import records_csv
-from ..report.sweep_table import CELLS, heat_map, parse_axis, run_sweep, sweep_table
+from ..report.sweep_table import CELLS, heat_map, parse_axis, refuse_unused, run_sweep, sweep_table
 from ..report.table1 import is_own_table
 from ..runs.folder import has_runs, run_folder
 from ..runs.jobs import Job, Outcome, run_jobs
@@ -48,6 +48,7 @@ def _sweep(options: argparse.Namespace) -> int:
     axes = dict(parse_axis(text, base) for text in options.axes)
     if len(axes) < len(options.axes):
         raise DataError("--set: a setting is repeated")
+    refuse_unused(options.method, base, axes)
     workers = common.parse_jobs(options.jobs, seeds * math.prod(map(len, axes.values())))
     sequence = common.open_with_bar(options.sequence, options.cache, options)
     remedy = "For boxes, call `vo data write_labels`, then add `--labels DIR`."
@@ -65,7 +66,7 @@ def _sweep(options: argparse.Namespace) -> int:
             sweep = run_sweep(sequence, options.method, base, axes, seeds, folder, run)
         if not any(record["seeds"] for record in sweep.records):  # an earlier table is kept
             raise DataError(sweep.records[0]["failed"])
-        with written_together(folder, TABLE, stale=() if sweep.has_errors else (HEAT_MAP,)) as draft:
+        with written_together(folder, stale=() if sweep.has_errors else (HEAT_MAP,)) as draft:
             write_atomic(draft / TABLE, records_csv(sweep.records))
             if sweep.has_errors:
                 write_atomic(draft / HEAT_MAP, heat_map(sweep))

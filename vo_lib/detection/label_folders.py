@@ -191,7 +191,9 @@ def _claim(folder: Path, record: dict[str, Any], sequence: Sequence, replace: bo
             raise DataError(f"expected {EXPECTED_RECORD}: choose another folder for labels", path)
     if labels and not replace:
         raise DataError(
-            "contains labels that this detector did not write: choose another folder or add --replace", folder
+            "contains labels that this detector did not write: choose another folder",
+            folder,
+            remedy="replace",
         )
     frames = set(list_frames(sequence.folder))
     for file in labels:

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from ..paper.settings import (
+    ESSENTIAL,
+    PRIOR,
     FilterConfig,
     ImageBorder,
     MethodConfig,
@@ -14,6 +16,12 @@ from ..paper.settings import (
     TranslationLimits,
 )
 from ..settings import Checked, section, setting
+
+# Values of other settings for which a setting is used.
+MOVING = {"filter.rule": ("moving",)}
+REMOVAL = {"filter.rule": ("all", "moving", "truth")}
+REFINED = ESSENTIAL | {"selection.mode": ("refined",)}
+ESTIMATED = {"calibration.estimate": (True,)}
 
 
 @dataclass(frozen=True)
@@ -68,21 +76,41 @@ class KitMatchingConfig(StereoLimits):
 class MovingConfig(Checked):
     """The test whether the vehicle in a box moves (chapter 5, not in the paper)."""
 
-    noise: float = setting(0.2, "standard deviation of a matched position", unit="px", low=0.01, high=5)
+    noise: float = setting(
+        0.2,
+        "standard deviation of a matched position",
+        unit="px",
+        low=0.01,
+        high=5,
+        when=MOVING,
+    )
     significance: float = setting(
-        4.0, "smallest displacement of a moving box, in standard deviations", low=1, high=50
+        4.0,
+        "smallest displacement of a moving box, in standard deviations",
+        low=1,
+        high=50,
+        when=MOVING,
     )
     min_step: float = setting(
-        0.05, "smallest displacement of a moving box in one frame", unit="m", low=0, high=5
+        0.05,
+        "smallest displacement of a moving box in one frame",
+        unit="m",
+        low=0,
+        high=5,
+        when=MOVING,
     )
     agreement: float = setting(
         2.0,
         "largest residual of a static feature in a box, in standard deviations of a match",
         low=0.1,
         high=1000,
+        when=MOVING,
     )
     without: tuple[str, ...] = setting(
-        (), "parts of the test that are turned off, to measure what they do", choices=("moving-mean",)
+        (),
+        "parts of the test that are turned off, to measure what they do",
+        choices=("moving-mean",),
+        when=MOVING,
     )
 
 
@@ -92,7 +120,11 @@ class KitFilterConfig(FilterConfig):
 
     rule: str = setting("all", "boxes whose features are removed", choices=("none", "all", "moving", "truth"))
     min_matches: int = setting(
-        12, "smallest number of remaining matches; with fewer, all matches are kept", low=0, high=10000
+        12,
+        "smallest number of remaining matches; with fewer, all matches are kept",
+        low=0,
+        high=10000,
+        when=REMOVAL,
     )
     moving: MovingConfig = section(MovingConfig)
 
@@ -102,25 +134,31 @@ class KitSelectionConfig(SelectionConfig):
     """Refinement of the winner, and rejection of the prior (chapter 3)."""
 
     mode: str = setting(
-        "refined", "literal: unchanged winner; refined: fit to its inliers", choices=("literal", "refined")
+        "refined",
+        "literal: unchanged winner; refined: fit to its inliers",
+        choices=("literal", "refined"),
+        when=ESSENTIAL,
     )
     refine_scale: float = setting(
         1.5,
         "residual at which the refinement halves a match's weight, in standard deviations",
         low=0.5,
         high=100,
+        when=REFINED,
     )
     clean_sets: int = setting(
         50,
         "expected number of sets without an outlier from which no further set is drawn",
         low=1,
         high=1_000_000,
+        when=REFINED,
     )
     prior_rejection_ratio: float = setting(
         1.25,
         "largest ratio of the prior's best error to the smallest error; if larger, the prior is ignored",
         low=1,
         high=1000,
+        when=PRIOR,
     )
 
 
@@ -129,17 +167,34 @@ class KitTranslationConfig(TranslationLimits):
     """The translation by robust, weighted least squares (chapter 4)."""
 
     scale: float = setting(
-        0.5, "residual at which a feature's weight is halved", unit="px", low=0.05, high=20
+        0.5,
+        "residual at which a feature's weight is halved",
+        unit="px",
+        low=0.05,
+        high=20,
+        when=ESSENTIAL,
     )
-    iterations: int = setting(6, "largest number of robust re-weightings", low=1, high=50)
+    iterations: int = setting(
+        6,
+        "largest number of robust re-weightings",
+        low=1,
+        high=50,
+        when=ESSENTIAL,
+    )
     agreement: float = setting(
-        2.0, "largest norm of the residuals of an inlier's eight equations", unit="px", low=0.1, high=50
+        2.0,
+        "largest norm of the residuals of an inlier's eight equations",
+        unit="px",
+        low=0.1,
+        high=50,
+        when=ESSENTIAL,
     )
     without: tuple[str, ...] = setting(
         (),
         "parts that are turned off, to measure what they do; without robust-solution, the paper's "
         "pseudo-inverse of two stereo pairs is used",
         choices=("robust-solution", "robust-start"),
+        when=ESSENTIAL,
     )
 
 
@@ -151,19 +206,34 @@ class CalibrationConfig(Checked):
         True, "estimate the calibration errors during the run; off: keep the initial errors"
     )
     scale: float = setting(
-        0.5, "residual at which a feature's weight is halved", unit="px", low=0.05, high=20
+        0.5,
+        "residual at which a feature's weight is halved",
+        unit="px",
+        low=0.05,
+        high=20,
+        when=ESTIMATED,
     )
     row_scale: float = setting(
-        0.2, "row difference at which a match's weight is halved", unit="px", low=0.01, high=10
+        0.2,
+        "row difference at which a match's weight is halved",
+        unit="px",
+        low=0.01,
+        high=10,
+        when=ESTIMATED,
     )
     drift: float = setting(
         0.015,
         "standard deviation of the change of an error per frame, as a share of the initial deviation",
         low=0,
         high=1,
+        when=ESTIMATED,
     )
     noise_inflation: float = setting(
-        2.5, "factor on the assumed noise when calibration errors are estimated", low=1, high=100
+        2.5,
+        "factor on the assumed noise when calibration errors are estimated",
+        low=1,
+        high=100,
+        when=ESTIMATED,
     )
     without: tuple[str, ...] = setting(
         (),

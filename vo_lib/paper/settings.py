@@ -12,6 +12,12 @@ from typing import ClassVar
 
 from ..settings import Checked, section, setting
 
+# Values of other settings for which a setting is used.
+ESSENTIAL = {"estimator": ("essential",)}
+REPROJECTION = {"estimator": ("reprojection",)}
+PRIOR = ESSENTIAL | {"selection.prior": (True,)}
+BOXES = {"filter.rule": ("all", "moving")}
+
 
 @dataclass(frozen=True)
 class ImageBorder(Checked):
@@ -76,13 +82,24 @@ class FilterConfig(Checked):
 
     rule: str = setting("all", "boxes whose features are removed", choices=("none", "all"))
     margin: float = setting(
-        0.0, "margin added to a box on every side, as a share of its size", low=-0.4, high=1.0
+        0.0,
+        "margin added to a box on every side, as a share of its size",
+        low=-0.4,
+        high=1.0,
+        when=BOXES,
     )
     classes: tuple[int, ...] = setting(
-        (2, 5, 7), "class ids of vehicles (COCO: car 2, bus 5, truck 7)", low=0
+        (2, 5, 7),
+        "class ids of vehicles (COCO: car 2, bus 5, truck 7)",
+        low=0,
+        when=BOXES,
     )
     score: float = setting(
-        0.25, "smallest score of a box; a label without a score has the score 1", low=0, high=1
+        0.25,
+        "smallest score of a box; a label without a score has the score 1",
+        low=0,
+        high=1,
+        when=BOXES,
     )
 
 
@@ -90,19 +107,39 @@ class FilterConfig(Checked):
 class SelectionConfig(Checked):
     """The rotation: five-point sets and solution selection (chapters 2 and 3)."""
 
-    sets: int = setting(200, "five-point sets drawn per frame (n of the paper)", low=1, high=5000)
+    sets: int = setting(
+        200,
+        "five-point sets drawn per frame (n of the paper)",
+        low=1,
+        high=5000,
+        when=ESSENTIAL,
+    )
     winner: str = setting(
         "error",
         "criterion of the best candidate: truncated Sampson error, or number of inliers as in RANSAC",
         choices=("error", "inliers"),
+        when=ESSENTIAL,
     )
     prior: bool = setting(
-        True, "select among the solutions nearest to the previous essential vector; off: among all solutions"
+        True,
+        "select among the solutions nearest to the previous essential vector; off: among all solutions",
+        when=ESSENTIAL,
     )
     top_k: int = setting(
-        2, "solutions kept per five-point set, the nearest to the previous E (k of the paper)", low=1, high=10
+        2,
+        "solutions kept per five-point set, the nearest to the previous E (k of the paper)",
+        low=1,
+        high=10,
+        when=PRIOR,
     )
-    threshold: float = setting(0.5, "largest Sampson distance of an inlier", unit="px", low=0.05, high=10)
+    threshold: float = setting(
+        0.5,
+        "largest Sampson distance of an inlier",
+        unit="px",
+        low=0.05,
+        high=10,
+        when=ESSENTIAL,
+    )
     standstill_flow: float = setting(
         0.5,
         "smallest median optical flow of a moving camera; below this value, the motion is the identity",
@@ -116,13 +153,21 @@ class SelectionConfig(Checked):
 class TranslationLimits(Checked):
     """Features that the translation uses (chapter 4)."""
 
-    max_depth: float = setting(100.0, "largest depth of a feature that is used", unit="m", low=5, high=1000)
+    max_depth: float = setting(
+        100.0,
+        "largest depth of a feature that is used",
+        unit="m",
+        low=5,
+        high=1000,
+        when=ESSENTIAL,
+    )
     agreement: float = setting(
         1.0,
         "largest norm of the residuals of an inlier's eight equations; with twelve, √(9/5) times as large",
         unit="px",
         low=0.1,
         high=50,
+        when=ESSENTIAL,
     )
 
     @property
@@ -140,6 +185,7 @@ class TranslationConfig(TranslationLimits):
         "stereo pairs in a feature's equations: 2 as in equation (3), or 3 for features of age 2 or more",
         low=2,
         high=3,
+        when=ESSENTIAL,
     )
 
 
@@ -147,20 +193,34 @@ class TranslationConfig(TranslationLimits):
 class ReprojectionConfig(Checked):
     """The VISO2 estimator: three matches per trial, Gauss-Newton on the reprojection error (StereoScan)."""
 
-    trials: int = setting(200, "trial motions per frame, each from three random matches", low=1, high=5000)
+    trials: int = setting(
+        200,
+        "trial motions per frame, each from three random matches",
+        low=1,
+        high=5000,
+        when=REPROJECTION,
+    )
     threshold: float = setting(
         2.0,
         "largest norm of an inlier's residuals in its four current coordinates",
         unit="px",
         low=0.05,
         high=20,
+        when=REPROJECTION,
     )
-    iterations: int = setting(20, "largest number of Gauss-Newton steps", low=1, high=100)
+    iterations: int = setting(
+        20,
+        "largest number of Gauss-Newton steps",
+        low=1,
+        high=100,
+        when=REPROJECTION,
+    )
     centre: float = setting(
         0.05,
         "c in the weight 1 / (|u - cu| / |cu| + c) of a residual; a small c favours the image centre",
         low=1e-3,
         high=100,
+        when=REPROJECTION,
     )
 
 

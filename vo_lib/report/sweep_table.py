@@ -31,6 +31,7 @@ from .page import (
 from .plots import SMALL_PAGE, figure_page, png
 from .table1 import ERROR_KINDS, measure_runs, number_fields
 
+NOT_USED = " (not used)"
 CELLS = "cells"  # folder of the runs in the folder of a sweep
 Axes = dict[str, tuple[Any, ...]]  # values of each setting, by dotted name; the last changes fastest
 
@@ -40,7 +41,8 @@ class Sweep:
     """The results on a grid.
 
     The record of a combination has the value of each axis as text, the number of successful seeds, errors and
-    costs as in a record of Table 1, and the causes of failed runs. `outcomes` : of all jobs, in order.
+    costs as in a record of Table 1, the settings that the method does not use with the other values, and the
+    causes of failed runs. `outcomes` : of all jobs, in order.
     """
 
     title: str
@@ -77,6 +79,27 @@ def parse_axis(text: str, config: MethodConfig) -> tuple[str, tuple[Any, ...]]:
     return name, values
 
 
+def grid_of(base: MethodConfig, axes: Axes) -> list[tuple[dict[str, str], MethodConfig]]:
+    """The combinations of the values: each setting's value as typed, by name, and the configuration."""
+    grid = []
+    for values in itertools.product(*axes.values()):
+        config = base
+        for name, value in zip(axes, values, strict=True):
+            config = change(config, name, value)  # raises for settings that contradict each other
+        words = dict(zip(axes, map(settings.as_typed, values), strict=True))
+        grid.append((words, config))
+    return grid
+
+
+def refuse_unused(method: str, base: MethodConfig, axes: Axes) -> None:
+    """Raise `DataError` for a setting that the method uses in no combination of the values."""
+    configs = [config for _, config in grid_of(base, axes)]
+    for name in axes:
+        reasons = [settings.unused_because(config, name) for config in configs]
+        if all(reasons):
+            raise DataError(f"{name}: {method} does not use this setting, since {reasons[0]}")
+
+
 def run_sweep(
     sequence: Sequence,
     method: str,
@@ -96,26 +119,26 @@ def run_sweep(
     """
     if sequence.truth is None:
         raise DataError(f"{sequence.name} has no ground truth, so a sweep has no errors to compare")
-    grid, jobs = list[dict[str, Any]](), list[Job]()
-    for values in itertools.product(*axes.values()):
-        config, words = base, dict(zip(axes, map(settings.as_typed, values), strict=True))
-        for name, value in zip(axes, values, strict=True):
-            config = change(config, name, value)  # raises for settings that contradict each other
+    refuse_unused(method, base, axes)
+    grid = grid_of(base, axes)
+    jobs = []
+    for words, config in grid:
         cell = "+".join(f"{name}={word}" for name, word in words.items()).replace(",", "-")
         for seed in range(seeds):
             place = folder / CELLS / base.variant / cell / f"seed{seed}"
             jobs.append(Job(sequence, method, dataclasses.replace(config, seed=seed), place))
-        grid.append(words)
     outcomes = run(jobs)
     remaining = iter(outcomes)
     measure, records = suitable_protocol(sequence.truth), list[dict[str, Any]]()
-    for words in grid:
+    for words, config in grid:
         done = list(itertools.islice(remaining, seeds))
         runs = [read_run(outcome.job.folder, sequence) for outcome in done if outcome.error is None]
         causes = [f"seed {outcome.job.config.seed}: {outcome.error}" for outcome in done if outcome.error]
         entry = measure_runs(method, runs, measure) if runs else None
         fields = number_fields(np.zeros((2, 0)) if entry is None else entry.errors, entry)
-        records.append(words | {"seeds": len(runs)} | fields | {"failed": "; ".join(causes)})
+        not_used = [name for name in axes if settings.unused_because(config, name)]
+        notes = {"not_used": " ".join(not_used), "failed": "; ".join(causes)}
+        records.append(words | {"seeds": len(runs)} | fields | notes)
     part = " (part of a sequence)" if sequence.is_part else ""
     runs_text = f"{sequence.name}, {len(sequence)} frames{part}, {method}, {base.variant}"
     count = len(kitti_errors(sequence.truth, sequence.truth, measure.lengths, measure.step))
@@ -132,9 +155,10 @@ def sweep_table(sweep: Sweep) -> ReportTable:
         share = record["removed_share"]
         errors = [plus_minus(record[kind], record[f"{kind}_std"]) for kind in ERROR_KINDS]
         removed = NO_NUMBER if share is None else f"{100 * share:.1f} %"
+        not_used = record.get("not_used", "").split()
         rows.append(
             [
-                *(record[name] for name in sweep.axes),
+                *(f"{record[name]}{NOT_USED}" if name in not_used else record[name] for name in sweep.axes),
                 *errors,
                 removed,
                 format_number(record["back_end_ms"], 1),
@@ -143,6 +167,8 @@ def sweep_table(sweep: Sweep) -> ReportTable:
         if record["failed"]:
             label = ", ".join(f"{name}={record[name]}" for name in sweep.axes)
             notes.append(f"Failed: {label}, {record['failed']}")
+    if any(record.get("not_used") for record in sweep.records):
+        notes.append(f"{NOT_USED.strip()}: the setting has no effect on the runs of this row.")
     if not sweep.has_errors:
         notes.append("No errors and no heat map: the path is shorter than every sub-sequence.")
     return without_empty_columns(ReportTable(sweep.title, columns, rows, notes))

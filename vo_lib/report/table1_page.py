@@ -247,7 +247,7 @@ def write_table_files(
     printed = [printed_table()] if any(group.kitti for group in groups) else []
     films = _films(folder, result)
     sentences = "".join(f"{line}\n\n" for line in [*conclusions, *result.problems])
-    with written_together(folder, TABLE) as draft:
+    with written_together(folder) as draft:
         pictures = _pictures(draft, result, groups)
         page = render_report(conclusions, tables, printed, pictures, origin, result.problems, films)
         write_atomic(draft / MARKDOWN, sentences + "\n".join(map(markdown, [*tables, *printed])))

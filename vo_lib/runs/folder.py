@@ -23,6 +23,7 @@ from ..errors import DataError
 from ..evaluation.kitti_errors import KITTI_LENGTHS, SHORT_PROTOCOL, trajectory_distances
 from ..evaluation.path_errors import Evaluation, evaluate
 from ..files import (
+    DRAFT,
     csv_text,
     file_sha256,
     read_csv,
@@ -100,7 +101,9 @@ def refuse_foreign_files(folder: Path, fresh: bool = False) -> None:
     for name in names:
         if name not in RUN_FILES and not name.startswith("."):
             raise DataError(
-                f"the folder contains other files, such as {name}: choose another or add --fresh", folder
+                f"the folder contains other files, such as {name}: choose another folder",
+                folder,
+                remedy="fresh",
             )
 
 
@@ -167,7 +170,9 @@ def write_run(folder: Path, result: Run, identity: dict[str, Any]) -> None:
         write_atomic(draft / METRICS, _json(metrics))
         digests = {path.name: file_sha256(path) for path in sorted(draft.iterdir())}
         about = {"timing": timing(result), "machine_info": machine_info(), "files": digests}
-        write_atomic(draft / CONFIG, _json(identity | about | {"folder": str(sequence.folder.resolve())}))
+        write_atomic(
+            draft / (CONFIG + DRAFT), _json(identity | about | {"folder": str(sequence.folder.resolve())})
+        )
 
 
 def path_lost(result: Run) -> bool:

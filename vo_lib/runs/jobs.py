@@ -83,8 +83,9 @@ def _refuse_another(folder: Path, identity: dict[str, Any]) -> None:
         more = f" and {len(differences) - 3} more" if len(differences) > 3 else ""
         raise DataError(
             f"the folder contains another run, which differs in {', '.join(differences[:3])}{more}; "
-            "choose another folder, or replace the run with --fresh",
+            "choose another folder",
             folder,
+            remedy="fresh",
         )
 
 
@@ -242,14 +243,16 @@ def executor(workers: int, scheduler: str | None = None) -> Iterator[Executor]:
     try:
         from distributed import Client
     except ImportError:
-        raise DataError('--dask needs the extra cluster: pip install -e ".[cluster]"') from None
+        raise DataError('Dask is missing; it is in the extra cluster: pip install -e ".[cluster]"') from None
     if not re.fullmatch(r"\w+://\S+:\d+", scheduler):
-        raise DataError(f"--dask {scheduler}: expected an address such as tcp://127.0.0.1:8786")
+        raise DataError(f"Dask scheduler {scheduler}: expected an address such as tcp://127.0.0.1:8786")
     try:
         client = Client(scheduler, timeout=CONNECT_TIMEOUT_S, set_as_default=False)
     except (OSError, ValueError) as error:
-        raise DataError(f"--dask {scheduler}: no scheduler answers at this address ({error})") from None
+        raise DataError(
+            f"Dask scheduler {scheduler}: no scheduler answers at this address ({error})"
+        ) from None
     with client:
         if not client.scheduler_info()["workers"]:
-            raise DataError(f"--dask {scheduler}: the scheduler has no workers")
+            raise DataError(f"Dask scheduler {scheduler}: the scheduler has no workers")
         yield client.get_executor(pure=False)
