@@ -141,25 +141,81 @@ def only_process(folder: Path, waiting: Callable[[Path], None] | None = None) ->
 
 
 @contextmanager
-def writing(path: str | Path) -> Iterator[BinaryIO]:
+def writing(path: str | Path, locked: bool = False) -> Iterator[BinaryIO]:
     """A binary file for writing, with a temporary name in the folder of `path` until the context ends.
 
-    `path` always has the complete old or the complete new content. Raises `DataError` if the folder is
-    missing, not writable or full.
+    `path` always has the complete old or the complete new content. `locked` : for a file that takes long to
+    write; the draft of a killed process is then deleted later (see `locked_draft`). Raises `DataError` if the
+    folder is missing, not writable or full.
     """
     path = Path(path)
-    draft = _draft_of(path)
     try:
-        try:
+        with locked_draft(path) if locked else _short_draft(path) as draft:
             with open(draft, "wb") as file:
                 yield file
                 file.flush()
                 os.fsync(file.fileno())  # some file systems report a full disk only here
             os.replace(draft, path)
-        finally:
-            draft.unlink(missing_ok=True)
     except OSError as error:
         raise DataError(f"cannot be written: {error.strerror}", path) from error
+
+
+@contextmanager
+def _short_draft(path: Path) -> Iterator[Path]:
+    """A temporary name for `path`; a file with this name is deleted at the end."""
+    draft = _draft_of(path)
+    try:
+        yield draft
+    finally:
+        _delete([draft])
+
+
+@contextmanager
+def locked_draft(path: Path) -> Iterator[Path]:
+    """A temporary name for a file or folder `path`, deleted at the end, with a lock that shows its use.
+
+    The operating system releases the lock of a killed process; `delete_abandoned_drafts` of a later process
+    then deletes the draft.
+    """
+    draft = _draft_of(path)
+    lock = FileLock(_lock_of(draft))
+    with lock:
+        try:
+            yield draft
+        finally:
+            delete_tree(draft)
+            _delete([_lock_of(draft)])
+
+
+def _lock_of(draft: Path) -> Path:
+    return draft.with_name(draft.name + LOCK)
+
+
+def delete_abandoned_drafts(folder: Path, name: str = "") -> int:
+    """Delete the drafts of killed processes (see `locked_draft`) in a folder; return the number of bytes.
+
+    name : the name of the file or folder that the drafts were for; by default, any.
+    """
+    size = 0
+    for lock_file in folder.glob(f".*{DRAFT}{LOCK}"):
+        draft = lock_file.with_name(lock_file.name.removesuffix(LOCK))
+        if not DRAFT_NAME.fullmatch(draft.name) or not draft.name.startswith(f".{name}"):
+            continue
+        lock = FileLock(lock_file)
+        with suppress(Timeout, OSError):  # in use, or just deleted by another process
+            lock.acquire(timeout=0)
+            size += folder_size(draft)
+            delete_tree(draft)
+            _delete([lock_file])
+        lock.release()
+    return size
+
+
+def folder_size(path: Path) -> int:
+    """Size in bytes of a file, or of all files in a folder; 0 if there is none."""
+    if not path.is_dir():
+        return path.stat().st_size if path.is_file() else 0
+    return sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
 
 
 def _draft_of(path: Path) -> Path:

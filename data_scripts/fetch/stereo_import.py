@@ -21,7 +21,7 @@ from vo_lib.data.kitti import BITS, calibration_text
 from vo_lib.data.pose_times import interval_fault
 from vo_lib.data.poses import write_kitti_poses
 from vo_lib.errors import DataError
-from vo_lib.files import write_atomic
+from vo_lib.files import delete_abandoned_drafts, locked_draft, write_atomic
 from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.types import Array, Progress
 
@@ -119,18 +119,18 @@ def require_new(out: Path) -> None:
 def _new_folder(out: Path) -> Iterator[Path]:
     """A temporary folder that is renamed to `out` after success and deleted after a failure."""
     require_new(out)
-    working = out.with_name(f".{out.name}.{os.getpid()}.tmp")
     try:
-        for side in ("image_0", "image_1"):
-            (working / side).mkdir(parents=True)
-        yield working
-        if out.is_dir():
-            out.rmdir()
-        os.replace(working, out)
+        out.parent.mkdir(parents=True, exist_ok=True)
+        delete_abandoned_drafts(out.parent, f"{out.name}.")
+        with locked_draft(out) as working:
+            for side in ("image_0", "image_1"):
+                (working / side).mkdir(parents=True)
+            yield working
+            if out.is_dir():
+                out.rmdir()
+            os.replace(working, out)
     except OSError as error:
         raise DataError(f"cannot be written: {error.strerror}", out) from None
-    finally:
-        shutil.rmtree(working, ignore_errors=True)
 
 
 def _write_pairs(source: Source, rig: Rig, folder: Path, copy: bool, progress: Progress | None) -> int:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from pathlib import Path
 
 from vo_lib.data.scenes import SceneConfig
 from vo_lib.errors import DataError
+from vo_lib.files import delete_abandoned_drafts, locked_draft
 from vo_lib.geometry.types import Progress
 
 from .scene_folder import write_scene
@@ -32,11 +32,12 @@ def draw_scene(
     """
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        draft = f".{folder.name}."
-        with tempfile.TemporaryDirectory("", draft, folder.parent, ignore_cleanup_errors=True) as name:
-            write_scene(config, Path(name), progress, jobs, frames)
+        delete_abandoned_drafts(folder.parent)
+        with locked_draft(folder) as draft:
+            draft.mkdir()
+            write_scene(config, draft, progress, jobs, frames)
             try:
-                os.rename(name, folder)
+                os.rename(draft, folder)
             except OSError:
                 if not folder.is_dir():  # another process has drawn the same scene
                     raise

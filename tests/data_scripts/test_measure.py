@@ -17,7 +17,8 @@ from measure.result_tables import claim_table
 from vo_lib.config import change, preset
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.poses import write_kitti_poses
-from vo_lib.runs.match_cache import CachedMatches, folder_size
+from vo_lib.files import folder_size
+from vo_lib.runs.match_cache import CachedMatches
 
 LENGTHS = (20.0, 50.0)
 TRUTH = winding_road(150, 0.04, 1.07)

@@ -10,8 +10,8 @@ from ..data.catalogue import KITTI, available, kitti_places, kitti_root
 from ..data.drawn import cache_folder
 from ..data.kitti import count_pairs, wanted_frames
 from ..detection.models import detector_folder, list_detectors
-from ..runs.identity import FRONT_END_CODE, library_versions
-from ..runs.match_cache import code_folder, folder_size, match_folder
+from ..runs.cache_contents import KINDS, CacheItem, cache_items
+from ..runs.identity import library_versions
 from .console import install, print_lines, show_table, steps
 
 # Subject, state, facts and remedy; the state is "ok", "note" (an optional part is missing) or "problem".
@@ -72,9 +72,22 @@ def _detectors() -> Finding:
 
 
 def _cache() -> Finding:
-    folder = cache_folder().parent
-    matches = folder_size(match_folder(None))
-    stale = matches - sum(folder_size(code_folder(variant)) for variant in FRONT_END_CODE)
-    facts = f"{folder}: {folder_size(folder) / 1e6:.1f} MB\nmatches of other versions: {stale / 1e6:.1f} MB"
-    remedy = "to free space" + steps({"vo data clean_cache": "deletes the matches of other versions"})
-    return "cache", "ok", facts, remedy
+    items = cache_items()
+    facts = [f"{cache_folder().parent}: {megabytes(items)}"]
+    for kind in KINDS:
+        of_kind = [item for item in items if item.kind == kind]
+        unused = [item for item in of_kind if not item.useful]
+        if of_kind:
+            facts.append(f"{kind}: {megabytes(of_kind)}, {megabytes(unused)} without use")
+    stale = [item for item in items if item.kind == "matches" and not item.useful]
+    facts.append(f"matches of other versions: {megabytes(stale)}")
+    steps_to_free = {
+        "vo data clean_cache": "deletes what this version has no use for",
+        "vo data clean_cache --all": "deletes everything in the cache",
+    }
+    return "cache", "ok", "\n".join(facts), "to free space" + steps(steps_to_free)
+
+
+def megabytes(items: list[CacheItem]) -> str:
+    """The size of items of the cache."""
+    return f"{sum(item.size for item in items) / 1e6:.1f} MB"

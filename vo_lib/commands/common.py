@@ -41,8 +41,13 @@ MASKS_MEASURED = 20  # a mask takes 2.5 ms; a KITTI sequence may have thousands 
 
 def add_cache(parser: argparse.ArgumentParser) -> None:
     """Add the option for the cache folder."""
-    text = f"folder of drawn scenes and matches; by default in {cache_folder().parent}"
-    parser.add_argument("--cache", type=Path, metavar="DIR", help=text.replace("%", "%%"))
+    parser.add_argument("--cache", type=Path, metavar="DIR", help=cache_help())
+
+
+def cache_help() -> str:
+    """The help of --cache."""
+    text = f"folder of drawn scenes, matches and detected boxes; by default in {cache_folder().parent}"
+    return text.replace("%", "%%")
 
 
 def add_method(parser: argparse.ArgumentParser) -> None:

@@ -11,8 +11,8 @@ from ..data.scenes import SCENES
 from ..data.sequence import open_folder
 from ..errors import DataError
 from ..evaluation.kitti_errors import trajectory_distances
+from ..files import folder_size
 from ..report.page import NO_NUMBER
-from ..runs.match_cache import folder_size
 from .console import print_lines, print_wrapped, show_table
 
 COLUMNS = ["name", "frames", "length m", "truth", "boxes", "image px", "MB"]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from .. import settings
 from ..config import SETTINGS, change
+from ..data.catalogue import KITTI, SYNTHETIC
 from ..detection.settings import DetectorConfig
 from ..errors import DataError
 from ..evaluation.kitti_errors import suitable_protocol
@@ -36,7 +37,7 @@ from ..runs.folder import (
     warnings_of,
 )
 from ..runs.jobs import run_once
-from ..runs.match_cache import CachedMatches, match_folder
+from ..runs.match_cache import CachedMatches
 from . import close_loops, common
 from .console import (
     SETTINGS_PAGE,
@@ -73,8 +74,8 @@ def add(parser: argparse.ArgumentParser) -> None:
     option("--fresh", action="store_true", help="ignore a finished run in the folder")
     text = "calibration.json with initial errors (variant kit); --calibration.estimate off keeps these errors"
     option("--calibration", type=Path, metavar="FILE", help=text)
-    text = f"store and reuse matches and drawn scenes in DIR, by default {match_folder(None).parent}"
-    option("--cache", nargs="?", const="", metavar="DIR", help=text.replace("%", "%%"))
+    text = f"{common.cache_help()}; with this option, the matches of the run are stored and reused"
+    option("--cache", nargs="?", const="", metavar="DIR", help=text)
     text = f"film ({FILM_ENDING}) of features, boxes and path; a report includes the films of its runs"
     option("--video", type=Path, metavar="FILE", help=text)
     close_loops.add_loops(parser)
@@ -85,6 +86,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
+    _return_sequence(options)
     config = common.read_settings(options)
     if options.help_settings:
         return _help_settings(config)
@@ -213,6 +215,15 @@ def _check(options: argparse.Namespace, config: MethodConfig) -> Calibration | N
     from ..kit.calibration import read_learnt_calibration
 
     return read_learnt_calibration(options.calibration)
+
+
+def _return_sequence(options: argparse.Namespace) -> None:
+    """Take the value of --cache as the sequence in `vo run --cache kitti/00`: the folder may be omitted."""
+    if options.sequence is None and options.cache:
+        value = options.cache
+        if value.startswith((KITTI, SYNTHETIC)) or (Path(value) / "image_0").is_dir():
+            options.sequence = value
+            options.cache = ""
 
 
 def _refuse_unused(options: argparse.Namespace, config: MethodConfig, given: list[str]) -> None:

@@ -176,6 +176,13 @@ def require_label_folder(folder: Path) -> None:
             )
 
 
+def is_current_record(record: dict[str, Any]) -> bool:
+    """Whether this version of the kit could have written a record, and thus has a use for its labels."""
+    names = {field.name for field in dataclasses.fields(DetectorConfig)} - {"threads"}
+    settings = record.get("settings")
+    return isinstance(settings, dict) and settings.keys() == names
+
+
 def _claim(folder: Path, record: dict[str, Any], sequence: Sequence, replace: bool) -> None:
     """Write the detector's record if it is missing; `replace` deletes the frames' labels of another detector.
 

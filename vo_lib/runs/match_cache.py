@@ -17,7 +17,7 @@ import numpy as np
 from ..data.drawn import cache_folder
 from ..data.sequence import Sequence
 from ..errors import DataError
-from ..files import writing
+from ..files import delete_abandoned_drafts, writing
 from ..geometry.matches import StereoMatches
 from ..geometry.result import Clock
 from ..geometry.types import Array
@@ -88,7 +88,8 @@ class CachedMatches:
             self.path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise DataError(f"the cache cannot be written: {error.strerror}", self.path.parent) from None
-        with writing(self.path) as target, zipfile.ZipFile(target, "w") as file:
+        delete_abandoned_drafts(self.path.parent)
+        with writing(self.path, locked=True) as target, zipfile.ZipFile(target, "w") as file:
             for index, frame in enumerate(find_matches(self.sequence, self.config)):
                 with file.open(f"{index}.npy", "w") as member:
                     np.lib.format.write_array(member, _to_rows(frame[0]), allow_pickle=False)
@@ -108,9 +109,3 @@ def _from_rows(rows: Array) -> StereoMatches:
     age, strength, number = np.ascontiguousarray(rows[:, 8:].T)
     columns = age.astype(np.int64), strength, number.astype(np.int64)
     return StereoMatches(prev_left, prev_right, cur_left, cur_right, *columns)
-
-
-def folder_size(path: Path) -> int:
-    """Size in bytes of a file, or of all files in a folder."""
-    files = [path] if path.is_file() else path.rglob("*")
-    return sum(file.stat().st_size for file in files if file.is_file())

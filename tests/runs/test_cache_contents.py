@@ -1,0 +1,176 @@
+"""The cache: drafts of killed processes, files without use, and files of somebody else."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from data_command import load
+from tiny_onnx import write_answering
+
+from vo_lib import open_sequence, preset
+from vo_lib.commands.cli import main
+from vo_lib.data.drawn import ensure_scene
+from vo_lib.data.scenes import scene_config
+from vo_lib.detection.label_folders import RECORD, labelled_sequence
+from vo_lib.detection.layout import yolox_cells
+from vo_lib.runs.cache_contents import cache_items
+from vo_lib.runs.match_cache import CachedMatches
+
+TINY = {"width": 160, "height": 64, "length": 2.0, "speed": 8.0}
+KILLS = pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+
+
+def drafts(folder: Path) -> list[str]:
+    return [path.name for path in folder.rglob(".*")]
+
+
+def kill_with_draft(words: list[str], folder: Path) -> None:
+    """Start `vo`, and kill it and its processes when a draft appears in a folder."""
+    command = [sys.executable, "-m", "vo_lib", *words]
+    quiet = subprocess.DEVNULL
+    process = subprocess.Popen(command, stdout=quiet, stderr=quiet, start_new_session=True)
+    while not list(folder.rglob(".*.tmp")) and process.poll() is None:
+        time.sleep(0.001)
+    os.killpg(process.pid, signal.SIGKILL)
+    assert process.wait() == -signal.SIGKILL, "the work was done before it could be killed"
+    assert drafts(folder)
+
+
+@KILLS
+@pytest.mark.parametrize("cleans", [False, True], ids=["next start", "clean_cache"])
+def test_draft_of_a_killed_drawing_is_deleted(tmp_path: Path, cleans: bool) -> None:
+    words = ["data", "render_synthetic", "empty", "--cache", str(tmp_path), "--jobs", "1"]
+    for name, value in TINY.items():
+        words += [f"--{name}", str(value)]
+    kill_with_draft(words, tmp_path)
+    if cleans:
+        assert load("clean_cache")(["--cache", str(tmp_path)]) == 0
+        assert list(tmp_path.iterdir()) == []
+    else:
+        folder = ensure_scene(scene_config("empty", **TINY), tmp_path, jobs=1)
+        assert list(tmp_path.iterdir()) == [folder]
+        assert drafts(tmp_path) == []
+
+
+@KILLS
+@pytest.mark.parametrize("cleans", [False, True], ids=["next start", "clean_cache"])
+def test_draft_of_killed_matching_is_deleted(bands: Path, tmp_path: Path, cleans: bool) -> None:
+    cache = tmp_path / "cache"
+    kill_with_draft(["run", str(bands), "--cache", str(cache), "--out", str(tmp_path / "out")], cache)
+    if cleans:
+        assert load("clean_cache")(["--cache", str(cache)]) == 0
+    else:
+        CachedMatches(open_sequence(bands), preset("feature_selection"), cache).fill()
+        assert len(list(cache.rglob("*.npz"))) == 1
+    assert drafts(cache) == []
+
+
+def test_draft_in_use_is_kept(bands: Path, tmp_path: Path) -> None:
+    matches = iter(CachedMatches(open_sequence(bands), preset("feature_selection"), tmp_path))
+    next(matches)
+    written = drafts(tmp_path)
+    assert len(written) == 2  # the draft and its lock
+    assert load("clean_cache")(["--cache", str(tmp_path)]) == 0
+    assert drafts(tmp_path) == written
+    assert sum(1 for _ in matches) == 5
+    assert drafts(tmp_path) == []
+
+
+@pytest.fixture
+def user_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The user's cache folder, empty; the kit's results are written there."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "user"))
+    folder = tmp_path / "user" / "stereo-vo-kit"
+    monkeypatch.setattr("vo_lib.runs.identity.cache_folder", lambda: folder / "synthetic")
+    return folder
+
+
+def fill(bands: Path, cache: Path | None) -> None:
+    """Draw a scene, store matches and hashes, detect vehicles."""
+    ensure_scene(scene_config("empty", **TINY), cache, jobs=1)
+    sequence = open_sequence(bands)
+    CachedMatches(sequence, preset("feature_selection"), cache).fill()
+    answer = np.zeros((1, 5, yolox_cells(64, 64)), np.float32)
+    model = write_answering(bands.parent / "blind.onnx", answer, names="['car']")
+    labelled_sequence(sequence, model, cache=cache)
+
+
+def test_files_without_use_are_deleted_and_their_size_is_told(
+    bands: Path, user_cache: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    fill(bands, None)
+    kinds = {item.kind: item for item in cache_items()}
+    assert kinds.keys() == {"scenes", "matches", "labels", "hashes"}
+    assert {kind for kind, item in kinds.items() if item.useful} == {"scenes", "matches", "labels"}
+    # The same of another version of the kit.
+    scene = kinds["scenes"].path
+    old = scene.with_name("empty-0123456789ab")
+    shutil.copytree(scene, old)
+    odd = scene.with_name("empty-0123456789cd-0-5")
+    shutil.copytree(scene, odd)
+    (odd / "truth" / "scene.json").write_text('{"config": {"colour": 3}}', encoding="utf-8")
+    matches = user_cache / "matches" / "kit-0123456789abcdef"
+    matches.mkdir()
+    labels = shutil.copytree(kinds["labels"].path, user_cache / "labels" / "older")
+    record = json.loads((labels / RECORD).read_text(encoding="utf-8"))
+    del record["settings"]["nms"]
+    (labels / RECORD).write_text(json.dumps(record), encoding="utf-8")
+    draft = scene.with_name(f".{scene.name}.abcdefgh")  # as older versions named it
+    (draft / "image_0").mkdir(parents=True)
+    os.utime(draft, (time.time() - 7200,) * 2)
+    assert main(["check"]) == 0
+    printed = capsys.readouterr().out
+    for kind in ("scenes", "matches", "labels", "hashes", "drafts"):
+        assert f"{kind}: " in printed
+    assert load("clean_cache")([]) == 0
+    for path in (old, odd, matches, labels, draft, kinds["hashes"].path):
+        assert not path.exists(), path
+    for kind in ("scenes", "matches", "labels"):
+        assert kinds[kind].path.exists(), kind
+    assert load("clean_cache")(["--all"]) == 0
+    assert cache_items() == []
+    assert [path for path in user_cache.rglob("*") if path.is_file()] == []
+
+
+def test_files_of_somebody_else_in_the_cache_are_kept(bands: Path, user_cache: Path, tmp_path: Path) -> None:
+    cache = tmp_path / "mine"
+    names = (
+        "matches/chess.txt",
+        "matches/published/a.npz",
+        "labels/set/000000.txt",
+        "labels/other/detector.json",
+        "hashes/0123456789abcdef.json",
+        "empty-0123456789ab/notes.txt",
+        ".thesis-0123456789ab.draft/a.tex",
+        ".a.1.2.tmp",
+        "synthetic/a.png",
+    )
+    for name in names:
+        path = cache / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("{}", encoding="utf-8")
+        os.utime(path.parent, (0, 0))
+    fill(bands, cache)
+    assert load("clean_cache")(["--cache", str(cache), "--all"]) == 0
+    left = {path.relative_to(cache).as_posix() for path in cache.rglob("*") if path.is_file()}
+    assert left == set(names)
+
+
+def test_value_of_cache_is_never_taken_for_the_sequence(
+    bands: Path, tmp_path: Path, user_cache: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["run", "--cache", str(bands), "--out", str(tmp_path / "out")]) == 0
+    assert len(list(user_cache.rglob("*.npz"))) == 1
+    assert not list(bands.rglob("*.npz"))
+    assert main(["run", "--cache", "kitti/98", "--out", str(tmp_path / "other")]) == 2
+    assert "there is no sequence kitti/98" in capsys.readouterr().err

@@ -1,0 +1,125 @@
+"""The contents of the cache that the kit wrote: scenes, matches, labels, hashes of images, and drafts.
+
+A cache folder may be any folder of the reader, so everything is recognised by its name and content; other
+files are never listed.
+"""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..data.drawn import cache_folder, scene_key
+from ..data.scenes import SceneConfig
+from ..detection.label_folders import RECORD, is_current_record
+from ..errors import DataError
+from ..files import DRAFT, LOCK, delete_abandoned_drafts, delete_tree, folder_size, read_mapping
+from ..settings import from_dict
+from .identity import FRONT_END_CODE, hash_folder
+from .match_cache import code_folder, match_folder
+
+RECORD_KEYS = {"model", "sha256", "settings"}  # in every record of a detector that the kit has written
+KINDS = ("scenes", "matches", "labels", "hashes", "drafts")
+SCENE = re.compile(r"([a-z_]+-[0-9a-f]{12})(-\d+-\d+)?")  # the second part: only some of the frames
+CODE_FOLDER = re.compile(r"(published|kit)-[0-9a-f]{16}")
+HASHES = re.compile(r"[0-9a-f]{16}\.json")
+# A draft of `files.writing` or of a scene; older versions made drafts without a lock.
+DRAFT_OF = {
+    "matches": re.compile(r"\..+\.npz\.\d+\.\d+" + re.escape(DRAFT)),
+    "hashes": re.compile(r"\.[0-9a-f]{16}\.json\.\d+\.\d+" + re.escape(DRAFT)),
+    "scenes": re.compile(r"\.[a-z_]+-[0-9a-f]{12}(-\d+-\d+)?\.\w+(\.\d+" + re.escape(DRAFT) + ")?"),
+}
+UNUSED_DRAFT_S = 3600.0  # age of a draft without a lock that no process writes any more
+
+
+@dataclass(frozen=True)
+class CacheItem:
+    """A file or folder of the cache: its kind, its size in bytes, and whether this version has a use for it.
+
+    A draft without use was left by a killed process.
+    """
+
+    path: Path
+    kind: str
+    size: int
+    useful: bool
+
+
+def cache_items(cache: Path | None = None) -> list[CacheItem]:
+    """Everything in a cache folder, by default the user's, that the kit wrote there."""
+    scenes = cache_folder() if cache is None else cache
+    root = cache_folder().parent if cache is None else cache
+    items = [*_scenes(scenes), *_matches(cache), *_labels(root / "labels")]
+    # Only in the user's cache: hashes of images, which are computed again in seconds, and drafts of scenes by
+    # versions that did not lock them.
+    if cache is None:
+        folder = hash_folder()
+        items += [_item(path, "hashes", False) for path in _files(folder) if HASHES.fullmatch(path.name)]
+        items += _drafts(folder, DRAFT_OF["hashes"])
+        items += _drafts(scenes, DRAFT_OF["scenes"])
+    return items
+
+
+def clean_cache(cache: Path | None = None, everything: bool = False) -> int:
+    """Delete what has no use for this version, or everything that the kit wrote; return the bytes deleted."""
+    folders = [cache_folder() if cache is None else cache]
+    folders += [code_folder(variant, cache) for variant in FRONT_END_CODE]
+    deleted = sum(delete_abandoned_drafts(folder) for folder in folders)
+    for item in cache_items(cache):
+        if everything or not item.useful:
+            delete_tree(item.path)
+            deleted += item.size - folder_size(item.path)
+    return deleted
+
+
+def _item(path: Path, kind: str, useful: bool) -> CacheItem:
+    return CacheItem(path, kind, folder_size(path), useful)
+
+
+def _files(folder: Path) -> list[Path]:
+    return sorted(folder.iterdir()) if folder.is_dir() else []
+
+
+def _scenes(folder: Path) -> Iterator[CacheItem]:
+    for path in _files(folder):
+        name = SCENE.fullmatch(path.name)
+        description = path / "truth" / "scene.json"
+        if name is None or not description.is_file():
+            continue
+        try:
+            config = from_dict(SceneConfig, read_mapping(description, "a scene's settings")["config"])
+            useful = scene_key(config) == name[1]
+        except (DataError, KeyError):  # the settings of another version
+            useful = False
+        yield _item(path, "scenes", useful)
+
+
+def _matches(cache: Path | None) -> Iterator[CacheItem]:
+    current = {code_folder(variant, cache) for variant in FRONT_END_CODE}
+    for path in _files(match_folder(cache)):
+        # All of the user's cache folder is the kit's own.
+        if cache is None or CODE_FOLDER.fullmatch(path.name):
+            yield _item(path, "matches", path in current)
+    for path in current:
+        yield from _drafts(path, DRAFT_OF["matches"])
+
+
+def _labels(folder: Path) -> Iterator[CacheItem]:
+    for path in _files(folder):
+        try:
+            record = read_mapping(path / RECORD, "the record of a detector")
+        except DataError:
+            continue
+        if record.keys() >= RECORD_KEYS:
+            yield _item(path, "labels", is_current_record(record))
+
+
+def _drafts(folder: Path, pattern: re.Pattern[str]) -> Iterator[CacheItem]:
+    """Drafts without a lock; `files.delete_abandoned_drafts` deletes the others."""
+    for path in _files(folder):
+        if pattern.fullmatch(path.name) and not path.with_name(path.name + LOCK).exists():
+            age = time.time() - path.stat().st_mtime
+            yield _item(path, "drafts", age < UNUSED_DRAFT_S)
