@@ -33,9 +33,10 @@ from vo_lib.detection.model_files import copy_model
 from vo_lib.detection.models import detector_folder, list_detectors
 from vo_lib.detection.yolo import YoloDetector
 from vo_lib.errors import DataError
-from vo_lib.files import write_atomic
+from vo_lib.files import read_text, refuse_foreign, write_atomic
 
 MODEL = "detector.onnx"
+OWN = "# written by `vo data train_detector`\n"  # first line of data.yaml, by which the folder is recognised
 FAILURES = (RuntimeError, AssertionError, ValueError, TypeError, OSError)  # of Ultralytics for damaged files
 LICENCE = "AGPL-3.0"
 FROM_SCRATCH = "yolov8n.yaml"  # the smallest YOLOv8, with random weights
@@ -70,6 +71,8 @@ def run(options: argparse.Namespace) -> int:
     if options.register in list_detectors():
         raise DataError(f"--register {options.register}: a detector has this name; choose another name")
     model, described = options.out / MODEL, options.out / "data.yaml"
+    own = described.is_file() and read_text(described).startswith(OWN)
+    refuse_foreign(options.out, ("data.yaml", "train", MODEL), own)
     YOLO = _ultralytics()
     options.out.mkdir(parents=True, exist_ok=True)
     write_atomic(described, _description(data, options.one_class))
@@ -129,4 +132,5 @@ def _description(data: DetectionSet, one_class: str | None) -> bytes:
     full = {key: images[0].parent for split, key in SPLITS.items() if (images := data.images[split])}
     folders = {key: str(folder.resolve()) for key, folder in full.items()}
     names = [one_class] if one_class is not None else list(data.names)
-    return str(yaml.safe_dump({**folders, "names": dict(enumerate(names))}, sort_keys=False)).encode()
+    text = yaml.safe_dump({**folders, "names": dict(enumerate(names))}, sort_keys=False)
+    return f"{OWN}{text}".encode()

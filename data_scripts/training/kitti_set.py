@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from training.evaluated import DRIVE, WHY, evaluated_sequence
-from training.street_set import data_yaml
+from training.street_set import data_yaml, start_set
 from vo_lib.data.kitti import read_image
 from vo_lib.data.label_files import write_labels
 from vo_lib.errors import DataError
-from vo_lib.files import read_text, write_atomic
+from vo_lib.files import read_text
 from vo_lib.geometry.boxes import Boxes
 from vo_lib.geometry.types import Progress
 
@@ -154,9 +154,8 @@ def write_set(parts: dict[str, list[Labelled]], folder: Path, progress: Progress
     """Write a data set. Images are hard links if possible, otherwise copies."""
     total = sum(len(part) for part in parts.values())
     done = 0
+    start_set(folder, parts, data_yaml(NAMES, test=False))
     for name, part in parts.items():
-        for kind in ("images", "labels"):
-            (folder / name / kind).mkdir(parents=True, exist_ok=True)
         for one in part:
             height, width = read_image(one.image).shape[:2]
             _link(one.image, folder / name / "images" / f"{one.stem}{one.image.suffix}")
@@ -165,7 +164,6 @@ def write_set(parts: dict[str, list[Labelled]], folder: Path, progress: Progress
             done += 1
             if progress:
                 progress(done, total)
-    write_atomic(folder / "data.yaml", data_yaml(NAMES, test=False))
 
 
 def _link(source: Path, target: Path) -> None:

@@ -6,6 +6,7 @@ has scenes that are not in the training split: the kit's named scenes, also with
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from concurrent.futures import as_completed
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +15,7 @@ import cv2
 import numpy as np
 
 from vo_lib.data.scenes import KITTI_F, SCENES, TABLE_SCENES, SceneConfig, scene_config
-from vo_lib.files import write_atomic
+from vo_lib.files import read_text, refuse_foreign, write_atomic
 from vo_lib.geometry.types import Progress
 from vo_lib.parallel import local_pool
 from vo_lib.settings import Checked, setting
@@ -23,6 +24,7 @@ from vo_street.sensor import expose, exposures, smear
 from vo_street.truth_files import visible_boxes
 from vo_street.world import make_world
 
+DESCRIPTION = "data.yaml"  # of a data set
 NAMES = ("car", "bus", "truck")
 CLASS_OF = {2: 0, 5: 1, 7: 2}  # index in NAMES by COCO number
 # Seeds of the splits; far apart, so that no street is in two of them.
@@ -145,10 +147,7 @@ def write_street_set(
     Layout: `data.yaml`; `train`, `valid` and `test`, each with `images` and `labels`.
     """
     everything = streets(config)
-    for split in ("train", "valid", "test"):
-        for kind in ("images", "labels"):
-            (folder / split / kind).mkdir(parents=True, exist_ok=True)
-    write_atomic(folder / "data.yaml", data_yaml(NAMES))
+    start_set(folder, ("train", "valid", "test"), data_yaml(NAMES))
     total = sum(street.frames for street in everything)
     done = 0
     with local_pool(min(jobs, len(everything))) as pool:
@@ -156,6 +155,20 @@ def write_street_set(
             done += future.result()
             if progress:
                 progress(done, total)
+
+
+def start_set(folder: Path, splits: Iterable[str], description: str) -> None:
+    """Make the folders of a data set, with data.yaml, which shows that the data set is the kit's.
+
+    Raises `DataError` if the folder has a data set that the kit did not write.
+    """
+    path = folder / DESCRIPTION
+    own = path.is_file() and read_text(path) == description
+    refuse_foreign(folder, (DESCRIPTION, "train", "valid", "test"), own)
+    for split in splits:
+        for kind in ("images", "labels"):
+            (folder / split / kind).mkdir(parents=True, exist_ok=True)
+    write_atomic(path, description)
 
 
 def data_yaml(names: tuple[str, ...], test: bool = True) -> str:

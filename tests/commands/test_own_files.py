@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from vo_lib.commands.cli import main
@@ -156,3 +158,73 @@ def test_jobs_are_at_most_the_runs(
     printed = capsys.readouterr().out
     assert ("note: 2 processes, but this machine has 1 processor core" in " ".join(printed.split())) == note
     assert f"processes: {2 if note else 1}" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+
+
+def test_film_of_somebody_else_is_kept(
+    bands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    film = tmp_path / "drive.mp4"
+    film.write_bytes(b"a recording")
+    words = [*commands(bands, tmp_path / "out")["run"], "--video", str(film)]
+    assert main(words) == 2
+    assert "drive.mp4: is not a film of the kit: choose another name" in capsys.readouterr().err
+    assert film.read_bytes() == b"a recording"
+    assert not (tmp_path / "out").exists()
+    film.unlink()
+    for _ in range(2):  # its own film is replaced
+        assert main(words) == 0
+    assert cv2.VideoCapture(str(film)).get(cv2.CAP_PROP_FRAME_COUNT) == 5
+
+
+def test_data_set_of_somebody_else_is_kept(
+    bands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "set"
+    for split in ("train", "valid"):
+        for kind in ("images", "labels"):
+            (folder / split / kind).mkdir(parents=True)
+    shutil.copy(bands / "image_0" / "000000.png", folder / "train" / "images")
+    shutil.copy(bands / "image_0" / "000000.png", folder / "valid" / "images")
+    for split in ("train", "valid"):
+        (folder / split / "labels" / "000000.txt").write_text("0 0.5 0.5 0.1 0.1\n", encoding="utf-8")
+    text = "train: train/images\nval: valid/images\nnames: [car]\n"
+    (folder / "data.yaml").write_text(text, encoding="utf-8")
+    before = contents(folder)
+    for words in (
+        ["data", "train_detector", str(folder), "--out", str(folder)],
+        ["data", "make_detection_set", str(folder)],
+    ):
+        assert main(words) == 2
+        assert f"{folder / 'data.yaml'}: is not the kit's file" in capsys.readouterr().err
+        assert contents(folder) == before
+
+
+@pytest.mark.parametrize("variant", [[], ["--variant", "kit"]], ids=["published", "kit"])
+@pytest.mark.parametrize("exchange", [False, True])
+def test_exchanged_cameras_are_named(
+    bands: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    variant: list[str],
+    exchange: bool,
+) -> None:
+    if exchange:
+        (bands / "image_0").rename(bands / "image_2")
+        (bands / "image_1").rename(bands / "image_0")
+        (bands / "image_2").rename(bands / "image_1")
+    assert main(["run", str(bands), "--out", str(tmp_path / "run"), *variant]) == 0
+    sentence = "the cameras are exchanged, so exchange image_0 and image_1"
+    assert (sentence in " ".join(capsys.readouterr().out.split())) == exchange
+    words = commands(bands, tmp_path / "table")["reproduce"]
+    assert main(words) == 0
+    assert " ".join(capsys.readouterr().out.split()).count(sentence) == int(exchange)
+
+
+def test_dark_images_are_not_called_exchanged(
+    bands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for path in bands.rglob("*.png"):
+        cv2.imwrite(str(path), np.zeros((240, 480), np.uint8))
+    assert main(["run", str(bands), "--out", str(tmp_path / "run")]) == 0
+    assert "exchanged" not in capsys.readouterr().out

@@ -19,7 +19,7 @@ from ..files import write_atomic
 from ..geometry.types import Array
 from ..kit.settings import KitConfig
 from ..loops.settings import LoopConfig
-from ..report.film import FILM_ENDING, Film, film_frames
+from ..report.film import FILM_ENDING, Film, film_frames, refuse_foreign_film
 from ..report.page import format_number
 from ..report.paths import evaluation_tables
 from ..report.plots import png, trajectories_figure
@@ -208,6 +208,7 @@ def _check(options: argparse.Namespace, config: MethodConfig) -> Calibration | N
         exists = folder.is_dir() or folder == Path(options.out).absolute()
         if film.suffix.lower() != FILM_ENDING or not exists:
             raise DataError(f"expected an existing folder and a name ending in {FILM_ENDING}", film)
+        refuse_foreign_film(film)
     if options.calibration is None:
         return None
     if config.variant == "published":

@@ -77,27 +77,13 @@ class MovingConfig(Checked):
     """The test whether the vehicle in a box moves (chapter 5, not in the paper)."""
 
     noise: float = setting(
-        0.2,
-        "standard deviation of a matched position",
-        unit="px",
-        low=0.01,
-        high=5,
-        when=MOVING,
+        0.2, "standard deviation of a matched position", unit="px", low=0.01, high=5, when=MOVING
     )
     significance: float = setting(
-        4.0,
-        "smallest displacement of a moving box, in standard deviations",
-        low=1,
-        high=50,
-        when=MOVING,
+        4.0, "smallest displacement of a moving box, in standard deviations", low=1, high=50, when=MOVING
     )
     min_step: float = setting(
-        0.05,
-        "smallest displacement of a moving box in one frame",
-        unit="m",
-        low=0,
-        high=5,
-        when=MOVING,
+        0.05, "smallest displacement of a moving box in one frame", unit="m", low=0, high=5, when=MOVING
     )
     agreement: float = setting(
         2.0,
@@ -167,20 +153,9 @@ class KitTranslationConfig(TranslationLimits):
     """The translation by robust, weighted least squares (chapter 4)."""
 
     scale: float = setting(
-        0.5,
-        "residual at which a feature's weight is halved",
-        unit="px",
-        low=0.05,
-        high=20,
-        when=ESSENTIAL,
+        0.5, "residual at which a feature's weight is halved", unit="px", low=0.05, high=20, when=ESSENTIAL
     )
-    iterations: int = setting(
-        6,
-        "largest number of robust re-weightings",
-        low=1,
-        high=50,
-        when=ESSENTIAL,
-    )
+    iterations: int = setting(6, "largest number of robust re-weightings", low=1, high=50, when=ESSENTIAL)
     agreement: float = setting(
         2.0,
         "largest norm of the residuals of an inlier's eight equations",
@@ -206,12 +181,7 @@ class CalibrationConfig(Checked):
         True, "estimate the calibration errors during the run; off: keep the initial errors"
     )
     scale: float = setting(
-        0.5,
-        "residual at which a feature's weight is halved",
-        unit="px",
-        low=0.05,
-        high=20,
-        when=ESTIMATED,
+        0.5, "residual at which a feature's weight is halved", unit="px", low=0.05, high=20, when=ESTIMATED
     )
     row_scale: float = setting(
         0.2,

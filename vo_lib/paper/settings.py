@@ -82,24 +82,13 @@ class FilterConfig(Checked):
 
     rule: str = setting("all", "boxes whose features are removed", choices=("none", "all"))
     margin: float = setting(
-        0.0,
-        "margin added to a box on every side, as a share of its size",
-        low=-0.4,
-        high=1.0,
-        when=BOXES,
+        0.0, "margin added to a box on every side, as a share of its size", low=-0.4, high=1.0, when=BOXES
     )
     classes: tuple[int, ...] = setting(
-        (2, 5, 7),
-        "class ids of vehicles (COCO: car 2, bus 5, truck 7)",
-        low=0,
-        when=BOXES,
+        (2, 5, 7), "class ids of vehicles (COCO: car 2, bus 5, truck 7)", low=0, when=BOXES
     )
     score: float = setting(
-        0.25,
-        "smallest score of a box; a label without a score has the score 1",
-        low=0,
-        high=1,
-        when=BOXES,
+        0.25, "smallest score of a box; a label without a score has the score 1", low=0, high=1, when=BOXES
     )
 
 
@@ -108,11 +97,7 @@ class SelectionConfig(Checked):
     """The rotation: five-point sets and solution selection (chapters 2 and 3)."""
 
     sets: int = setting(
-        200,
-        "five-point sets drawn per frame (n of the paper)",
-        low=1,
-        high=5000,
-        when=ESSENTIAL,
+        200, "five-point sets drawn per frame (n of the paper)", low=1, high=5000, when=ESSENTIAL
     )
     winner: str = setting(
         "error",
@@ -133,12 +118,7 @@ class SelectionConfig(Checked):
         when=PRIOR,
     )
     threshold: float = setting(
-        0.5,
-        "largest Sampson distance of an inlier",
-        unit="px",
-        low=0.05,
-        high=10,
-        when=ESSENTIAL,
+        0.5, "largest Sampson distance of an inlier", unit="px", low=0.05, high=10, when=ESSENTIAL
     )
     standstill_flow: float = setting(
         0.5,
@@ -154,12 +134,7 @@ class TranslationLimits(Checked):
     """Features that the translation uses (chapter 4)."""
 
     max_depth: float = setting(
-        100.0,
-        "largest depth of a feature that is used",
-        unit="m",
-        low=5,
-        high=1000,
-        when=ESSENTIAL,
+        100.0, "largest depth of a feature that is used", unit="m", low=5, high=1000, when=ESSENTIAL
     )
     agreement: float = setting(
         1.0,
@@ -194,11 +169,7 @@ class ReprojectionConfig(Checked):
     """The VISO2 estimator: three matches per trial, Gauss-Newton on the reprojection error (StereoScan)."""
 
     trials: int = setting(
-        200,
-        "trial motions per frame, each from three random matches",
-        low=1,
-        high=5000,
-        when=REPROJECTION,
+        200, "trial motions per frame, each from three random matches", low=1, high=5000, when=REPROJECTION
     )
     threshold: float = setting(
         2.0,
@@ -208,13 +179,7 @@ class ReprojectionConfig(Checked):
         high=20,
         when=REPROJECTION,
     )
-    iterations: int = setting(
-        20,
-        "largest number of Gauss-Newton steps",
-        low=1,
-        high=100,
-        when=REPROJECTION,
-    )
+    iterations: int = setting(20, "largest number of Gauss-Newton steps", low=1, high=100, when=REPROJECTION)
     centre: float = setting(
         0.05,
         "c in the weight 1 / (|u - cu| / |cu| + c) of a residual; a small c favours the image centre",

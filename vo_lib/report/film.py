@@ -14,12 +14,13 @@ import numpy as np
 from ..data.poses import from_first
 from ..errors import DataError
 from ..evaluation.kitti_errors import trajectory_distances
-from ..files import DRAFT
+from ..files import DRAFT, open_binary
 from ..geometry.matches import StereoMatches
 from ..geometry.result import FrameResult
 from ..geometry.types import Array, Image
 from ..paper.box_removal import Removal
 from ..runs.drive import MethodRun, Run, frames
+from ..runs.folder import is_finished
 from ..runs.front_end import TimedMatches
 from . import plots
 from .table1 import PROPOSAL
@@ -35,6 +36,8 @@ FILM_CODEC = cv2.VideoWriter.fourcc(*"vp09")  # VP9 plays in browsers, JupyterLa
 ENCODER_FPS = 5000
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 FONT_SCALE = 0.6
+# At the end of a film, a box that players skip: it shows that the kit may replace the film.
+FILM_MARK = b"\0\0\0\x15free" + b"stereo-vo-kit"
 MIN_PATH_SIDE_PX = 300  # side of the square with the path
 LINE_HEIGHT_PX = 26  # height of a line of text
 WORDS_HEIGHT_PX = 88  # height of the text at the top
@@ -71,6 +74,17 @@ def film_frames(
             yield FilmFrame(frame.index, frame.matches, result.removal, result.motion)
 
 
+def refuse_foreign_film(path: Path) -> None:
+    """Raise `DataError` if a file with the name of a new film exists, and the kit did not write it."""
+    if not os.path.lexists(path) or is_finished(path.parent):
+        return
+    with open_binary(path) as file:
+        file.seek(0, os.SEEK_END)
+        file.seek(max(file.tell() - len(FILM_MARK), 0))
+        if file.read() != FILM_MARK:
+            raise DataError("is not a film of the kit: choose another name for the film", path)
+
+
 class Film:
     """A video file of a run's frames; the complete file appears at the end of the context.
 
@@ -79,6 +93,7 @@ class Film:
     """
 
     def __init__(self, path: Path, run: Run, label: str, loops: Pairs = (), method: str = PROPOSAL):
+        refuse_foreign_film(path)
         self.path = path
         self.run = run
         self.label = label
@@ -129,6 +144,8 @@ class Film:
             writer.write(packets.retrieve()[1])
         packets.release()
         writer.release()
+        with open(self._drafts[1], "ab") as file:
+            file.write(FILM_MARK)
         # OpenCV reports no error of writing.
         if cv2.VideoCapture(str(self._drafts[1])).get(cv2.CAP_PROP_FRAME_COUNT) != self._count:
             raise DataError("the film cannot be written: is the disk full?", self.path)

@@ -37,6 +37,7 @@ from ..geometry.result import MAX_MISSING_FRAMES, Flag, FrameResult
 from ..geometry.types import Array
 from ..paper.settings import MethodConfig
 from .drive import Run
+from .front_end import exchanged_cameras
 from .identity import machine_info
 
 CONFIG = "config.json"
@@ -49,6 +50,7 @@ PICTURE = "trajectory.png"
 MAX_CONTRADICTED_SHARE = 0.1  # of the frames; a run with more is told that its path is probably wrong
 LOOPS, LOOPS_POSES = "loops.csv", "poses_loops.txt"  # only after the closing of loops
 RUN_FILES = (CONFIG, POSES, POSES_TUM, LOG, CALIBRATION, METRICS, PICTURE, LOOPS, LOOPS_POSES)
+USUAL_SHARE_MEASURED = 0.5  # of the motions; with fewer, the order of the cameras is checked
 # Values of config.json that are read back, with their types; "frames" has two texts.
 CONFIG_VALUES: dict[str, tuple[type, str]] = {
     **dict.fromkeys(("method", "variant", "sequence"), (str, "a text")),
@@ -195,6 +197,12 @@ def warnings_of(result: Run) -> list[str]:
             f"stereo contradicts the motion of {contradicted} of {len(result.motions)} frames, so the path "
             "is probably wrong: a wall or a repeated pattern fits several motions, a wrong calibration none; "
             f"the frames are marked {Flag.CONTRADICTS_STEREO} in {LOG}"
+        )
+    measured = np.mean([motion.measured for motion in result.motions])
+    if measured < USUAL_SHARE_MEASURED and exchanged_cameras(result.sequence):
+        warnings.append(
+            "the rows of left and right images agree, but the disparities are negative: the cameras are "
+            "exchanged, so exchange image_0 and image_1"
         )
     return warnings
 

@@ -20,6 +20,9 @@ from ..paper.settings import FeatureConfig, MatchingConfig, MethodConfig, Publis
 # Matches of a frame with the previous frame, and the milliseconds spent in each stage.
 TimedMatches = tuple[StereoMatches, dict[str, float]]
 Prepared = TypeVar("Prepared")
+# With exchanged images, a pair has 400 or more matches, and at most an eighth of them as given.
+MIN_EXCHANGED_MATCHES = 50
+EXCHANGED_RATIO = 4
 
 
 class FrontEnd(Protocol):
@@ -65,6 +68,29 @@ def find_matches(sequence: Sequence, config: MethodConfig) -> Iterator[TimedMatc
         clock.stage("matching")
         yield matches, clock.ms
         clock = Clock()
+
+
+def exchanged_cameras(sequence: Sequence) -> bool:
+    """Whether left and right images are exchanged, by the matches of the first two stereo pairs.
+
+    The matcher requires equal rows and positive disparities. If far more matches fulfil this after an
+    exchange of the images, then the rows agree and the disparities are negative.
+    """
+    given = _count_matches(sequence, exchange=False)
+    exchanged = _count_matches(sequence, exchange=True)
+    return exchanged >= MIN_EXCHANGED_MATCHES and exchanged >= EXCHANGED_RATIO * given
+
+
+def _count_matches(sequence: Sequence, exchange: bool) -> int:
+    """Number of matches of the second pair with the first, by the paper's matcher."""
+    matcher = LoopMatcher(FeatureConfig(), MatchingConfig())
+    matcher.step(matcher.prepare(_pair(sequence, 0, exchange)))
+    return len(matcher.step(matcher.prepare(_pair(sequence, 1, exchange))))
+
+
+def _pair(sequence: Sequence, index: int, exchange: bool) -> tuple[Image, Image]:
+    left, right = sequence.stereo(index)
+    return (right, left) if exchange else (left, right)
 
 
 def stereo_ahead(
