@@ -16,10 +16,10 @@ from __future__ import annotations
 import argparse
 
 from fetch.download import format_bytes
+from vo_lib.commands.cache_contents import cache_items, clean_cache
 from vo_lib.commands.common import add_cache
 from vo_lib.commands.console import print_lines
 from vo_lib.data.drawn import cache_folder
-from vo_lib.runs.cache_contents import cache_items, clean_cache
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

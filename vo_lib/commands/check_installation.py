@@ -10,8 +10,8 @@ from ..data.catalogue import KITTI, available, kitti_places, kitti_root
 from ..data.drawn import cache_folder
 from ..data.kitti import count_pairs, wanted_frames
 from ..detection.models import detector_folder, list_detectors
-from ..runs.cache_contents import KINDS, CacheItem, cache_items
 from ..runs.identity import library_versions
+from .cache_contents import KINDS, CacheItem, cache_items
 from .console import install, print_lines, show_table, steps
 
 # Subject, state, facts and remedy; the state is "ok", "note" (an optional part is missing) or "problem".

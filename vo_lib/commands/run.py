@@ -229,11 +229,12 @@ def _return_sequence(options: argparse.Namespace) -> None:
 
 def _refuse_unused(options: argparse.Namespace, config: MethodConfig, given: list[str]) -> None:
     """Raise `DataError` for a setting on the command line that has no effect on this run."""
-    for prefix, items in ((DETECTOR, DETECTOR_SETTINGS), (close_loops.PREFIX, close_loops.LOOP_SETTINGS)):
-        option = prefix.removesuffix(".")
-        for item in items:
-            if getattr(options, item.name) is not None and not getattr(options, option):
-                raise DataError(f"--{item.name} has no effect without --{option}")
+    for item in DETECTOR_SETTINGS:
+        if getattr(options, item.name) is not None and options.detector is None:
+            raise DataError(f"--{item.name} has no effect without --detector")
+    for item in close_loops.LOOP_SETTINGS:
+        if getattr(options, item.name) is not None and not options.loops:
+            print_wrapped(f"note: --{item.name} has no effect without --loops")
     for name in given:
         reason = settings.unused_because(config, name)
         # Places are compared by the reprojection error, and a film shows the boxes of every rule.

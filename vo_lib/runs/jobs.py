@@ -22,6 +22,7 @@ from .drive import Run, run_methods, single_threaded
 from .folder import (
     changed_files,
     delete_unfinished,
+    has_runs,
     is_finished,
     read_config,
     read_run,
@@ -50,6 +51,7 @@ def run_once(
     matches: Iterable[TimedMatches] | None = None,
     calibration: Calibration | None = None,
     fresh: bool = False,
+    own: bool = False,
     progress: Progress | None = None,
 ) -> tuple[Run, bool]:
     """The run with its files in `folder`, and whether the run was read from these files, not computed.
@@ -57,12 +59,14 @@ def run_once(
     Files are written after the last frame. A run that is killed and repeated gives the same bytes. A finished
     run whose files have changed (`changed_files`) is computed again. `matches`, `calibration` and `progress`
     are as in `run_methods`; `method` is the name written into the folder. `fresh` computes the run in any
-    case; the new files replace the old files at the end.
+    case; the new files replace the old files at the end. `own` : the files in the folder are known to be the
+    kit's, even without a config.json.
 
     Raises `DataError` if the folder is missing, not writable, in use by another process, or contains another
     run or other files.
     """
-    refuse_foreign_files(folder, fresh)  # before the lock, which marks the folder as the kit's
+    if not own:
+        refuse_foreign_files(folder, fresh)  # before the lock, which marks the folder as the kit's
     identity = run_identity(sequence, config, method, calibration)
     with only_process(folder):
         if is_finished(folder) and not fresh:
@@ -214,7 +218,9 @@ def _run(job: Job, cache: Path | None, fresh: bool) -> None:
     """Run the back end in the job's folder."""
     matches = CachedMatches(job.sequence, job.config, cache)
     with run_folder(job.folder) as folder:
-        run_once(folder, job.sequence, job.config, job.method, matches=matches, fresh=fresh)
+        # Beside other runs, a folder of a table without a config.json has an unfinished run.
+        own = has_runs(folder.parent)
+        run_once(folder, job.sequence, job.config, job.method, matches=matches, fresh=fresh, own=own)
 
 
 def _attempt(function: Callable[[Job], None], job: Job) -> str | None:

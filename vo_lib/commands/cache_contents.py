@@ -17,9 +17,9 @@ from ..data.scenes import SceneConfig
 from ..detection.label_folders import RECORD, is_current_record
 from ..errors import DataError
 from ..files import DRAFT, LOCK, delete_abandoned_drafts, delete_tree, folder_size, read_mapping
+from ..runs.identity import FRONT_END_CODE, hash_folder
+from ..runs.match_cache import code_folder, match_folder
 from ..settings import from_dict
-from .identity import FRONT_END_CODE, hash_folder
-from .match_cache import code_folder, match_folder
 
 RECORD_KEYS = {"model", "sha256", "settings"}  # in every record of a detector that the kit has written
 KINDS = ("scenes", "matches", "labels", "hashes", "drafts")

@@ -17,12 +17,12 @@ from data_command import load
 from tiny_onnx import write_answering
 
 from vo_lib import open_sequence, preset
+from vo_lib.commands.cache_contents import cache_items
 from vo_lib.commands.cli import main
 from vo_lib.data.drawn import ensure_scene
 from vo_lib.data.scenes import scene_config
 from vo_lib.detection.label_folders import RECORD, labelled_sequence
 from vo_lib.detection.layout import yolox_cells
-from vo_lib.runs.cache_contents import cache_items
 from vo_lib.runs.match_cache import CachedMatches
 
 TINY = {"width": 160, "height": 64, "length": 2.0, "speed": 8.0}
