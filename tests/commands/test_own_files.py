@@ -214,7 +214,7 @@ def test_exchanged_cameras_are_named(
         (bands / "image_1").rename(bands / "image_0")
         (bands / "image_2").rename(bands / "image_1")
     assert main(["run", str(bands), "--out", str(tmp_path / "run"), *variant]) == 0
-    sentence = "the cameras are exchanged, so exchange image_0 and image_1"
+    sentence = "the cameras are exchanged, so exchange the left and the right images"
     assert (sentence in " ".join(capsys.readouterr().out.split())) == exchange
     words = commands(bands, tmp_path / "table")["reproduce"]
     assert main(words) == 0

@@ -202,7 +202,7 @@ def warnings_of(result: Run) -> list[str]:
     if measured < USUAL_SHARE_MEASURED and exchanged_cameras(result.sequence):
         warnings.append(
             "the rows of left and right images agree, but the disparities are negative: the cameras are "
-            "exchanged, so exchange image_0 and image_1"
+            "exchanged, so exchange the left and the right images"
         )
     return warnings
 
