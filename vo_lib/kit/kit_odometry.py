@@ -23,6 +23,7 @@ from ..geometry.types import Array, Index
 from ..paper.five_point import five_point
 from ..paper.odometry import FIT_GAIN, Odometry, Rotation, StepResult, Winner
 from ..paper.selection import WINNER_CRITERIA, sampson_inliers
+from ..paper.settings import ReprojectionConfig
 from ..paper.viso2 import Viso2, ransac_motion
 from .box_rules import KitBoxFilter, OnMoving
 from .calibration import Calibration
@@ -36,6 +37,7 @@ PREVIOUS_INLIER_THRESHOLDS = 3.0
 # After a motion that stereo contradicts: number of other candidates to try, and their least difference.
 ALTERNATIVES = 4
 DISTINCT_ANGLE = np.radians(5.0)
+SUPPORTED_FIT = ReprojectionConfig()  # the fit that needs no essential matrix
 SUPPORT = 0.75  # share of all matches that must agree with an alternative in both images of the current pair
 MIN_INLIER_SHARE = 0.1  # lower bound of the estimated share of matches without an error
 
@@ -146,7 +148,7 @@ class KitOdometry(SelfCalibratingOdometry):
             t_cp = self.translate(matches, rotation)
             if t_cp is not None:
                 yield self.measured(matches, rotation, t_cp)
-        fitted = ransac_motion(self.camera, matches, self.random(), self.config.reprojection)
+        fitted = ransac_motion(self.camera, matches, self.random(), SUPPORTED_FIT)
         if fitted is not None:
             R_cp, t_cp, _ = fitted
             E_fitted = essential_from_motion(R_cp, t_cp)

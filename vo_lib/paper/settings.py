@@ -205,6 +205,7 @@ class MethodConfig(Checked):
         unit="px",
         low=0,
         high=1000,
+        when=ESSENTIAL,
     )
     features: ImageBorder = section(ImageBorder)
     matching: StereoLimits = section(StereoLimits)
