@@ -121,7 +121,7 @@ OPEN: list[tuple[str, str, dict[str, Any]]] = [
     ("loop tolerance", "matching.loop_tolerance", {"0.2 px": 0.2, "1 px": 1.0}),
     ("boxes of", BOXES, {"the previous image": lambda m, p, c, config: in_boxes(m.prev_left, p, config)}),
     ("boxes of", BOXES, {"the current image": lambda m, p, c, config: in_boxes(m.cur_left, c, config)}),
-    ("boxes of classes", "filter.classes", {"cars": (2,), "cars and trucks": (2, 7)}),
+    ("boxes of classes", "filter.classes", {"cars": ("car",), "cars and trucks": ("car", "truck")}),
     ("boxes of score", "filter.score", {"0.1": 0.1, "0.5": 0.5}),
 ]
 # Rows for a figure of chapter 5: errors, not differences, with all features and without features in boxes.

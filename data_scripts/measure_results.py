@@ -22,6 +22,7 @@ from measure.result_tables import Key, cells_of_systems, claim_table, jobs_of, r
 from vo_lib.commands.common import add_cache, open_with_bar, parse_jobs
 from vo_lib.commands.console import print_lines, reporting, show_report_table
 from vo_lib.data.catalogue import SYNTHETIC, parse_sequences
+from vo_lib.data.label_remarks import missing_labels
 from vo_lib.data.scenes import TABLE_SCENES
 from vo_lib.data.sequence import Sequence
 from vo_lib.detection.label_folders import labelled_sequence
@@ -90,7 +91,7 @@ def open_all(options: argparse.Namespace, score: float = 0.25) -> list[Sequence]
     sequences = []
     for name in parse_sequences(options.sequences):
         sequence, detector = open_with_bar(name, options.cache), DetectorConfig(score=score)
-        if sequence.labels is None and options.detector is not None:
+        if options.detector is not None and missing_labels(sequence):
             with reporting(f"detecting vehicles in {name}") as report:
                 sequence = labelled_sequence(
                     sequence, options.detector, detector, cache=options.cache, progress=report

@@ -16,17 +16,22 @@ import argparse
 import dataclasses
 from pathlib import Path
 
-from vo_lib.commands.common import add_cache, open_with_bar, warn_without_vehicles
+from vo_lib.commands.common import add_cache, naming_classes, open_with_bar, warn_without_vehicles
 from vo_lib.commands.console import (
+    add_option,
     add_settings,
     continues_when_repeated,
     from_options,
+    option_values,
     print_lines,
     reporting,
 )
+from vo_lib.config import SETTINGS
 from vo_lib.detection.label_folders import RECORD, write_label_folder
 from vo_lib.detection.settings import DetectorConfig
 from vo_lib.detection.yolo import PROVIDERS
+
+CLASSES = SETTINGS["filter.classes"]
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -39,19 +44,26 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--provider", default="cpu", choices=list(PROVIDERS), help="processor; default cpu")
     add_cache(parser)
     add_settings(parser, DetectorConfig)
+    add_option(parser, CLASSES, "classes")
 
 
 def run(options: argparse.Namespace) -> int:
     """Detect vehicles in the frames without a label file."""
     config = from_options(options, DetectorConfig)
+    classes = option_values(options, [CLASSES]).get(CLASSES.name, CLASSES.default)
     sequence = open_with_bar(options.sequence, options.cache)
     folder = options.out or sequence.folder / "labels"
-    with reporting(f"detecting vehicles in {sequence.name}") as report, continues_when_repeated():
+    with (
+        reporting(f"detecting vehicles in {sequence.name}") as report,
+        continues_when_repeated(),
+        naming_classes("--classes {}"),
+    ):
         count = write_label_folder(
             sequence,
             options.model,
             config,
             folder,
+            classes=classes,
             provider=options.provider,
             replace=options.replace,
             progress=report,

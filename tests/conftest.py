@@ -67,7 +67,7 @@ def _own_hashes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Store the hashes of the tests' images outside the user's cache folder."""
     with pytest.MonkeyPatch.context() as patch:
         folder = tmp_path_factory.mktemp("user") / "synthetic"
-        patch.setattr("vo_lib.runs.identity.cache_folder", lambda: folder)
+        patch.setattr("vo_lib.data.image_hashes.cache_folder", lambda: folder)
         yield
 
 

@@ -13,7 +13,7 @@ DECLARED = list(settings.declared(KitConfig))
 @pytest.mark.parametrize("item", DECLARED, ids=lambda item: item.name)
 def test_every_setting_has_a_meaning_and_its_default_parses(item: settings.Setting) -> None:
     assert item.text
-    assert item.choices or item.kind is bool or item.low is not None
+    assert item.choices or item.kind is bool or item.low is not None or item.pattern
     raw = ",".join(map(str, item.default)) if isinstance(item.default, tuple) else str(item.default)
     assert item.parse(raw) == item.default
     item.check(item.default)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import re
 import typing
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -27,12 +28,16 @@ def setting(
     high: float | None = None,
     choices: tuple[str, ...] = (),
     when: Mapping[str, tuple[Any, ...]] | None = None,
+    noun: str = "",
+    pattern: str = "",
 ) -> Any:
     """A dataclass field with a unit, a closed range [low, high] or choices, and a sentence on its meaning.
 
     when : names of other settings with the values for which this setting is used; by default, always.
+    noun : what a text is, such as "name"; pattern : regular expression that a text matches completely.
     """
     meta = {"text": text, "unit": unit, "low": low, "high": high, "choices": choices, "when": when or {}}
+    meta |= {"noun": noun, "pattern": pattern}
     return dataclasses.field(default=default, metadata=meta)
 
 
@@ -58,6 +63,8 @@ class Setting:
     high: float | None
     choices: tuple[str, ...]
     when: Mapping[str, tuple[Any, ...]] = dataclasses.field(default_factory=dict)
+    noun: str = ""
+    pattern: str = ""
 
     @property
     def _item_kind(self) -> Any:
@@ -71,7 +78,8 @@ class Setting:
             if kind is bool:
                 return SWITCH[raw.lower()]
             if isinstance(self.default, tuple):
-                return () if raw.lower() == "none" else tuple(kind(item) for item in raw.split(",") if item)
+                words = [] if raw.lower() == "none" else [item.strip() for item in raw.split(",")]
+                return tuple(kind(word) for word in words if word)
             return None if self.default is None and raw.lower() == "none" else kind(raw)
         except (KeyError, ValueError):
             raise DataError(f"{self.name}: {shorten(repr(raw))} is not {self.describe()}") from None
@@ -80,7 +88,8 @@ class Setting:
         """Raise `DataError` unless the value has the declared type, range and choices."""
         single = not isinstance(value, tuple)
         items = (value,) if single else value
-        if single == isinstance(self.default, tuple) or not all(map(self._allows, items)):
+        is_empty = self.pattern and not items
+        if single == isinstance(self.default, tuple) or is_empty or not all(map(self._allows, items)):
             raise DataError(f"{self.name}: {shorten(repr(value))} is not {self.describe()}")
 
     def _allows(self, item: Any) -> bool:
@@ -90,6 +99,8 @@ class Setting:
             return False
         if self.choices:
             return item in self.choices
+        if self.pattern:
+            return re.fullmatch(self.pattern, item) is not None
         # NaN fails every comparison.
         return (self.low is None or item >= self.low) and (self.high is None or item <= self.high)
 
@@ -101,7 +112,7 @@ class Setting:
             return "one of " + ", ".join(self.choices)
         if self._item_kind is bool:
             return "on or off"
-        noun = {int: "whole number", float: "number"}.get(self._item_kind, "text")
+        noun = self.noun or {int: "whole number", float: "number"}.get(self._item_kind, "text")
         text = f"a comma-separated list of {noun}s" if isinstance(self.default, tuple) else f"a {noun}"
         if self.low is not None and self.high is not None:
             text += f" from {self.low:g} to {self.high:g}"

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import ipywidgets as widgets
 
-from vo_lib.errors import DataError
-from vo_lib.settings import Setting
+from vo_lib.settings import Setting, as_typed
 
 from .drawing import COARSE, room
 
@@ -28,8 +26,6 @@ class Control:
     low, high : ends of the slider, if narrower than the declared range.
     step : step of the slider.
     button : whether a button replaces the slider; a press adds one, or changes the maximum to the minimum.
-    names : for a list of numbers that have names: the name of each number from 0.
-    number_of : the number for a typed name, or None; it may know more names than `names`.
     """
 
     name: str
@@ -38,8 +34,6 @@ class Control:
     high: float | None = None
     step: float | None = None
     button: bool = False
-    names: tuple[str, ...] = ()
-    number_of: Callable[[str], int | None] | None = None
 
     @property
     def words(self) -> str:
@@ -69,7 +63,7 @@ class Knob:
             return raw
         # The reader knows the control by its label, not by the name of the setting.
         setting = dataclasses.replace(self.setting, name=self.control.words)
-        value = setting.parse(self._with_numbers(raw))
+        value = setting.parse(raw)
         setting.check(value)
         return value
 
@@ -100,19 +94,6 @@ class Knob:
         at_end = self.widget.value >= self.widget.max
         self.widget.value = self.widget.min if at_end else self.widget.value + 1
 
-    def _with_numbers(self, text: str) -> str:
-        """The typed text with a number in place of each name; `DataError` for an unknown name."""
-        number_of = self.control.number_of
-        if number_of is None:
-            return text
-        numbers = []
-        for word in filter(None, (each.strip() for each in text.split(","))):
-            number = word if word.isdecimal() else number_of(word)
-            if number is None:
-                raise DataError(f"{self.control.words}: {word!r} is not a known name, nor a number")
-            numbers.append(str(number))
-        return ",".join(numbers)
-
 
 def labelled(words: str) -> dict[str, Any]:
     """Arguments of a widget for its label and for the width of the column."""
@@ -126,7 +107,7 @@ def _make(control: Control, setting: Setting, value: Any, label: str) -> Any:
     if setting.choices:
         return widgets.Dropdown(value=value, options=setting.choices, **common)
     if setting.kind not in (int, float):
-        return widgets.Text(value=_as_typed(value, control.names), continuous_update=False, **common)
+        return widgets.Text(value=as_typed(value), continuous_update=False, **common)
     low = setting.low if control.low is None else control.low
     high = setting.high if control.high is None else control.high
     if low is None or high is None:
@@ -143,10 +124,3 @@ def _make(control: Control, setting: Setting, value: Any, label: str) -> Any:
 def _decimals(step: float) -> int:
     """Number of decimals that show every step."""
     return next(digits for digits in range(9) if abs(round(step, digits) - step) < 1e-9)
-
-
-def _as_typed(value: Any, names: tuple[str, ...]) -> str:
-    """A value as a reader types it, numbers by their names."""
-    if not isinstance(value, tuple):
-        return str(value)
-    return ",".join(names[each] if each in range(len(names)) else str(each) for each in value)

@@ -13,10 +13,11 @@ from IPython.display import Image as Shown
 
 from vo_lib.data.catalogue import DRAWING_PROCESSES, KITTI, SYNTHETIC, available, open_sequence
 from vo_lib.data.drawn import ensure_scene
+from vo_lib.data.label_remarks import coverage_remarks
 from vo_lib.data.sequence import Sequence
 from vo_lib.data.truth import Truth, open_truth
 from vo_lib.errors import DataError
-from vo_lib.geometry.boxes import Boxes
+from vo_lib.geometry.boxes import VEHICLES, Boxes
 from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.motion import inverse
 from vo_lib.geometry.types import Array, Image, Progress
@@ -57,7 +58,10 @@ def opened(name: str, progress: Progress | None = None) -> Sequence:
 
 def load(name: str = DEFAULT) -> Sequence:
     """A sequence for a notebook cell; a bar is shown while a synthetic scene is drawn for the first time."""
-    return with_bar(f"drawing {name}", lambda report: opened(name, report))
+    sequence = with_bar(f"drawing {name}", lambda report: opened(name, report))
+    for remark in coverage_remarks(sequence):
+        print(f"{name}: {remark}.")
+    return sequence
 
 
 def load_part(name: str, first: int, last: int) -> Sequence:
@@ -76,12 +80,18 @@ def load_part(name: str, first: int, last: int) -> Sequence:
 
 @dataclass(frozen=True)
 class WithBoxes(Sequence):
-    """A sequence with given boxes for each frame, in place of its labels."""
+    """A sequence with given boxes for each frame, in place of its labels; all of them count."""
 
     given: list[Boxes] = field(kw_only=True)
 
-    def boxes(self, index: int) -> Boxes:
+    def labelled_boxes(self, index: int) -> Boxes:
         return self.given[index]
+
+    def boxes_of(self, classes: tuple[str, ...] = (VEHICLES,)) -> Callable[[int], Boxes]:
+        return self.labelled_boxes
+
+    def require_boxes(self, classes: tuple[str, ...]) -> None:
+        """No label folder needs a check."""
 
 
 def key_of(sequence: Sequence, frame: int) -> tuple[Hashable, ...]:

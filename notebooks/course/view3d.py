@@ -132,10 +132,11 @@ def points_of(run: Run) -> list[tuple[Array, int, int]]:
     sequence = run.sequence
     camera = run.sequence.camera
     points: dict[int, tuple[Array, int, int]] = {}
+    boxes_of = sequence.boxes_of(run.config.filter.classes)
     for index, (matches, _) in enumerate(CachedMatches(sequence, run.config)):
         X_c = camera.triangulate(matches.cur_left, matches.cur_right)
         near = (X_c[:, 2] > 0) & (X_c[:, 2] < MAX_DEPTH_BASELINES * camera.baseline)
-        near &= ~in_boxes(matches.cur_left, sequence.boxes(index), run.config.filter)
+        near &= ~in_boxes(matches.cur_left, boxes_of(index), run.config.filter)
         u, v = np.clip(np.rint(matches.cur_left[near].T), 0, np.array([camera.size]).T - 1).astype(int)
         grey = sequence.stereo(index)[0][v, u].tolist()
         observations = zip(transform(run.poses[index], X_c[near]), grey, [index] * len(grey), strict=True)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,7 +14,9 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from data_command import load
@@ -25,11 +29,14 @@ from vo_lib.detection.label_folders import (
     detection_record,
     label_folder,
     labelled_sequence,
+    with_all_labels,
     write_label_folder,
 )
 from vo_lib.detection.layout import yolox_cells
 from vo_lib.detection.settings import DetectorConfig
+from vo_lib.detection.yolo import YoloDetector
 from vo_lib.files import only_process
+from vo_lib.geometry.boxes import Boxes
 
 Write = Callable[..., int]
 
@@ -75,13 +82,22 @@ def test_labels_without_boxes_cause_a_warning(write: Write, capsys: pytest.Captu
         )
 
 
+def replace_image(path: Path) -> None:
+    """Change a pixel of an image, and make the file older than every label."""
+    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    assert image is not None
+    image[0, 0] ^= np.uint8(1)
+    cv2.imwrite(str(path), image)
+    os.utime(path, (10**9, 10**9))
+
+
 def test_only_missing_or_outdated_labels_are_detected(bands: Path, model: Path) -> None:
     sequence, labels, reports = open_sequence(bands), bands / "labels", list[tuple[int, int]]()
     assert write_label_folder(sequence, model, DetectorConfig(), labels) == 6
     whole = texts(labels)
     (labels / "000001.txt").unlink()
-    later = (labels / "000003.txt").stat().st_mtime_ns + 10**9
-    os.utime(bands / "image_0" / "000003.png", ns=(later, later))
+    replace_image(bands / "image_0" / "000003.png")
+    os.utime(bands / "image_0" / "000004.png")  # newer than its label, but the same image
 
     def progress(done: int, total: int) -> None:
         reports.append((done, total))
@@ -221,3 +237,132 @@ def test_cached_labels_belong_to_one_detector(bands: Path, model: Path, tmp_path
     (folders[0] / RECORD).write_text("[1, 2")
     assert labelled_sequence(open_sequence(bands), model, cache=tmp_path).labels == folders[0]
     assert texts(folders[0]) == whole
+
+
+def counting(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """A list to which each detection in an image adds a 1."""
+    calls, detect = list[int](), YoloDetector.detect
+
+    def counted(detector: YoloDetector, *inputs: Any) -> Boxes:
+        calls.append(1)
+        return detect(detector, *inputs)
+
+    monkeypatch.setattr(YoloDetector, "detect", counted)
+    return calls
+
+
+def test_cached_labels_belong_to_the_contents_of_images(
+    bands: Path, model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = counting(monkeypatch)
+    first = labelled_sequence(open_sequence(bands), model, cache=tmp_path).labels
+    assert len(calls) == 6
+    shutil.copytree(bands, tmp_path / "elsewhere")
+    assert labelled_sequence(open_sequence(tmp_path / "elsewhere"), model, cache=tmp_path).labels == first
+    assert len(calls) == 6
+    replace_image(bands / "image_0" / "000003.png")
+    second = labelled_sequence(open_sequence(bands), model, cache=tmp_path).labels
+    assert second != first
+    assert len(calls) == 7  # the labels of the five other images are copied
+    assert first is not None
+    assert second is not None
+    assert texts(first) == texts(second)
+
+
+def test_labels_of_other_classes_are_never_taken(
+    bands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answer = np.zeros((1, 6, yolox_cells(64, 64)), np.float32)
+    answer[0, :, 0] = 32, 32, 20, 10, 0.9, 0
+    answer[0, :, 1] = 12, 32, 20, 10, 0, 0.8
+    path = write_answering(tmp_path / "two.onnx", answer, names="{0: 'car', 1: 'person'}")
+    write = load("write_labels")
+    assert write([str(bands), "--model", str(path)]) == 0
+    record = json.loads((bands / "labels" / RECORD).read_text())
+    assert record["names"] == {"2": "car", "0": "person"}
+    assert record["written"] == [2]
+    words = ["run", str(bands), "--features.blob_cell", "9", "--fresh"]
+    assert main([*words, "--out", str(tmp_path / "a")]) == 0
+    assert "note: boxes of car; not person (as the detector names them)" in one_line(capsys)
+    assert main([*words, "--out", str(tmp_path / "b"), "--filter.classes", "person"]) == 2
+    assert "the detector's boxes of class person were not written, only those of car" in one_line(capsys)
+    detected = ["--detector", str(path), "--cache", str(tmp_path / "cache")]
+    assert main([*words, "--out", str(tmp_path / "b"), "--filter.classes", "person", *detected]) == 0
+    assert "note: boxes of person; not car" in one_line(capsys)
+    assert write([str(bands), "--model", str(path), "--classes", "person"]) == 2
+    assert "labels that this detector did not write" in one_line(capsys)
+
+
+def one_line(capsys: pytest.CaptureFixture[str]) -> str:
+    captured = capsys.readouterr()
+    return " ".join((captured.out + captured.err).split())
+
+
+def test_model_without_names_is_chosen_by_number(
+    bands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answer = np.zeros((1, 5, yolox_cells(64, 64)), np.float32)
+    answer[0, :, 0] = 32, 32, 20, 10, 0.9
+    path = write_answering(tmp_path / "one.onnx", answer)
+    words = ["run", str(bands), "--detector", str(path), "--cache", str(tmp_path / "cache")]
+    words += ["--features.blob_cell", "9", "--out", str(tmp_path / "out")]
+    assert main(words) == 2
+    assert "the model has no class names, so its classes are chosen by number: --filter.classes 0" in (
+        one_line(capsys)
+    )
+    assert main([*words, "--filter.classes", "0"]) == 0
+    removed = re.search(r"features removed in boxes │ (\S+) %", one_line(capsys))
+    assert removed is not None
+    assert 0 < float(removed[1]) < 100
+    assert main([*words, "--filter.classes", "1", "--fresh"]) == 2
+    assert "its classes are chosen by number" in one_line(capsys)
+
+
+def test_every_class_that_is_chosen_is_removed(
+    bands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answer = np.zeros((1, 6, yolox_cells(64, 64)), np.float32)
+    answer[0, :, 0] = 32, 32, 20, 10, 0.9, 0
+    path = write_answering(tmp_path / "two.onnx", answer, names="{0: 'big truck', 1: 'tree'}")
+    words = ["run", str(bands), "--detector", str(path), "--cache", str(tmp_path / "cache")]
+    words += ["--features.blob_cell", "9", "--out", str(tmp_path / "out"), "--fresh"]
+    shares = []
+    for more in ([], ["--filter.classes", "big truck"], ["--filter.classes", "0"]):
+        assert main([*words, *more]) == 0
+        removed = re.search(r"features removed in boxes │ (\S+) %", one_line(capsys))
+        assert removed is not None
+        shares.append(float(removed[1]))
+    assert shares[0] > 0
+    assert len(set(shares)) == 1
+
+
+def test_models_of_other_names_tell_how_to_choose(
+    bands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answer = np.zeros((1, 5, yolox_cells(64, 64)), np.float32)
+    path = write_answering(tmp_path / "one.onnx", answer, names="{0: 'Fahrzeug'}")
+    (bands / "labels").mkdir()
+    (bands / "labels" / "000001.txt").write_text("2 0.5 0.5 0.1 0.1\n")
+    before = texts(bands / "labels")
+    assert load("write_labels")([str(bands), "--model", str(path), "--replace"]) == 2
+    assert "none of the classes is a vehicle by its name, only Fahrzeug: --classes Fahrzeug" in one_line(
+        capsys
+    )
+    assert texts(bands / "labels") == before  # nothing is deleted before the model is known to be usable
+
+
+def test_incomplete_labels_are_completed_where_a_detector_is_asked_for(
+    bands: Path, model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (bands / "labels").mkdir()
+    (bands / "labels" / "000001.txt").write_text("2 0.5 0.5 0.1 0.1\n")
+    words = ["reproduce", "--sequences", str(bands), "--methods", "feature_selection", "--seeds", "1"]
+    words += ["--variant", "published", "--cache", str(tmp_path / "cache"), "--lengths", "1"]
+    main([*words, "--out", str(tmp_path / "a")])
+    assert "note: bands: 5 of 6 images have no label file, which means no vehicle" in one_line(capsys)
+    assert "5 of 6 images have no label file" in (tmp_path / "a" / "table1.md").read_text(encoding="utf-8")
+    main([*words, "--out", str(tmp_path / "b"), "--detector", str(model)])
+    told = one_line(capsys)
+    assert "5 of 6 images have no label file, so the boxes of all images are those of --detector" in told
+    assert "which means no vehicle" not in told
+    assert with_all_labels(open_sequence(bands), model, cache=tmp_path).labels != bands / "labels"

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tiny_onnx import write_answering
 
-from vo_lib.detection.class_names import COCO
+from vo_lib.data.class_names import COCO
 from vo_lib.detection.metadata import MAX_CLASSES, read_metadata, read_names, read_size
 from vo_lib.detection.yolo import YoloDetector
 from vo_lib.errors import DataError

@@ -13,8 +13,7 @@ from real_images import SHARED, labelled_drive_0005
 from tiny_onnx import write_answering
 
 from vo_lib.data.sequence import Sequence
-from vo_lib.detection.class_names import choose_classes, class_numbers
-from vo_lib.detection.label_folders import wanted_classes, with_label_numbers
+from vo_lib.detection.label_folders import chosen_mask, with_label_numbers
 from vo_lib.detection.layout import best_boxes, fit_letterbox, yolox_cells
 from vo_lib.detection.models import MODELS
 from vo_lib.detection.yolo import YoloDetector
@@ -72,7 +71,7 @@ def test_both_layouts_give_the_box(either: YoloDetector) -> None:
     result = either.detect(np.zeros((128, 128), np.uint8))
     assert result.xyxy == pytest.approx(np.array([[43.5, 37.5, 83.5, 57.5]]), abs=1e-3)
     assert result.class_id.tolist() == [1]  # the model's number
-    assert with_label_numbers(either, result).class_id.tolist() == [2]  # COCO's number, as in label files
+    assert with_label_numbers(either, result).class_id.tolist() == [2]  # COCO's, as in label files
     assert result.score == pytest.approx([0.75], abs=1e-6)
 
 
@@ -92,16 +91,6 @@ def test_suppression_keeps_the_better_box() -> None:
     assert best_boxes(corners, np.array([[0.6, 0], [0, 0.7]]), 0.25, 0.5).class_id.tolist() == [1]
 
 
-def test_classes_are_chosen_by_name_or_number() -> None:
-    names = ("Pedestrian", "Van", "Truck", "sign")
-    assert class_numbers(names).tolist() == [0, 2, 7, 83]
-    assert choose_classes(("car", "7"), names).tolist() == [False, True, True, False]
-    assert choose_classes(("sign",), names).tolist() == [False, False, False, True]
-    assert choose_classes((), names).all()
-    with pytest.raises(DataError, match=r"class 'cra': expected .* Pedestrian, Van"):
-        choose_classes(("cra",), names)
-
-
 def test_unusable_models_are_refused(tmp_path: Path) -> None:
     path, box = tmp_path / "model.onnx", yolov8_answer()
 
@@ -118,8 +107,8 @@ def test_unusable_models_are_refused(tmp_path: Path) -> None:
     write_answering(path, box, input_shape=(1, 3, 64))
     assert "expected one input [1, 3, height, width], found [1, 3, 64]" in message()
     write_answering(path, box, names="{0: 'cat', 1: 'dog'}")
-    with pytest.raises(DataError, match="has none of the classes car, bus, truck, only cat, dog"):
-        wanted_classes(YoloDetector(path), ("car", "bus", "truck"))
+    with pytest.raises(DataError, match="none of the classes is a vehicle by its name, only cat, dog"):
+        chosen_mask(YoloDetector(path), ("vehicles",))
 
 
 def recall_precision(
@@ -170,9 +159,9 @@ def test_recall_and_precision_on_drive_0005(model: str, recall: float, precision
         pytest.skip("the detectors are not beside this checkout (shared/data/models)")
     detector, drive = YoloDetector(path), labelled_drive_0005()
     frames = range(len(drive))
-    vehicles = [boxes[np.isin(boxes.class_id, VEHICLES)] for boxes in map(drive.boxes, frames)]
-    wanted = wanted_classes(detector, ("car", "bus", "truck"))
-    detections = [detector.detect(drive.stereo(frame)[0], wanted) for frame in frames]
+    vehicles = [drive.boxes(frame) for frame in frames]
+    mask = chosen_mask(detector, ("car", "bus", "truck"))
+    detections = [detector.detect(drive.stereo(frame)[0], mask) for frame in frames]
     result = recall_precision(zip(detections, vehicles, strict=True), 25.0)
     assert result[2] == 340
     assert result[0] >= recall - 0.03

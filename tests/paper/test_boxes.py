@@ -9,14 +9,13 @@ from vo_lib.kit.settings import KitFilterConfig
 from vo_lib.paper.box_removal import in_boxes
 
 
-def box(*xyxy: float, class_id: int = 2, score: float = 1.0) -> Boxes:
-    return Boxes(np.array([xyxy], float), np.array([class_id]), np.array([score]))
+def box(*xyxy: float, score: float = 1.0) -> Boxes:
+    return Boxes(np.array([xyxy], float), np.array([2]), np.array([score]))
 
 
-def test_only_vehicle_boxes_with_enough_score_count() -> None:
+def test_only_boxes_with_enough_score_count() -> None:
     uv = np.array([[15.0, 15.0], [50.0, 50.0]])
     assert in_boxes(uv, box(10, 10, 20, 20), KitFilterConfig()).tolist() == [True, False]
-    assert not in_boxes(uv, box(10, 10, 20, 20, class_id=0), KitFilterConfig()).any()
     assert not in_boxes(uv, box(10, 10, 20, 20, score=0.1), KitFilterConfig()).any()
     assert not in_boxes(uv, no_boxes(), KitFilterConfig()).any()
 

@@ -41,7 +41,7 @@ def test_axis_values_have_the_declared_type() -> None:
     assert axis("selection.sets=50,100") == ("selection.sets", (50, 100))
     assert axis("filter.margin=0,0.1") == ("filter.margin", (0.0, 0.1))
     assert axis("selection.prior=on,off")[1] == (True, False)
-    assert axis("filter.classes=2;2,5,7")[1] == ((2,), (2, 5, 7))
+    assert axis("filter.classes=car;2, 5,big truck")[1] == (("car",), ("2", "5", "big truck"))
 
 
 def test_sweep_records_equal_single_runs(sequence: Sequence, tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
+import vo_lib.data.image_hashes as image_hashes
 import vo_lib.runs.identity as identity
 from vo_lib import DataError, open_sequence, preset
 from vo_lib.config import change
@@ -21,7 +22,7 @@ from vo_lib.files import file_sha256
 @pytest.fixture
 def memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty folder for stored hashes."""
-    monkeypatch.setattr(identity, "cache_folder", lambda: tmp_path / "user" / "synthetic")
+    monkeypatch.setattr(image_hashes, "cache_folder", lambda: tmp_path / "user" / "synthetic")
     return tmp_path / "user" / "hashes"
 
 
@@ -34,7 +35,7 @@ def hashed(monkeypatch: pytest.MonkeyPatch, folder: Path) -> tuple[str, list[str
         return file_sha256(path)
 
     with monkeypatch.context() as patch:
-        patch.setattr(identity, "file_sha256", watched)
+        patch.setattr(image_hashes, "file_sha256", watched)
         return identity.images_digest(open_sequence(folder)), sorted(read)
 
 
@@ -75,11 +76,16 @@ def test_digest_changes_with_one_pixel(bands: Path) -> None:
 
 def test_identity_has_times_camera_and_used_labels(bands: Path) -> None:
     (bands / "labels").mkdir()
+    (bands / "labels" / "000001.txt").touch()
     sequence, kept, removed = open_sequence(bands), preset("solution_selection"), preset("feature_selection")
     before = [identity.run_identity(sequence, config, "m") for config in (kept, removed)]
     (bands / "labels" / "000002.txt").write_text("2 0.5 0.5 0.1 0.1\n", encoding="utf-8")
     after = [identity.run_identity(sequence, config, "m") for config in (kept, removed)]
     assert [a == b for a, b in zip(before, after, strict=True)] == [True, False]
+    # The same numbers have another meaning with names.
+    (bands / "labels" / "classes.txt").write_text("person\nbus\ncar\n", encoding="utf-8")
+    named = [identity.run_identity(sequence, config, "m") for config in (kept, removed)]
+    assert [a == b for a, b in zip(named, after, strict=True)] == [True, False]
     assert identity.matches_identity(sequence, removed)["images"] == before[1]["images"]
     for other_part in (
         {"times": sequence.times * 2},

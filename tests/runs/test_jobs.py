@@ -80,8 +80,8 @@ def test_jobs_share_matches_and_hashes(
         hashed.append(path)
         return file_sha256(path)
 
-    monkeypatch.setattr("vo_lib.runs.identity.cache_folder", lambda: tmp_path / "user" / "synthetic")
-    monkeypatch.setattr("vo_lib.runs.identity.file_sha256", watched)
+    monkeypatch.setattr("vo_lib.data.image_hashes.cache_folder", lambda: tmp_path / "user" / "synthetic")
+    monkeypatch.setattr("vo_lib.data.image_hashes.file_sha256", watched)
     monkeypatch.setattr(Sequence, "stereo", counted)
     jobs = all_jobs(two[:1], tmp_path / "runs")
     run_jobs(jobs, cache=tmp_path / "cache")

@@ -209,7 +209,7 @@ def test_folder_of_another_run_is_refused(
         return str(error.value)
 
     assert "another run, which differs in settings.selection.sets;" in refused(selection__sets=50)
-    assert "and 1 more" in refused(seed=4, filter__classes=(2,), min_matches=13, buckets__size=40)
+    assert "and 1 more" in refused(seed=4, filter__classes=("car",), min_matches=13, buckets__size=40)
     assert "differs in method;" in refused(method="n")
     assert "differs in frames, images, times" in refused(sequence.part(0, 7))
     camera = dataclasses.replace(sequence.camera, f=301.0)

@@ -13,15 +13,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..data.drawn import cache_folder, scene_key
+from ..data.image_hashes import hash_folder
 from ..data.scenes import SceneConfig
-from ..detection.label_folders import RECORD, is_current_record
+from ..detection.label_folders import RECORD, RECORD_KEYS, is_current_record
 from ..errors import DataError
 from ..files import DRAFT, LOCK, delete_abandoned_drafts, delete_tree, folder_size, read_mapping
-from ..runs.identity import FRONT_END_CODE, hash_folder
+from ..runs.identity import FRONT_END_CODE
 from ..runs.match_cache import code_folder, match_folder
 from ..settings import from_dict
 
-RECORD_KEYS = {"model", "sha256", "settings"}  # in every record of a detector that the kit has written
 KINDS = ("scenes", "matches", "labels", "hashes", "drafts")
 SCENE = re.compile(r"([a-z_]+-[0-9a-f]{12})(-\d+-\d+)?")  # the second part: only some of the frames
 CODE_FOLDER = re.compile(r"(published|kit)-[0-9a-f]{16}")

@@ -6,7 +6,9 @@ import argparse
 import dataclasses
 import os
 import re
-from collections.abc import Iterable
+import shlex
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
 from statistics import fmean
@@ -16,7 +18,9 @@ import numpy as np
 
 from ..config import METHODS, VARIANTS, preset
 from ..data.catalogue import SYNTHETIC, open_sequence
+from ..data.class_names import ClassesError
 from ..data.drawn import cache_folder
+from ..data.label_remarks import label_remarks
 from ..data.poses import MAX_COORDINATE_M
 from ..data.sequence import Sequence
 from ..detection.label_folders import labelled_sequence
@@ -25,6 +29,7 @@ from ..detection.yolo import PROVIDERS
 from ..errors import DataError
 from ..evaluation.ate_rpe import Delta
 from ..files import read_mapping
+from ..geometry.boxes import VEHICLES
 from ..paper.settings import MethodConfig
 from ..report.plots import require_matplotlib
 from ..runs.folder import METRICS, read_config, settings_in
@@ -37,6 +42,7 @@ if TYPE_CHECKING:
 BOTH = "both"
 DEFAULT_METHOD, DEFAULT_VARIANT = "feature_selection", "published"
 DETECT = "For boxes, add `--detector MODEL`, an ONNX file or a model of `vo data get_detector`."
+TYPED_CLASSES = "--filter.classes {}"  # how `vo run` takes the setting
 MASKS_MEASURED = 20  # a mask takes 2.5 ms; a KITTI sequence may have thousands of masks
 
 
@@ -68,7 +74,11 @@ def add_variant(parser: argparse.ArgumentParser, both: bool = False) -> None:
 def add_part(parser: argparse.ArgumentParser) -> None:
     """Add the options for frames, labels and masks of the sequence."""
     parser.add_argument("--frames", metavar="A:B", help="only the frames A … B-1, counted from 0")
-    text = "folder of YOLO label files; default: labels/ in the sequence's folder"
+    text = (
+        "folder of YOLO label files; default: labels/ in the sequence's folder. Class names come from "
+        "classes.txt, obj.names or data.yaml in or above the folder; without names, the numbers are COCO's: "
+        "2 car, 5 bus, 7 truck"
+    )
     parser.add_argument("--labels", metavar="DIR", help=text)
     text = "PNG mask, 0 where features are allowed; or a folder of masks with the names of the left images"
     parser.add_argument("--masks", type=Path, metavar="PATH", help=text)
@@ -109,13 +119,24 @@ def open_with_bar(name: str, cache: Path | None, part: argparse.Namespace | None
     if part.frames:
         sequence = sequence.part(*parse_frames(part.frames, len(sequence)))
     if part.masks is not None:
-        masks = zip(sequence.mask_files(), sequence.mask_images(), strict=False)
-        share = fmean(np.count_nonzero(mask) / mask.size for _, mask in islice(masks, MASKS_MEASURED))
-        if share == 1.0 and all(mask.all() for _, mask in masks):
-            raise DataError("the mask covers every image, so there are no features", part.masks)
-        inverted = "; features on pixels that are not 0 are dropped, so the mask may be inverted"
-        print_wrapped(f"--masks: {100 * share:.0f} % of the image is masked{inverted * (share > 0.5)}")
+        _tell_masks(sequence, part.masks)
     return sequence
+
+
+def _tell_masks(sequence: Sequence, path: Path) -> None:
+    """Print the share of the image that is masked, from some masks; a warning if it is 0 or 100 % in all."""
+    masks = zip(sequence.mask_files(), sequence.mask_images(), strict=False)
+    share = fmean(np.count_nonzero(mask) / mask.size for _, mask in islice(masks, MASKS_MEASURED))
+    if share == 0.0 and not any(mask.any() for _, mask in masks):
+        print_wrapped(f"warning: --masks: no pixel is masked: every pixel of {path} is 0")
+        return
+    if share == 1.0 and all(mask.all() for _, mask in masks):
+        print_wrapped(
+            f"warning: --masks: all pixels are masked, so there are no features: no pixel of {path} is 0"
+        )
+        return
+    inverted = "; features on pixels that are not 0 are dropped, so the mask may be inverted"
+    print_wrapped(f"--masks: {100 * share:.0f} % of the image is masked{inverted if share > 0.5 else ''}")
 
 
 def draw_with_bar(film: Film, frames: Iterable[FilmFrame]) -> None:
@@ -213,7 +234,7 @@ def parse_delta(text: str) -> Delta:
 
 def warn_without_boxes(runs: Iterable[tuple[Sequence, MethodConfig]], remedy: str = DETECT) -> list[str]:
     """If a method removes features in boxes, print and return a warning about sequences without boxes."""
-    without = (s.name for s, config in runs if s.labels is None and config.filter.rule in ("all", "moving"))
+    without = (s.name for s, config in runs if s.labels is None and config.filter.uses_boxes)
     if not (names := ", ".join(dict.fromkeys(without))):
         return []
     warning = (
@@ -249,21 +270,60 @@ def tell_warnings(outcomes: Iterable[Outcome]) -> None:
     print_wrapped(*warnings)
 
 
+@contextmanager
+def naming_classes(option: str) -> Iterator[None]:
+    """Errors on the choice of classes say how to type it; `option` : text such as "--filter.classes {}"."""
+    try:
+        yield
+    except ClassesError as error:
+        raise DataError(f"{error.problem} {option.format(shlex.quote(error.value))}") from None
+
+
+def tell_labels(
+    runs: Iterable[tuple[Sequence, MethodConfig]], option: str, with_name: bool = False
+) -> list[str]:
+    """Print and return remarks on the label folders of runs that remove features in boxes, each once.
+
+    option : how filter.classes is typed, as in `naming_classes`; with_name : begin with the sequence's name.
+
+    Raises `DataError` if a label file is invalid or no box can count.
+    """
+    choices = [(sequence, config.filter.classes) for sequence, config in runs if config.filter.uses_boxes]
+    remarks: dict[str, None] = {}
+    with naming_classes(option):
+        for sequence, classes in {(s.name, classes): (s, classes) for s, classes in choices}.values():
+            prefix = f"{sequence.name}: " if with_name else ""
+            remarks |= dict.fromkeys(prefix + remark for remark in label_remarks(sequence, classes))
+    print_wrapped(*(f"note: {remark}" for remark in remarks))
+    return list(remarks)
+
+
 def labelled(
-    sequence: Sequence, options: argparse.Namespace, cache: Path | None, config: DetectorConfig | None = None
+    sequence: Sequence,
+    options: argparse.Namespace,
+    cache: Path | None,
+    config: DetectorConfig | None = None,
+    classes: tuple[str, ...] = (VEHICLES,),
+    option: str = TYPED_CLASSES,
 ) -> Sequence:
-    """The sequence, with the boxes of --detector if the option is present; the cache stores the boxes."""
+    """The sequence, with the boxes of --detector if the option is present; the cache stores the boxes.
+
+    classes : the classes to detect (setting filter.classes); option : how they are typed, as in
+    `naming_classes`.
+    """
     if options.detector is None:
         return sequence
     if options.detector == "street" and not sequence.name.startswith(SYNTHETIC):
         print_wrapped(
             f"warning: `street` was trained on drawn streets; its boxes on {sequence.name} may be wrong"
         )
-    with reporting(f"detecting vehicles in {sequence.name}") as report, continues_when_repeated():
+    label = f"detecting vehicles in {sequence.name}"
+    with reporting(label) as report, continues_when_repeated(), naming_classes(option):
         sequence = labelled_sequence(
             sequence,
             options.detector,
             config,
+            classes=classes,
             provider=options.provider,
             cache=cache,
             waiting=_print_waiting,
@@ -280,6 +340,6 @@ def _print_waiting(folder: Path) -> None:
 
 def warn_without_vehicles(sequence: Sequence) -> None:
     """Print a warning if a detector's labels of the sequence have no box at all."""
-    if not any(len(sequence.boxes(index)) for index in range(len(sequence))):
+    if not any(len(sequence.labelled_boxes(index)) for index in range(len(sequence))):
         images = f"the {len(sequence)} images of {sequence.name}"
         print_wrapped(f"warning: the detector found no vehicle in {images}: no features are removed")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ..data.catalogue import KITTI, SYNTHETIC, available, kitti_places, kitti_roots
 from ..data.drawn import cache_folder
+from ..data.label_remarks import missing_labels
 from ..data.scenes import SCENES
 from ..data.sequence import open_folder
 from ..errors import DataError
@@ -52,6 +53,7 @@ def _facts(name: str, folder: Path | None) -> list[str]:
     sequence = open_folder(folder, name)
     camera, truth = sequence.camera, sequence.truth
     length = NO_NUMBER if truth is None else f"{trajectory_distances(truth)[-1]:.0f}"
-    parts = ["no" if part is None else "yes" for part in (truth, sequence.labels)]
+    boxes = "no" if sequence.labels is None else "part" if missing_labels(sequence) else "yes"
+    parts = ["no" if truth is None else "yes", boxes]
     megabytes = sum(folder_size(folder / side) for side in sequence.sides) / 1e6
     return [str(len(sequence)), length, *parts, f"{camera.width}×{camera.height}", f"{megabytes:.0f}"]

@@ -8,11 +8,15 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from ..data.catalogue import parse_sequences
+from ..data.label_remarks import missing_labels
+from ..data.sequence import Sequence
 from ..detection.models import find_model
 from ..errors import DataError
 from ..evaluation.kitti_errors import SubsequenceProtocol
 from ..files import only_process, refuse_foreign
+from ..geometry.boxes import VEHICLES
 from ..loops.settings import LoopConfig
+from ..paper.settings import MethodConfig
 from ..report.film import FILM_ENDING, Film, film_frames
 from ..report.table1 import (
     PROPOSAL,
@@ -32,6 +36,8 @@ from ..runs.match_cache import CachedMatches
 from . import close_loops, common
 from .console import print_lines, print_wrapped, reporting, show_report_table
 
+TYPED_CLASSES = "filter.classes {} in the file of --config"
+
 
 def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo reproduce`."""
@@ -48,7 +54,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     text = "sub-sequence lengths in metres, from every frame; default: KITTI's, or 20,50,100 for short paths"
     option("--lengths", metavar="L,L,…", help=text)
     option("--out", default="runs/table1", metavar="DIR", help="folder; default %(default)s")
-    common.add_detector(parser, " in sequences without labels")
+    common.add_detector(parser, " in sequences whose images do not all have labels")
     common.add_many(parser, parser)
     text = "film of feature_selection on each sequence, first seed, shown in the report"
     option("--films", action="store_true", help=text)
@@ -83,10 +89,12 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
         # Before the lock, which marks the folder as the kit's.
         refuse_foreign(folder, table_files(methods, [sequence.name for sequence in opened]), own)
         stack.enter_context(only_process(folder))
-        sequences = [s if s.labels else common.labelled(s, options, options.cache) for s in opened]
+        sequences = [_with_boxes(sequence, options, config) for sequence in opened]
         jobs = plan_jobs(sequences, methods, seeds, folder, config)
         workers = common.parse_jobs(options.jobs, len(jobs))
-        without_boxes = common.warn_without_boxes((job.sequence, job.config) for job in jobs)
+        runs = [(job.sequence, job.config) for job in jobs]
+        remarks = (*remarks, *common.tell_labels(runs, TYPED_CLASSES, with_name=True))
+        without_boxes = common.warn_without_boxes(runs)
         with reporting(f"{len(jobs)} runs") as report:
             outcomes = run_jobs(jobs, workers, report, options.cache, fresh=options.fresh)
         result = collect(outcomes, missing, measure)
@@ -107,6 +115,20 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
     common.tell_warnings(outcomes)
     print_lines(f"Report with figures: {folder / REPORT}")
     return 1 if result.failed else 0
+
+
+def _with_boxes(sequence: Sequence, options: argparse.Namespace, config: MethodConfig | None) -> Sequence:
+    """The sequence with its labels if every image has a label file, else with the boxes of --detector."""
+    missing = len(missing_labels(sequence))
+    if options.detector is None or not missing:
+        return sequence
+    if sequence.labels is not None:
+        print_wrapped(
+            f"note: {sequence.name}: {missing} of {len(sequence)} images have no label file, so the boxes of "
+            "all images are those of --detector"
+        )
+    classes = (VEHICLES,) if config is None else config.filter.classes
+    return common.labelled(sequence, options, options.cache, classes=classes, option=TYPED_CLASSES)
 
 
 def _draw_films(jobs: list[Job], cache: Path | None) -> None:

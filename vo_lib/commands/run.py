@@ -57,6 +57,7 @@ if TYPE_CHECKING:
 
 BOX_SETTINGS = ("filter.margin", "filter.classes", "filter.score")
 DETECTOR = "detector."
+FORMER_CLASSES = "--detector.classes"
 DETECTOR_SETTINGS = settings.declared(DetectorConfig, DETECTOR)
 
 
@@ -82,6 +83,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     option(SETTINGS_PAGE, action="store_true", help="list the threshold options, which override --config")
     for item in [*SETTINGS.values(), *DETECTOR_SETTINGS, *close_loops.LOOP_SETTINGS]:
         add_option(parser, item, item.name, shown=False)  # not in the short help
+    option(FORMER_CLASSES, help=argparse.SUPPRESS)
     parser.set_defaults(command=_run)
 
 
@@ -111,13 +113,9 @@ def _run(options: argparse.Namespace) -> int:
             print_wrapped(
                 f"note: {options.method} does not use the boxes of --detector; only a film shows the boxes"
             )
-        sequence = common.labelled(sequence, options, cache, detection)
+        sequence = common.labelled(sequence, options, cache, detection, config.filter.classes)
         common.warn_without_boxes([(sequence, config)])
-        labels = sequence.labels
-        if labels and (count := sum(not (labels / f"{frame}.txt").exists() for frame in sequence.frames)):
-            print_wrapped(
-                f"note: {count} of {len(sequence)} images have no label file, which means no vehicle"
-            )
+        common.tell_labels([(sequence, config)], common.TYPED_CLASSES)
         matches = None if options.cache is None else CachedMatches(sequence, config, cache)
         with reporting(label) as report:
             result, read_back = run_once(
@@ -201,6 +199,8 @@ def _check(options: argparse.Namespace, config: MethodConfig) -> Calibration | N
     given = {"a sequence (`vo list`)": options.sequence, "--out DIR": options.out}
     if missing := [name for name, value in given.items() if value is None]:
         raise DataError(f"missing: {' and '.join(missing)}")
+    if getattr(options, FORMER_CLASSES.strip("-")) is not None:
+        raise DataError(f"{FORMER_CLASSES}: filter.classes chooses the classes: --filter.classes NAME,NAME,…")
     if options.detector is not None and options.labels is not None:
         raise DataError("--labels and --detector: use only one of them, since both give boxes")
     if (film := options.video) is not None:

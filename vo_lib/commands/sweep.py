@@ -9,7 +9,15 @@ from contextlib import ExitStack
 from ..errors import DataError
 from ..files import only_process, refuse_foreign, write_atomic, written_together
 from ..report.page import records_csv
-from ..report.sweep_table import CELLS, heat_map, parse_axis, refuse_unused, run_sweep, sweep_table
+from ..report.sweep_table import (
+    CELLS,
+    grid_of,
+    heat_map,
+    parse_axis,
+    refuse_unused,
+    run_sweep,
+    sweep_table,
+)
 from ..report.table1 import is_own_table
 from ..runs.folder import has_runs, run_folder
 from ..runs.jobs import Job, Outcome, run_jobs
@@ -30,7 +38,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     option("--sequence", required=True, metavar="S", help="a name from `vo list`, or a folder")
     common.add_method(parser)
     text = "values of a setting of `vo run --help-settings`; repeat the option for more settings. "
-    text += "Semicolons separate values that are lists: filter.classes='2;2,5,7'"
+    text += "Semicolons separate values that are lists: filter.classes='car;car,truck'"
     option("--set", dest="axes", action="append", required=True, metavar="SETTING=V,V,…", help=text)
     common.add_part(parser)
     where = parser.add_mutually_exclusive_group()
@@ -52,7 +60,9 @@ def _sweep(options: argparse.Namespace) -> int:
     workers = common.parse_jobs(options.jobs, seeds * math.prod(map(len, axes.values())))
     sequence = common.open_with_bar(options.sequence, options.cache, options)
     remedy = "For boxes, call `vo data write_labels`, then add `--labels DIR`."
-    common.warn_without_boxes([(sequence, base)], remedy)
+    runs = [(sequence, config) for _, config in grid_of(base, axes)]
+    common.warn_without_boxes(runs, remedy)
+    common.tell_labels(runs, "--set filter.classes={}")
     with ExitStack() as stack:
         folder = stack.enter_context(run_folder(options.out))
         own = is_own_table(folder / TABLE) or has_runs(folder / CELLS)

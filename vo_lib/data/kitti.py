@@ -203,7 +203,7 @@ def read_stored(path: Path) -> NDArray[np.uint8] | NDArray[np.uint16]:
     data, kind = read_bytes(path), path.suffix[1:].upper()
     image = None
     # OpenCV refuses a damaged PNG too, but libpng then writes a line of its own to standard error.
-    if data and (kind != "PNG" or _has_valid_chunks(data)):
+    if data and (kind != "PNG" or has_valid_chunks(data)):
         try:
             flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION | cv2.IMREAD_ANYDEPTH
             image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
@@ -273,7 +273,7 @@ def bits_note(bits: int) -> str:
     return f"the grey values need {bits} bits, so they are divided by {2 ** (bits - BITS[0])}"
 
 
-def _has_valid_chunks(png: bytes) -> bool:
+def has_valid_chunks(png: bytes) -> bool:
     """Whether all chunks of a PNG file up to IEND are present and pass their checksums.
 
     In an animated PNG, the image must be one of the frames; otherwise, OpenCV returns black or another frame.

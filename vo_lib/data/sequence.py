@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import repeat
 from pathlib import Path
@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DataError
-from ..geometry.boxes import Boxes, no_boxes
+from ..geometry.boxes import VEHICLES, Boxes, no_boxes
 from ..geometry.camera import StereoCamera
 from ..geometry.motion import inverse, rigid
 from ..geometry.types import Array, Image
+from .class_names import ClassesError, no_chosen_box
 from .kitti import (
     BITS,
     COLOUR,
@@ -33,7 +34,9 @@ from .kitti import (
     read_image,
     read_times,
 )
-from .label_files import read_labels
+from .label_files import count_labels, label_files, read_labels
+from .label_names import class_names, is_file_of_names
+from .masks import read_mask
 from .poses import read_kitti_poses
 
 
@@ -75,7 +78,7 @@ class Sequence:
     def stereo(self, index: int) -> tuple[Image, Image]:
         """Left and right image of a frame, (H, W) uint8; a `DataError` names an unusable image."""
         left, right = (self.folder / side / f"{self.frames[index]}.png" for side in self.sides)
-        return self._image(left, self.bits), self._image(right, self.bits)
+        return self._image(left), self._image(right)
 
     def left_file(self, frame: str) -> Path:
         """The left image of a frame, by the frame's file stem."""
@@ -92,12 +95,16 @@ class Sequence:
             words.append(bits_note(self.bits))
         return words
 
-    def _image(self, path: Path, bits: int | None = None) -> Image:
-        image, size = read_image(path, bits), (self.camera.height, self.camera.width)
+    def _image(self, path: Path) -> Image:
+        image = read_image(path, self.bits)
+        self._check_size(path, image)
+        return image
+
+    def _check_size(self, path: Path, image: Image) -> None:
+        size = (self.camera.height, self.camera.width)
         if image.shape != size:
             actual, expected = f"{image.shape[1]}×{image.shape[0]}", f"{size[1]}×{size[0]}"
             raise DataError(f"the image is {actual}, expected {expected} as in the first left image", path)
-        return image
 
     def mask_files(self) -> list[Path]:
         """The mask of each frame, or one mask for all; empty without masks."""
@@ -111,17 +118,49 @@ class Sequence:
         return images if self.masks is None or self.masks.is_dir() else repeat(next(images))
 
     def _mask(self, path: Path) -> Image:
-        image = self._image(path)
-        if path.suffix.lower() != ".png":
-            raise DataError("expected a mask in PNG format: JPEG does not keep zeros", path)
-        return image
+        mask = read_mask(path)
+        self._check_size(path, mask)
+        return mask
 
-    def boxes(self, index: int) -> Boxes:
-        """Labelled boxes of a frame's left image; none if the label file is missing."""
+    def labelled_boxes(self, index: int) -> Boxes:
+        """Boxes of all classes in a frame's label file, with the file's numbers; none if it is missing."""
         if self.labels is None:
             return no_boxes()
         path = self.labels / f"{self.frames[index]}.txt"
         return read_labels(path, self.camera.width, self.camera.height) if path.exists() else no_boxes()
+
+    def boxes(self, index: int, classes: tuple[str, ...] = (VEHICLES,)) -> Boxes:
+        """Boxes of the chosen classes in a frame's left image; for many frames, use `boxes_of`."""
+        return self.boxes_of(classes)(index)
+
+    def boxes_of(self, classes: tuple[str, ...] = (VEHICLES,)) -> Callable[[int], Boxes]:
+        """A function that returns a frame's boxes of the chosen classes (setting filter.classes), by index.
+
+        The names of the label folder are read once, here. Raises as `ClassNames.choose`.
+        """
+        if self.labels is None:
+            return lambda index: no_boxes()
+        choice = class_names(self.labels).choose(classes)
+        return lambda index: choice.select(self.labelled_boxes(index))
+
+    def require_boxes(self, classes: tuple[str, ...]) -> None:
+        """Raise `ClassesError` if the label folder has boxes, but none of a chosen class and no names.
+
+        Then the numbers are probably not COCO's.
+        """
+        if self.labels is None:
+            return
+        names = class_names(self.labels)
+        choice = names.choose(classes)
+        if names.names:
+            return
+        files = label_files(self.labels)
+        for path in files:
+            if choice.kinds.keys() & count_labels([path]).boxes.keys():
+                return
+        found = count_labels(files).boxes
+        if found:
+            raise ClassesError(no_chosen_box(found, choice), self.labels, str(min(found)))
 
     def part(self, start: int, stop: int) -> Sequence:
         """The frames start … stop - 1; `DataError` unless these are two or more frames of the sequence."""
@@ -204,7 +243,9 @@ def _find_labels(folder: Path, frames: list[str], labels: str | Path | None) -> 
         if labels is not None:
             raise DataError("the label folder is missing", path)
         return None
-    stems = {p.stem for p in path.glob("*.txt")}
-    if not stems & set(frames) and (stems or labels is not None):
+    stems = {p.stem for p in path.glob("*.txt") if not is_file_of_names(p.name)}
+    if stems & set(frames):
+        return path
+    if stems or labels is not None:
         raise DataError(f"no label file is named after a frame: expected names such as {frames[0]}.txt", path)
-    return path
+    return None

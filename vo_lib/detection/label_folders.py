@@ -1,35 +1,46 @@
 """Label folders from a detector: a YOLO text file per frame, and a record of the detector.
 
-A label folder contains `000000.txt` … and `detector.json`, with the model's SHA-256 and the settings.
+A label folder contains `000000.txt` …; `detector.json`, with the model's SHA-256, the settings, and the names
+and numbers of the classes; and `images.sha256`, with the hash of the image of each label.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import glob
 import hashlib
 import json
 import os
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from ..data.class_names import ClassesError, ClassNames, label_numbers
 from ..data.drawn import cache_folder
-from ..data.kitti import list_frames, read_image
-from ..data.label_files import write_labels
+from ..data.image_hashes import image_hashes
+from ..data.kitti import BITS, list_frames, read_image
+from ..data.label_files import label_files, write_labels
+from ..data.label_names import DETECTOR_RECORD
+from ..data.label_remarks import missing_labels
 from ..data.sequence import Sequence
 from ..errors import DataError
-from ..files import only_process, read_mapping, write_atomic
-from ..geometry.boxes import Boxes
+from ..files import only_process, read_bytes, read_mapping, read_text, write_atomic
+from ..geometry.boxes import VEHICLES, Boxes
 from ..geometry.types import BoolArray, Progress
 from ..settings import to_dict
-from .class_names import COCO, choose_classes, class_numbers
 from .model_files import model_sha256
 from .models import find_model
 from .settings import DetectorConfig
 from .yolo import YoloDetector
 
-RECORD = "detector.json"
+RECORD = DETECTOR_RECORD
+RECORD_KEYS = {"model", "sha256", "settings"}  # in every record that the kit has written
+IMAGE_LIST = "images.sha256"  # a line for each label: the hash of the image, then its name, as of sha256sum
+IMAGE_LINE = re.compile(r"([0-9a-f]{64})  (\d+)\.png")
 EXPECTED_RECORD = "the record of the detector that wrote the labels"
 # A label folder has none of these: each is part of a sequence or of a run.
 FILES_OF_OTHER_FOLDERS = (
@@ -40,21 +51,102 @@ FILES_OF_OTHER_FOLDERS = (
 DETECTION_THREADS = 2
 
 
-def detection_record(model: str | Path, config: DetectorConfig, provider: str = "cpu") -> dict[str, Any]:
-    """All inputs that determine a detector's boxes, for JSON: the model and its hash, settings, provider."""
+def detection_record(
+    model: str | Path, config: DetectorConfig, classes: tuple[str, ...] = (VEHICLES,), provider: str = "cpu"
+) -> dict[str, Any]:
+    """All inputs that determine a detector's labels, apart from the images, for JSON.
+
+    The model and its hash, the settings, the wanted classes (setting filter.classes), and the provider.
+    """
     path = find_model(model)
     settings = to_dict(config)
     del settings["threads"]
-    settings["classes"] = list(config.classes)
-    return {"model": path.name, "sha256": model_sha256(path), "provider": provider, "settings": settings}
+    inputs = {"model": path.name, "sha256": model_sha256(path), "provider": provider, "settings": settings}
+    return inputs | {"classes": list(classes)}
 
 
 def label_folder(sequence: Sequence, record: dict[str, Any], cache: Path | None = None) -> Path:
-    """The folder for the boxes of a detector on a sequence, in `cache` or the user's cache folder."""
+    """The folder for a detector's labels of these images, in `cache` or the user's cache folder.
+
+    The name has a digest of the record and one of the names and contents of the images, so that other images
+    in the same place have another folder, and the same images in another place have the same folder.
+    """
     root = cache_folder().parent if cache is None else cache
-    text = json.dumps([record, str(sequence.folder.resolve())], sort_keys=True)
-    digest = hashlib.sha256(text.encode()).hexdigest()[:12]
-    return root / "labels" / f"{sequence.folder.resolve().name}-{Path(record['model']).stem}-{digest}"
+    images = _digest([sequence.frames, list(_hashes_of_frames(sequence).values())])
+    return root / "labels" / f"{_prefix(record)}-{images}"
+
+
+def _prefix(record: dict[str, Any]) -> str:
+    """The beginning of the names of all label folders of a detector in the cache."""
+    return f"{Path(record['model']).stem}-{_digest(record)}"
+
+
+def _digest(data: Any) -> str:
+    return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:12]
+
+
+def _hashes_of_frames(sequence: Sequence) -> dict[str, str]:
+    """SHA-256 of the left image of each frame, by frame.
+
+    With grey values of more than 8 bits, it also depends on the bits that the sequence needs: they decide
+    which 8 of them the detector sees.
+    """
+    names = [f"{sequence.sides[0]}/{frame}.png" for frame in sequence.frames]
+    hashes = list(image_hashes(sequence.folder, names).values())
+    if sequence.bits > BITS[0]:
+        hashes = [hashlib.sha256(f"{digest} {sequence.bits}".encode()).hexdigest() for digest in hashes]
+    return dict(zip(sequence.frames, hashes, strict=True))
+
+
+def model_classes(detector: YoloDetector) -> tuple[ClassNames, ClassNames]:
+    """The classes of a detector, with its own numbers and with the numbers in label files.
+
+    The numbers in label files are those of `label_numbers`; without names, the detector's own.
+    """
+    if detector.names is None:
+        return ClassNames(source=str(detector.path)), ClassNames(source=str(detector.path))
+    own = ClassNames(dict(enumerate(detector.names)), str(detector.path))
+    numbers = label_numbers(detector.names).tolist()
+    return own, ClassNames(dict(zip(numbers, detector.names, strict=True)), str(detector.path))
+
+
+def chosen_mask(detector: YoloDetector, classes: tuple[str, ...]) -> BoolArray:
+    """Mask of a detector's classes, by its own numbers, that are chosen by name or number.
+
+    Raises as `ClassNames.choose`, and `ClassesError` for a model without names if no class has the number.
+    """
+    own, _ = model_classes(detector)
+    if own.names:
+        chosen = list(own.choose(classes).kinds)
+        mask = np.zeros(len(own.names), np.bool_)
+        mask[chosen] = True
+        return mask
+    numbers = [int(word) for word in classes if word.isdecimal()]
+    count = detector.class_count
+    if len(numbers) < len(classes) or (count is not None and max(numbers) >= count):
+        which = "" if count is None or count == 1 else f" from 0 to {count - 1}"
+        problem = f"the model has no class names, so its classes are chosen by number{which}:"
+        raise ClassesError(problem, detector.path, "0")
+    mask = np.zeros(max(numbers) + 1, np.bool_)
+    mask[numbers] = True
+    return mask
+
+
+def with_label_numbers(detector: YoloDetector, boxes: Boxes) -> Boxes:
+    """A detector's boxes with the class numbers of label files."""
+    if detector.names is None:
+        return boxes
+    known = boxes[boxes.class_id < len(detector.names)]
+    return dataclasses.replace(known, class_id=label_numbers(detector.names)[known.class_id])
+
+
+def with_kinds(detector: YoloDetector, boxes: Boxes) -> Boxes:
+    """A detector's boxes with COCO's class number of their kind, as boxes of a label folder have it."""
+    numbered = with_label_numbers(detector, boxes)
+    _, classes = model_classes(detector)
+    if not classes.names:
+        return numbered
+    return classes.choose(map(str, classes.names)).select(numbered)
 
 
 def write_label_folder(
@@ -63,77 +155,76 @@ def write_label_folder(
     config: DetectorConfig,
     folder: Path,
     *,
+    classes: tuple[str, ...] = (VEHICLES,),
     provider: str = "cpu",
     replace: bool = False,
+    others: Iterable[Path] = (),
     waiting: Callable[[Path], None] | None = None,
     progress: Progress | None = None,
 ) -> int:
     """Write the missing labels of a folder and return their number; a second call continues the first.
 
-    A label older than its image counts as missing. `replace` deletes the frames' labels of another detector,
-    and no other file. `waiting` is called if another process writes labels into the folder (see
-    `only_process`).
+    Only boxes of the chosen classes are written: boxes of other classes take no part in the suppression. The
+    record of the detector lists these classes, so that a run with another choice does not take the folder.
+    The labels of an image that was replaced since, by its content, count as missing.
+
+    Parameters
+    ----------
+    classes : classes by name or number (setting filter.classes).
+    replace : delete the frames' labels of another detector, and no other file.
+    others : other folders with labels of this record; the labels of the same images are copied.
+    waiting : called if another process writes labels into the folder (see `only_process`).
 
     Raises `DataError` if the folder belongs to a sequence or a run; if it has labels of another detector and
-    `replace` is false; or if another process writes labels into the folder and `waiting` is None.
+    `replace` is false; if another process writes labels into the folder and `waiting` is None; or if the
+    model has none of the classes.
     """
-    record = detection_record(model, config, provider)
+    record = detection_record(model, config, classes, provider)
     require_label_folder(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise DataError(f"the folder cannot be created: {error.strerror}", folder) from None
     with only_process(folder, waiting):
-        _claim(folder, record, sequence, replace)
-        files = [(folder / f"{frame}.txt", sequence.left_file(frame)) for frame in sequence.frames]
-        missing = [(label, image) for label, image in files if not _is_current(label, image)]
+        belongs = _belongs(folder, record, replace)
+        hashes = _hashes_of_frames(sequence)
+        written = read_image_list(folder) if belongs else {}
+        missing = [
+            frame
+            for frame in sequence.frames
+            if written.get(frame) != hashes[frame] or not (folder / f"{frame}.txt").exists()
+        ]
         if not missing:
             return 0
         detector = YoloDetector(model, config, provider=provider)
-        wanted = wanted_classes(detector, config.classes)
+        mask = chosen_mask(detector, classes)
+        if not belongs:
+            _replace_labels(folder, sequence)
+        _write_record(folder, record, detector, mask)
+        known = _labels_by_image(others)
 
-        def detect(label: Path, image_file: Path) -> None:
-            image = read_image(image_file, sequence.bits)
-            boxes = with_label_numbers(detector, detector.detect(image, wanted))
+        def detect(frame: str) -> None:
+            label = folder / f"{frame}.txt"
+            if hashes[frame] in known:
+                write_atomic(label, read_bytes(known[hashes[frame]]))
+                return
+            image = read_image(sequence.left_file(frame), sequence.bits)
+            boxes = with_label_numbers(detector, detector.detect(image, mask))
             write_labels(label, boxes, image.shape[1], image.shape[0])
 
-        with ThreadPoolExecutor(DETECTION_THREADS) as pool:
-            results = pool.map(detect, *zip(*missing, strict=True))
+        with ThreadPoolExecutor(DETECTION_THREADS) as pool, open(folder / IMAGE_LIST, "a") as image_list:
+            results = pool.map(detect, missing)
             try:
-                for number, _ in enumerate(results, start=len(files) - len(missing) + 1):
+                for number, frame in enumerate(missing, start=len(sequence) - len(missing) + 1):
+                    next(results)
+                    image_list.write(f"{hashes[frame]}  {frame}.png\n")
+                    image_list.flush()
                     if progress:
-                        progress(number, len(files))
+                        progress(number, len(sequence))
             except BaseException:
                 pool.shutdown(cancel_futures=True)  # Ctrl-C does not wait for the other images
                 raise
         return len(missing)
-
-
-def wanted_classes(detector: YoloDetector, classes: tuple[str, ...]) -> BoolArray:
-    """Mask of a detector's classes that `classes` lists, by name or number; all if it lists none.
-
-    Raises `DataError` for a name that neither the model nor COCO has, or if the model has none of them.
-    """
-    names = _names(detector)
-    wanted = choose_classes(classes, names)
-    if not wanted.any():
-        listed = ", ".join(classes)
-        known = ", ".join(names)[:200]
-        raise DataError(f"the model has none of the classes {listed}, only {known}", detector.path)
-    return wanted
-
-
-def with_label_numbers(detector: YoloDetector, boxes: Boxes) -> Boxes:
-    """A detector's boxes with the class numbers of label files: COCO's where COCO has the class."""
-    numbers = class_numbers(_names(detector))
-    known = boxes[boxes.class_id < len(numbers)]
-    return dataclasses.replace(known, class_id=numbers[known.class_id])
-
-
-def _names(detector: YoloDetector) -> tuple[str, ...]:
-    """The class names of a detector, or words with the number for a model without names."""
-    count = len(COCO) if detector.class_count is None else detector.class_count
-    return detector.names or tuple(f"class {number}" for number in range(count))
 
 
 def labelled_sequence(
@@ -141,6 +232,7 @@ def labelled_sequence(
     model: str | Path,
     config: DetectorConfig | None = None,
     *,
+    classes: tuple[str, ...] = (VEHICLES,),
     provider: str = "cpu",
     cache: Path | None = None,
     waiting: Callable[[Path], None] | None = None,
@@ -148,22 +240,71 @@ def labelled_sequence(
 ) -> Sequence:
     """The sequence with a detector's labels, which are stored in the cache folder.
 
-    If another process detects the same sequence, `waiting` is called with the folder, then the call waits.
+    Images that this detector has seen before, in any place, are not detected again. If another process
+    detects the same images, `waiting` is called with the folder, then the call waits. Raises as
+    `write_label_folder`.
     """
     config = config or DetectorConfig()
-    folder = label_folder(sequence, detection_record(model, config, provider), cache)
+    record = detection_record(model, config, classes, provider)
+    folder = label_folder(sequence, record, cache)
     _delete_damaged_record(folder / RECORD)
+    others = sorted(folder.parent.glob(f"{glob.escape(_prefix(record))}-*"))
     write_label_folder(
         sequence,
         model,
         config,
         folder,
+        classes=classes,
         provider=provider,
         replace=True,
+        others=[other for other in others if other != folder],
         waiting=waiting or (lambda _: None),
         progress=progress,
     )
     return dataclasses.replace(sequence, labels=folder)
+
+
+def with_all_labels(
+    sequence: Sequence,
+    model: str | Path,
+    *,
+    cache: Path | None = None,
+    progress: Progress | None = None,
+) -> Sequence:
+    """The sequence with its own labels if every image has a label file, else with those of a detector."""
+    if not missing_labels(sequence):
+        return sequence
+    return labelled_sequence(sequence, model, cache=cache, progress=progress)
+
+
+def read_image_list(folder: Path) -> dict[str, str]:
+    """SHA-256 of the image of each label in a detector's folder, by frame; a later line counts."""
+    path = folder / IMAGE_LIST
+    if not path.exists():
+        return {}
+    matches = (IMAGE_LINE.fullmatch(line) for line in read_text(path).splitlines())
+    return {match[2]: match[1] for match in matches if match is not None}
+
+
+def _labels_by_image(folders: Iterable[Path]) -> dict[str, Path]:
+    """The label files in folders of a detector by the SHA-256 of their image."""
+    known: dict[str, Path] = {}
+    for folder in folders:
+        for frame, digest in read_image_list(folder).items():
+            if (folder / f"{frame}.txt").exists():
+                known[digest] = folder / f"{frame}.txt"
+    return known
+
+
+def _write_record(folder: Path, record: dict[str, Any], detector: YoloDetector, mask: BoolArray) -> None:
+    """Write the record of a detector, with the names of its classes and the numbers of the written ones."""
+    about: dict[str, Any] = {"written": np.flatnonzero(mask).tolist()}
+    if detector.names is not None:
+        numbers = label_numbers(detector.names)
+        about["written"] = numbers[mask].tolist()
+        about["names"] = dict(zip(map(str, numbers.tolist()), detector.names, strict=True))
+        about["numbers"] = numbers.tolist()  # of the model's classes, in the model's order
+    write_atomic(folder / RECORD, json.dumps(record | about, indent=1) + "\n")
 
 
 def require_label_folder(folder: Path) -> None:
@@ -180,28 +321,36 @@ def is_current_record(record: dict[str, Any]) -> bool:
     """Whether this version of the kit could have written a record, and thus has a use for its labels."""
     names = {field.name for field in dataclasses.fields(DetectorConfig)} - {"threads"}
     settings = record.get("settings")
-    return isinstance(settings, dict) and settings.keys() == names
+    return isinstance(settings, dict) and settings.keys() == names and "written" in record
 
 
-def _claim(folder: Path, record: dict[str, Any], sequence: Sequence, replace: bool) -> None:
-    """Write the detector's record if it is missing; `replace` deletes the frames' labels of another detector.
+def _belongs(folder: Path, record: dict[str, Any], replace: bool) -> bool:
+    """Whether the labels in a folder are those of this record; a folder without labels and record has none.
 
-    Every other file is kept. Raises `DataError` for a file that would then seem to be this detector's.
+    Raises `DataError` for a record of another program, and for other labels unless `replace`.
     """
     path = folder / RECORD
-    labels = sorted(file for file in folder.glob("*.txt") if file.stem.isdecimal())
     if path.exists():
         present = read_mapping(path, EXPECTED_RECORD)
-        if present == record:
-            return
-        if not record.keys() <= present.keys():
+        if {name: present.get(name) for name in record} == record:
+            return True
+        if not present.keys() >= RECORD_KEYS:
             raise DataError(f"expected {EXPECTED_RECORD}: choose another folder for labels", path)
-    if labels and not replace:
+    if label_files(folder) and not replace:
         raise DataError(
             "contains labels that this detector did not write: choose another folder",
             folder,
             remedy="replace",
         )
+    return False
+
+
+def _replace_labels(folder: Path, sequence: Sequence) -> None:
+    """Delete the frames' labels of another detector, and no other file.
+
+    Raises `DataError` for a file that would then seem to be this detector's.
+    """
+    labels = label_files(folder)
     frames = set(list_frames(sequence.folder))
     for file in labels:
         if file.stem not in frames:
@@ -210,9 +359,8 @@ def _claim(folder: Path, record: dict[str, Any], sequence: Sequence, replace: bo
                 file,
             )
     # The record is deleted first: a folder never has labels of one detector and the record of another.
-    for file in (path, *labels):
+    for file in (folder / RECORD, folder / IMAGE_LIST, *labels):
         file.unlink(missing_ok=True)
-    write_atomic(path, json.dumps(record, indent=1) + "\n")
 
 
 def _delete_damaged_record(path: Path) -> None:
@@ -222,7 +370,3 @@ def _delete_damaged_record(path: Path) -> None:
             read_mapping(path, EXPECTED_RECORD)
     except DataError:
         path.unlink(missing_ok=True)
-
-
-def _is_current(label: Path, image: Path) -> bool:
-    return label.exists() and label.stat().st_mtime_ns >= image.stat().st_mtime_ns

@@ -27,8 +27,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..data.class_names import COCO
 from ..geometry.types import Array
-from .class_names import COCO
 from .layout import STRIDES, yolox_cells
 from .metadata import Metadata
 from .readers import (

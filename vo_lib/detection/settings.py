@@ -22,7 +22,4 @@ class DetectorConfig(Checked):
     nms: float = setting(
         0.5, "largest IoU of boxes of one class; the box with the lower score is dropped", low=0.05, high=1
     )
-    classes: tuple[str, ...] = setting(
-        ("car", "bus", "truck"), "classes to report, by name or COCO number; an empty list means all"
-    )
     threads: int = setting(1, "processor threads of the network", low=1, high=64)

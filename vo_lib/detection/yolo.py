@@ -16,11 +16,11 @@ import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
 
+from ..data.class_names import COCO
 from ..errors import DataError
 from ..geometry.boxes import Boxes
 from ..geometry.types import Array, BoolArray, Image
 from . import layout
-from .class_names import COCO
 from .metadata import read_metadata
 from .model_files import model_files
 from .models import find_model

@@ -10,6 +10,8 @@ from .rows import Rows
 from .types import Array, IntArray
 
 PARKED, UNKNOWN, MOVING = 0, 1, 2  # state of the vehicle in a box
+VEHICLES = "vehicles"  # in a choice of classes: all classes with the name of a vehicle
+CLASS_WORD = r"[^\s,-][^,\n]{0,99}"  # a name or number in a choice of classes, as a regular expression
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,7 +21,7 @@ class Boxes(Rows):
     Attributes
     ----------
     xyxy : (K, 4) left, top, right, bottom, pixels (pixel centres at integers).
-    class_id : (K,) int; COCO numbers, unless the label files have other numbers.
+    class_id : (K,) int; numbers of the label file or model, or, of chosen boxes, COCO's number of their kind.
     score : (K,) in [0, 1]; 1 for labels without a score.
     """
 

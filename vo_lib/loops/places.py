@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..data.kitti import read_image
+from ..data.masks import read_mask
 from ..data.sequence import Sequence, at_pixels
 from ..geometry.types import Array, BoolArray, IntArray, Progress
 from ..paper.box_removal import in_boxes
@@ -85,9 +85,9 @@ def uncovered(sequence: Sequence, frame: int, uv: Array, method: MethodConfig) -
     files = sequence.mask_files()
     if files:
         mask_file = files[frame if len(files) > 1 else 0]
-        keep &= at_pixels(read_image(mask_file), uv) == 0
+        keep &= at_pixels(read_mask(mask_file), uv) == 0
     if method.filter.rule != "none":
-        keep &= ~in_boxes(uv, sequence.boxes(frame), method.filter)
+        keep &= ~in_boxes(uv, sequence.boxes(frame, method.filter.classes), method.filter)
     return keep
 
 

@@ -54,8 +54,8 @@ class BoxFilter:
 
 
 def vehicles(boxes: Boxes, config: FilterConfig) -> Boxes:
-    """The boxes of vehicles with a sufficient score, enlarged by the margin."""
-    selection = boxes[np.isin(boxes.class_id, config.classes) & (boxes.score >= config.score)]
+    """The boxes with a sufficient score, enlarged by the margin; all boxes are of the chosen classes."""
+    selection = boxes[boxes.score >= config.score]
     top_left = selection.xyxy[:, :2]
     bottom_right = selection.xyxy[:, 2:]
     margin = config.margin * (bottom_right - top_left)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from ..geometry.boxes import CLASS_WORD, VEHICLES
 from ..settings import Checked, section, setting
 
 # Values of other settings for which a setting is used.
@@ -84,12 +85,22 @@ class FilterConfig(Checked):
     margin: float = setting(
         0.0, "margin added to a box on every side, as a share of its size", low=-0.4, high=1.0, when=BOXES
     )
-    classes: tuple[int, ...] = setting(
-        (2, 5, 7), "class ids of vehicles (COCO: car 2, bus 5, truck 7)", low=0, when=BOXES
+    classes: tuple[str, ...] = setting(
+        (VEHICLES,),
+        "classes of the boxes that count, names or numbers of the label folder or model; vehicles: cars, "
+        "buses and trucks by name, or, without class names, COCO's numbers 2, 5 and 7",
+        noun="class name",
+        pattern=CLASS_WORD,
+        when=BOXES,
     )
     score: float = setting(
         0.25, "smallest score of a box; a label without a score has the score 1", low=0, high=1, when=BOXES
     )
+
+    @property
+    def uses_boxes(self) -> bool:
+        """Whether the rule needs boxes; the truth about moving vehicles comes without boxes."""
+        return self.rule in BOXES["filter.rule"]
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +19,7 @@ from ..errors import DataError, did_you_mean
 from ..evaluation.kitti_errors import count_words, is_as_kitti, kitti_errors, suitable_protocol
 from ..evaluation.statistics import change_limit
 from ..paper.settings import MethodConfig
-from ..runs.folder import read_run
+from ..runs.folder import read_run, warnings_of
 from ..runs.jobs import Job, Outcome
 from .page import (
     NO_NUMBER,
@@ -124,6 +125,7 @@ def run_sweep(
     jobs = []
     for words, config in grid:
         cell = "+".join(f"{name}={word}" for name, word in words.items()).replace(",", "-")
+        cell = re.sub(r"[^\w.=+-]+", "_", cell)  # a class name may have any letter
         for seed in range(seeds):
             place = folder / CELLS / base.variant / cell / f"seed{seed}"
             jobs.append(Job(sequence, method, dataclasses.replace(config, seed=seed), place))
@@ -137,7 +139,8 @@ def run_sweep(
         entry = measure_runs(method, runs, measure) if runs else None
         fields = number_fields(np.zeros((2, 0)) if entry is None else entry.errors, entry)
         not_used = [name for name in axes if settings.unused_because(config, name)]
-        notes = {"not_used": " ".join(not_used), "failed": "; ".join(causes)}
+        warnings = dict.fromkeys(warning for result in runs for warning in warnings_of(result))
+        notes = {"not_used": " ".join(not_used), "warnings": "; ".join(warnings), "failed": "; ".join(causes)}
         records.append(words | {"seeds": len(runs)} | fields | notes)
     part = " (part of a sequence)" if sequence.is_part else ""
     runs_text = f"{sequence.name}, {len(sequence)} frames{part}, {method}, {base.variant}"
@@ -167,6 +170,9 @@ def sweep_table(sweep: Sweep) -> ReportTable:
         if record["failed"]:
             label = ", ".join(f"{name}={record[name]}" for name in sweep.axes)
             notes.append(f"Failed: {label}, {record['failed']}")
+        if record.get("warnings"):
+            label = ", ".join(f"{name}={record[name]}" for name in sweep.axes)
+            notes.append(f"Warning: {label}: {record['warnings']}")
     if any(record.get("not_used") for record in sweep.records):
         notes.append(f"{NOT_USED.strip()}: the setting has no effect on the runs of this row.")
     if not sweep.has_errors:

@@ -32,7 +32,7 @@ from ..geometry.rows import joined
 from ..geometry.types import Array
 from ..paper.settings import MethodConfig
 from ..runs.drive import Run
-from ..runs.folder import read_run
+from ..runs.folder import read_run, warnings_of
 from ..runs.jobs import Job, Outcome
 from .page import finite_or_none
 
@@ -261,16 +261,18 @@ class Reproduction:
     entries : errors by sequence and method, for sequences with ground truth.
     paths : for each variant and sequence, the truth or None, and each method's path for the first seed, all
         (N, 4, 4).
+    warned : names of the runs with a warning, by the sentence of the warning.
     """
 
     missing: list[str]
     failed: dict[str, list[str]]
     entries: list[Entry] = field(default_factory=list)
     paths: dict[tuple[str, str], tuple[Array | None, dict[str, Array]]] = field(default_factory=dict)
+    warned: dict[str, list[str]] = field(default_factory=dict)
 
     @property
     def problems(self) -> list[str]:
-        """Sentences on missing sequences, on sequences without truth, and on each cause of failed runs."""
+        """Sentences on missing sequences, sequences without truth, failed runs, and warnings of runs."""
         sentences = []
         if self.missing:
             sentences.append(f"Not found, so not run: {', '.join(self.missing)}.")
@@ -286,6 +288,9 @@ class Reproduction:
         for cause, (job, *others) in self.failed.items():
             more = f" and {len(others)} more" if others else ""
             sentences.append(f"Failed: {job}{more}: {cause}")
+        for warning, (job, *others) in self.warned.items():
+            more = f" and {len(others)} more" if others else ""
+            sentences.append(f"Warning: {job}{more}: {warning}")
         return sentences
 
 
@@ -363,6 +368,9 @@ def collect(
         jobs_of.setdefault((job.config.variant, job.sequence.name, job.method), []).append(job)
     for (variant, name, method), jobs in jobs_of.items():
         runs = [read_run(job.folder, job.sequence) for job in jobs]
+        for job, result in zip(jobs, runs, strict=True):
+            for warning in warnings_of(result):
+                table.warned.setdefault(warning, []).append(job.name)
         truth = runs[0].sequence.truth
         _, path_of_method = table.paths.setdefault((variant, name), (truth, {}))
         path_of_method[method] = runs[0].poses

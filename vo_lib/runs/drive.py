@@ -15,7 +15,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..data.sequence import Sequence, at_pixels
-from ..geometry.boxes import Boxes
+from ..errors import DataError
+from ..geometry.boxes import Boxes, no_boxes
 from ..geometry.camera import StereoCamera
 from ..geometry.matches import StereoMatches
 from ..geometry.motion import inverse, nearest_rotation
@@ -23,7 +24,7 @@ from ..geometry.result import FrameResult
 from ..geometry.types import Array, BoolArray, Image, Progress
 from ..kit.settings import KitConfig
 from ..paper.odometry import Odometry, StepResult
-from ..paper.settings import MethodConfig
+from ..paper.settings import FilterConfig, MethodConfig
 from ..paper.viso2 import Viso2
 from .front_end import TimedMatches, find_matches
 
@@ -76,7 +77,7 @@ class Frame:
     ----------
     index : number of the frame in the sequence, from 0.
     matches : matches with the previous frame, outside the masks; frame 0 has none.
-    boxes : boxes in the left image.
+    boxes : boxes of the chosen classes in the left image.
     ms : milliseconds of each stage so far.
     """
 
@@ -98,13 +99,41 @@ def frames(
 
     Raises
     ------
-    DataError : an image or a label file is invalid.
+    DataError : an image or a label file is invalid, or the label folder has no box of a chosen class.
     """
+    boxes_of = boxes_for(sequence, config.filter)
+    for index, (given, ms) in enumerate(_matches(sequence, config, matches)):
+        yield Frame(index, given, boxes_of(index), ms)
+
+
+def _matches(
+    sequence: Sequence, config: MethodConfig, matches: Iterable[TimedMatches] | None
+) -> Iterator[TimedMatches]:
+    """The given or computed matches of each frame, outside the masks."""
     _keep_freed_memory()
     with single_threaded():
-        given = find_matches(sequence, config) if matches is None else matches
-        for index, (unmasked_matches, ms) in enumerate(unmasked(sequence, given)):
-            yield Frame(index, unmasked_matches, sequence.boxes(index), ms)
+        yield from unmasked(sequence, find_matches(sequence, config) if matches is None else matches)
+
+
+def boxes_for(sequence: Sequence, rule: FilterConfig) -> Callable[[int], Boxes]:
+    """A function that returns the boxes of a frame that count for a box rule, by index.
+
+    For a rule without boxes, they serve for pictures only; a label folder without vehicles has none.
+
+    Raises `DataError` as `Sequence.require_boxes` and `Sequence.boxes_of`.
+    """
+    if rule.uses_boxes:
+        sequence.require_boxes(rule.classes)
+        return sequence.boxes_of(rule.classes)
+    try:
+        return sequence.boxes_of(rule.classes)
+    except DataError:
+        return lambda index: no_boxes()
+
+
+def _boxes_key(config: MethodConfig) -> tuple[bool, tuple[str, ...]]:
+    """What decides about the boxes of a method: methods with equal keys share them."""
+    return config.filter.uses_boxes, config.filter.classes
 
 
 class MethodRun:
@@ -214,22 +243,25 @@ def run_methods(
 
     Raises
     ------
-    DataError : an image or a label file is invalid.
+    DataError : an image or a label file is invalid, or the label folder has no box of a chosen class.
     ValueError : the methods have different front ends.
     """
     front_ends = {(config.variant, config.features, config.matching) for config in configs.values()}
     if len(front_ends) != 1:
         raise ValueError("the methods need the same feature and matching settings to share their matches")
     method_runs = {name: MethodRun(sequence, config, calibration) for name, config in configs.items()}
+    boxes_of = {_boxes_key(config): boxes_for(sequence, config.filter) for config in configs.values()}
     any_config = next(iter(configs.values()))
-    for frame in frames(sequence, any_config, matches):
+    for index, (given, ms) in enumerate(_matches(sequence, any_config, matches)):
+        boxes = {key: of_frame(index) for key, of_frame in boxes_of.items()}
         for method_run in method_runs.values():
-            if frame.index == 0:
+            frame = Frame(index, given, boxes[_boxes_key(method_run.config)], ms)
+            if index == 0:
                 method_run.start(frame)
             else:
                 method_run.step(frame)
         if progress is not None:
-            progress(frame.index + 1, len(sequence))
+            progress(index + 1, len(sequence))
     return {name: method_run.result() for name, method_run in method_runs.items()}
 
 

@@ -32,6 +32,7 @@ from ..files import (
     write_atomic,
     written_together,
 )
+from ..geometry.boxes import VEHICLES
 from ..geometry.motion import inverse
 from ..geometry.result import MAX_MISSING_FRAMES, Flag, FrameResult
 from ..geometry.types import Array
@@ -204,6 +205,13 @@ def warnings_of(result: Run) -> list[str]:
             "the rows of left and right images agree, but the disparities are negative: the cameras are "
             "exchanged, so exchange the left and the right images"
         )
+    if result.config.filter.uses_boxes and result.sequence.labels is not None:
+        shown = f"{100 * result.removed_share:.1f}"
+        if shown in ("0.0", "100.0"):
+            warnings.append(
+                f"{shown} % of the features are removed in boxes: do the labels belong to these images, and "
+                "do their classes count (filter.classes)?"
+            )
     return warnings
 
 
@@ -232,10 +240,21 @@ def read_config(path: Path) -> dict[str, Any]:
 def settings_in(data: dict[str, Any], path: Path) -> MethodConfig:
     """The settings in the content of config.json; a `DataError` names the file."""
     try:
-        config: MethodConfig = settings.from_dict(config_class(str(data.get("variant"))), data["settings"])
+        values = _with_class_names(data["settings"])
+        config: MethodConfig = settings.from_dict(config_class(str(data.get("variant"))), values)
     except DataError as error:
         raise DataError(str(error), path) from None
     return config
+
+
+def _with_class_names(values: dict[str, Any]) -> dict[str, Any]:
+    """Settings in which the class numbers of earlier versions are words; the earlier default is the default."""
+    rule = values.get("filter")
+    classes = rule.get("classes") if isinstance(rule, dict) else None
+    if not isinstance(classes, list) or not all(type(number) is int for number in classes):
+        return values
+    words = [VEHICLES] if classes == [2, 5, 7] else list(map(str, classes))
+    return values | {"filter": values["filter"] | {"classes": words}}
 
 
 def is_finished(folder: Path) -> bool:

@@ -6,7 +6,6 @@ import ast
 import functools
 import hashlib
 import json
-import os
 import platform
 import subprocess
 from collections.abc import Iterable
@@ -18,10 +17,10 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from ..data.drawn import cache_folder
+from ..data.image_hashes import image_hashes
+from ..data.label_names import class_names
 from ..data.sequence import Sequence
-from ..errors import DataError
-from ..files import file_sha256, read_bytes, read_mapping, write_atomic
+from ..files import read_bytes
 from ..paper.settings import MethodConfig
 from ..settings import to_dict
 
@@ -72,48 +71,31 @@ def _digest(data: bytes) -> str:
 def images_digest(sequence: Sequence) -> str:
     """Digest of the names and contents of all images.
 
-    Each image is hashed once. A JSON file per folder of images, in the user's cache folder, stores the hashes
-    with name, size and time of the image as key.
+    Each image is hashed once, see `image_hashes`.
     """
-    folder = sequence.folder.resolve()
     names = [f"{side}/{frame}.png" for side in sequence.sides for frame in sequence.frames]
-    try:
-        stats = [(folder / name).stat() for name in names]
-    except OSError as error:
-        raise DataError(f"the image cannot be read: {error.strerror}", error.filename) from None
-    stamps = [f"{name} {stat.st_size} {stat.st_mtime_ns}" for name, stat in zip(names, stats, strict=True)]
-    hash_file = hash_folder() / f"{_digest(os.fsencode(folder))}.json"
-    hashes = _read_hashes(hash_file)
-    if new := {stamp: name for stamp, name in zip(stamps, names, strict=True) if stamp not in hashes}:
-        hashes |= {stamp: file_sha256(folder / name) for stamp, name in new.items()}
-        with suppress(OSError, DataError):
-            hash_file.parent.mkdir(parents=True, exist_ok=True)
-            write_atomic(hash_file, json.dumps(_read_hashes(hash_file) | hashes))
-    lines = [f"{name} {hashes[stamp]}\n" for name, stamp in zip(names, stamps, strict=True)]
+    lines = [f"{name} {digest}\n" for name, digest in image_hashes(sequence.folder, names).items()]
     return _digest("".join(lines).encode())
 
 
-def hash_folder() -> Path:
-    """The folder of the stored hashes of images."""
-    return cache_folder().parent / "hashes"
+def labels_digest(sequence: Sequence, classes: tuple[str, ...]) -> str:
+    """Digest of the label files of the sequence's frames and, if classes have names, of the chosen classes.
+
+    Without label files, the digest of an empty text. Raises as `ClassNames.choose`.
+    """
+    if sequence.labels is None:
+        return _digest(b"")
+    files = [sequence.labels / f"{frame}.txt" for frame in sequence.frames]
+    names = class_names(sequence.labels)
+    choice = names.choose(classes)
+    text = json.dumps(sorted(choice.kinds.items())) if names.names else ""
+    return _digest_of_data(files, text.encode())
 
 
-def _read_hashes(path: Path) -> dict[str, str]:
-    """The stored hashes of images (key: name, size and time); empty without a valid file of hashes."""
-    with suppress(DataError):
-        return read_mapping(path, "hashes")
-    return {}
-
-
-def labels_digest(sequence: Sequence) -> str:
-    """Digest of the label files of the sequence's frames; without label files, of an empty text."""
-    files = [] if sequence.labels is None else [sequence.labels / f"{frame}.txt" for frame in sequence.frames]
-    return _digest_of_data(files)
-
-
-def _digest_of_data(files: list[Path]) -> str:
-    """Digest of the stems and contents of the existing files."""
-    return _digest(b"".join(f"{path.stem} ".encode() + read_bytes(path) for path in files if path.exists()))
+def _digest_of_data(files: list[Path], more: bytes = b"") -> str:
+    """Digest of the stems and contents of the existing files, and of more data."""
+    contents = [f"{path.stem} ".encode() + read_bytes(path) for path in files if path.exists()]
+    return _digest(b"".join([*contents, more]))
 
 
 def truth_digest(sequence: Sequence) -> str:
@@ -151,7 +133,7 @@ def run_identity(
     identity |= matches_identity(sequence, config) | {
         "settings": to_dict(config),
         "times": _digest(sequence.times.tobytes()),
-        "labels": NOT_USED if config.filter.rule == "none" else labels_digest(sequence),
+        "labels": labels_digest(sequence, config.filter.classes) if config.filter.uses_boxes else NOT_USED,
         "masks": _digest(b"".join(map(read_bytes, sequence.mask_files()))),
         "moving": truth_digest(sequence) if config.filter.rule == "truth" else NOT_USED,
         "calibration": calibration and _digest(calibration.to_json().encode()),

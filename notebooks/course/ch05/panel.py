@@ -9,8 +9,7 @@ import numpy as np
 from vo_lib.config import change, preset
 from vo_lib.data.sequence import Sequence
 from vo_lib.data.truth import matches_on_moving
-from vo_lib.detection.class_names import COCO, coco_number
-from vo_lib.detection.label_folders import with_label_numbers
+from vo_lib.detection.label_folders import chosen_mask, with_kinds
 from vo_lib.detection.model_files import model_files
 from vo_lib.detection.models import find_model
 from vo_lib.detection.settings import DetectorConfig
@@ -24,7 +23,7 @@ from vo_lib.kit.settings import KitConfig
 from vo_lib.paper.box_removal import Removal
 from vo_lib.paper.buckets import select_by_bucket
 from vo_lib.paper.selection import sampson_inliers
-from vo_lib.paper.settings import MethodConfig
+from vo_lib.paper.settings import FilterConfig, MethodConfig
 from vo_lib.runs.drive import make_odometry
 from vo_lib.settings import Checked, setting
 
@@ -54,7 +53,7 @@ _motions: Memory[FrameResult] = Memory(48)
 
 
 def detector_of(model: str) -> YoloDetector:
-    """A detector with all its classes, loaded once; the box rule selects the classes."""
+    """A detector, loaded once."""
     path = find_model(model.strip())
     key = (path.resolve(), *(file.stat().st_mtime_ns for file in model_files(path)))
     return _detectors.get(key, lambda: YoloDetector(path))
@@ -66,13 +65,14 @@ def frame_candidates(sequence: Sequence, frame: int, detector: YoloDetector) -> 
     return _candidates.get(key, lambda: detector.candidates(stereo(sequence, frame)[0]))
 
 
-def frame_boxes(sequence: Sequence, frame: int, model: str, score: float, nms: float) -> Boxes:
-    """Boxes of a frame's left image from a model or from the sequence's labels."""
-    if model.strip() == LABELS:
-        return sequence.boxes(frame)
-    detector = detector_of(model)
-    boxes = detector.select_boxes(frame_candidates(sequence, frame, detector), score, nms)
-    return with_label_numbers(detector, boxes)
+def frame_boxes(sequence: Sequence, frame: int, view: FilteringView, rule: FilterConfig) -> Boxes:
+    """Boxes of the chosen classes in a frame's left image, from a model or from the sequence's labels."""
+    if view.model.strip() == LABELS:
+        return sequence.boxes(frame, rule.classes)
+    detector = detector_of(view.model)
+    mask = chosen_mask(detector, rule.classes)
+    output = frame_candidates(sequence, frame, detector)
+    return with_kinds(detector, detector.select_boxes(output, rule.score, view.nms, mask))
 
 
 def filtered_frame(
@@ -92,9 +92,9 @@ def filtered_frame(
         return matches_on_moving(sequence, first - 1 + number, matches)
 
     box_filter = make_odometry(sequence.camera, config, on_moving=on_moving).box_filter
-    box_filter.start(frame_boxes(sequence, first - 1, view.model, rule.score, view.nms))
+    box_filter.start(frame_boxes(sequence, first - 1, view, rule))
     for index in range(first, frame + 1):
-        boxes = frame_boxes(sequence, index, view.model, rule.score, view.nms)
+        boxes = frame_boxes(sequence, index, view, rule)
         removal = box_filter.step(frame_matches(sequence, index, config), boxes)
     return removal, boxes
 
@@ -150,7 +150,7 @@ class FilteringPanel(Panel):
         Control("filter.score", "score", low=0.01, high=0.99, step=0.01),
         Control("view.nms", "suppression, IoU", step=0.05),
         Control("filter.margin", step=0.05),
-        Control("filter.classes", names=COCO, number_of=coco_number),
+        Control("filter.classes"),
         Control("filter.rule", "rule"),
     )
 

@@ -8,8 +8,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from vo_lib.data.catalogue import available
+from vo_lib.data.label_remarks import coverage_remarks
 from vo_lib.data.sequence import Sequence
-from vo_lib.detection.label_folders import labelled_sequence
+from vo_lib.detection.label_folders import with_all_labels
 from vo_lib.detection.models import find_model
 from vo_lib.errors import DataError
 from vo_lib.geometry.matches import StereoMatches
@@ -48,7 +49,11 @@ def with_boxes(name: str, detector: str) -> Sequence | None:
     if drive.labels is None and not detector:
         print(f"{name} has no label folder and needs a detector of real vehicles.")
         return None
-    return drive if drive.labels is not None else labelled_sequence(drive, detector)
+    if detector:
+        drive = with_all_labels(drive, detector)
+    for remark in coverage_remarks(drive):
+        print(f"{name}: {remark}.")
+    return drive
 
 
 def line_distances(sequence: Sequence, matches: StereoMatches, T_cp: Array) -> Array:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from vo_lib.config import preset
 from vo_lib.data.catalogue import KITTI, available, open_sequence
 from vo_lib.data.sequence import Sequence
-from vo_lib.detection.label_folders import labelled_sequence
+from vo_lib.detection.label_folders import with_all_labels
 from vo_lib.detection.models import list_detectors
 from vo_lib.evaluation.kitti_errors import KITTI_PROTOCOL, suitable_protocol
 from vo_lib.geometry.types import Progress
@@ -62,7 +62,7 @@ def clip(
 
     `first` : first frame of the part, as in `part_of`.
 
-    For a sequence without labels, the boxes are from `detector` (a name or the path of an ONNX file); by
+    For a sequence whose images do not all have labels, the boxes are from `detector` (a name or the path of an ONNX file); by
     default, from the first detector on this machine. Without a detector, there are no boxes.
     """
     names = sorted((name for name in available() if name.startswith(KITTI)), key=lambda name: name != WHOLE)
@@ -71,9 +71,7 @@ def clip(
     usable = (p for p in parts if p.truth is not None and suitable_protocol(p.truth) == KITTI_PROTOCOL)
     sequence = next(usable, None) or part_of(opened(STREET, progress), STREET_FRAMES)
     detector = detector or next(iter(list_detectors()), "")
-    if sequence.labels is not None or not detector:
-        return sequence
-    return labelled_sequence(sequence, detector, progress=progress)
+    return with_all_labels(sequence, detector, progress=progress) if detector else sequence
 
 
 def run_plan(plan: Plan, progress: Progress | None = None) -> list[Entry]:

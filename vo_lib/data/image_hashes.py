@@ -1,0 +1,53 @@
+"""SHA-256 of the images of a sequence; the user's cache folder stores the hashes of images seen before."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
+
+from ..errors import DataError
+from ..files import file_sha256, read_mapping, write_atomic
+from .drawn import cache_folder
+
+
+def hash_folder() -> Path:
+    """The folder of the stored hashes of images."""
+    return cache_folder().parent / "hashes"
+
+
+def image_hashes(folder: Path, names: Iterable[str]) -> dict[str, str]:
+    """SHA-256 of the images with these names in a folder, by name such as "image_0/000000.png".
+
+    Each image is hashed once. A JSON file per folder of images stores the hashes with name, size and time of
+    the image as key.
+
+    Raises `DataError` for an image that cannot be read.
+    """
+    folder = folder.resolve()
+    stamps: dict[str, str] = {}
+    for name in names:
+        try:
+            stat = (folder / name).stat()
+        except OSError as error:
+            raise DataError(f"the image cannot be read: {error.strerror}", error.filename) from None
+        stamps[name] = f"{name} {stat.st_size} {stat.st_mtime_ns}"
+    hash_file = hash_folder() / f"{hashlib.sha256(os.fsencode(folder)).hexdigest()[:16]}.json"
+    hashes = _read_hashes(hash_file)
+    new = {stamp: file_sha256(folder / name) for name, stamp in stamps.items() if stamp not in hashes}
+    if new:
+        hashes |= new
+        with suppress(OSError, DataError):
+            hash_file.parent.mkdir(parents=True, exist_ok=True)
+            write_atomic(hash_file, json.dumps(_read_hashes(hash_file) | hashes))
+    return {name: hashes[stamp] for name, stamp in stamps.items()}
+
+
+def _read_hashes(path: Path) -> dict[str, str]:
+    """The stored hashes of images (key: name, size and time); empty without a valid file of hashes."""
+    with suppress(DataError):
+        return read_mapping(path, "hashes")
+    return {}
