@@ -64,6 +64,8 @@ def run(options: argparse.Namespace) -> int:
     epochs, size = parse_whole("--epochs", options.epochs), parse_whole("--size", options.size)
     batch, seed = parse_whole("--batch", options.batch), parse_whole("--seed", options.seed, least=0)
     data = open_set(options.data)
+    for folder in data.outside():
+        print_lines(f"note: images outside the folder of data.yaml: {folder}")
     if not options.allow_evaluated:
         refuse_evaluated(path for part in data.images.values() for path in part)
     if options.weights is not None and not options.weights.is_file():
@@ -72,10 +74,11 @@ def run(options: argparse.Namespace) -> int:
         raise DataError(f"--register {options.register}: a detector has this name; choose another name")
     model, described = options.out / MODEL, options.out / "data.yaml"
     own = described.is_file() and read_text(described).startswith(OWN)
-    refuse_foreign(options.out, ("data.yaml", "train", MODEL), own)
+    lists = [f"{split}.txt" for split in SPLITS]
+    refuse_foreign(options.out, ("data.yaml", *lists, "train", MODEL), own)
     YOLO = _ultralytics()
     options.out.mkdir(parents=True, exist_ok=True)
-    write_atomic(described, _description(data, options.one_class))
+    _describe(data, options.one_class, described)
     last = options.out / "train" / "weights" / "last.pt"
     print_lines(f"Ultralytics and the trained models are under {LICENCE}.")
     try:
@@ -127,10 +130,15 @@ def _ultralytics() -> Any:
     return YOLO
 
 
-def _description(data: DetectionSet, one_class: str | None) -> bytes:
-    """The text of data.yaml with absolute paths, so that Ultralytics runs from any folder."""
-    full = {key: images[0].parent for split, key in SPLITS.items() if (images := data.images[split])}
-    folders = {key: str(folder.resolve()) for key, folder in full.items()}
+def _describe(data: DetectionSet, one_class: str | None, described: Path) -> None:
+    """Write data.yaml with a list of images for each split, so that Ultralytics runs from any folder."""
+    lists: dict[str, str] = {}
+    for split, key in SPLITS.items():
+        if data.images[split]:
+            file = described.absolute().with_name(f"{split}.txt")
+            write_atomic(file, "".join(f"{image}\n" for image in data.images[split]))
+            lists[key] = str(file)
     names = [one_class] if one_class is not None else list(data.names)
-    text = yaml.safe_dump({**folders, "names": dict(enumerate(names))}, sort_keys=False)
-    return f"{OWN}{text}".encode()
+    content = {**lists, "names": dict(enumerate(names))}
+    text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
+    write_atomic(described, f"{OWN}{text}")

@@ -140,8 +140,8 @@ class ClassNames:
     names : name by number; empty if there are only numbers.
     source : the file with the names, or the model, for messages.
     written : numbers of the classes whose boxes a detector wrote; None for all.
-    of_model : the number here of each class of the model, if a detector wrote the folder; a person who types a
-        number means the model's.
+    of_model : the number here of each class of the model, if a detector wrote the folder; a number that a
+        person types is the model's.
     """
 
     names: Mapping[int, str] = field(default_factory=dict)

@@ -248,7 +248,7 @@ def settings_in(data: dict[str, Any], path: Path) -> MethodConfig:
 
 
 def _with_class_names(values: dict[str, Any]) -> dict[str, Any]:
-    """Settings in which the class numbers of earlier versions are words; the earlier default is the default."""
+    """Settings in which the class numbers of earlier versions are words; their default is the default."""
     rule = values.get("filter")
     classes = rule.get("classes") if isinstance(rule, dict) else None
     if not isinstance(classes, list) or not all(type(number) is int for number in classes):
