@@ -1,4 +1,4 @@
-"""Label files: clipping, optional scores, and empty files."""
+"""Label files: clipping, scores, polygons, tolerance, corners, and their counts."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vo_lib.data.label_files import read_labels, write_labels
+from vo_lib.data.label_files import count_labels, label_files, read_labels, write_labels
+from vo_lib.errors import DataError
 from vo_lib.geometry.boxes import Boxes, no_boxes
 
 
@@ -21,3 +22,80 @@ def test_boxes_are_clipped_and_scores_are_optional(tmp_path: Path) -> None:
     write_labels(tmp_path / "a.txt", no_boxes(), 100, 50)
     assert (tmp_path / "a.txt").read_bytes() == b""
     assert len(read_labels(tmp_path / "a.txt", 100, 50)) == 0
+
+
+BOX = [9.5, 9.5, 29.5, 39.5]  # pixels of an image of 100×50
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "2 0.2 0.5 0.2 0.6",
+        "2.0 0.2 0.5 0.2 0.6",
+        "2 0.2 0.5 0.2 0.6 0.75",
+        "2 0.1 0.2 0.3 0.2 0.2 0.8",  # triangle
+        "2 0.1 0.2 0.3 0.2 0.3 0.8 0.1 0.8",  # rotated box
+        "2 0.1 0.3 0.2 0.2 0.3 0.5 0.25 0.8 0.15 0.7",
+    ],
+)
+def test_every_form_of_a_box_is_read(tmp_path: Path, line: str) -> None:
+    (tmp_path / "000000.txt").write_text(f"\n{line}\n")
+    boxes = read_labels(tmp_path / "000000.txt", 100, 50)
+    assert boxes.xyxy == pytest.approx(np.array([BOX]))
+    assert boxes.class_id.tolist() == [2]
+    assert boxes.score.tolist() == [0.75 if line.endswith("0.75") else 1.0]
+
+
+def test_small_excesses_are_clipped(tmp_path: Path) -> None:
+    (tmp_path / "000000.txt").write_text("2 -0.000001 0.5 0.2 1.000437\n")
+    boxes = read_labels(tmp_path / "000000.txt", 100, 50)
+    assert boxes.xyxy == pytest.approx(np.array([[-10.5, -0.5, 9.5, 49.5]]))
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("2 0.2 0.5 0.2 1.002", "values in 0..1"),
+        ("2.5 0.2 0.5 0.2 0.6", "expected a class number"),
+        ("-1 0.2 0.5 0.2 0.6", "expected a class number"),
+        ("2 120 200 60 40", "values in 0..1"),
+        ("2 0.2 0.5 0.2 0.6 0.9 3", "values in 0..1"),  # Ultralytics' number of a track
+        ("2 0.2 0.5 0.2 0.6 0.9 1", "omit the number of the track"),
+        ("2 0.2 0.5 0.2", "found 4 fields"),
+        ("2 0.2 0.5 0.2 0.6 0.1 0.1 0.1", "found 8 fields"),
+    ],
+)
+def test_other_lines_are_refused(tmp_path: Path, line: str, words: str) -> None:
+    (tmp_path / "000000.txt").write_text(f"2 0.2 0.5 0.2 0.6\n{line}\n")
+    with pytest.raises(DataError, match=f"000000.txt, line 2: .*{words}"):
+        read_labels(tmp_path / "000000.txt", 100, 50)
+
+
+CORNERS = ("2 0.08 0.48 0.24 0.80", "2 0.56 0.45 0.63 0.61")
+
+
+def test_corners_are_refused(tmp_path: Path) -> None:
+    for k, line in enumerate(CORNERS):
+        (tmp_path / f"00000{k}.txt").write_text(line)
+        with pytest.raises(DataError, match="seem to be corners, class x0 y0 x1 y1"):
+            read_labels(tmp_path / "000000.txt", 100, 50)
+
+
+def test_boxes_that_were_not_clipped_are_no_corners(tmp_path: Path) -> None:
+    (tmp_path / "000000.txt").write_text(CORNERS[0])  # a near truck, partly outside
+    (tmp_path / "000001.txt").write_text("2 0.5 0.5 0.1 0.1")
+    assert read_labels(tmp_path / "000000.txt", 100, 50).xyxy[0, 0] == pytest.approx(-4.5)
+
+
+def test_labels_of_a_folder_are_counted(tmp_path: Path) -> None:
+    (tmp_path / "000000.txt").write_text("0 0.2 0.5 0.2 0.6\n5 0.1 0.2 0.3 0.2 0.2 0.8\n")
+    (tmp_path / "000001.txt").write_text("0 0.2 0.5 0.2 0.6\n")
+    (tmp_path / "classes.txt").write_text("car\n")
+    counts = count_labels(label_files(tmp_path))
+    assert counts.boxes == {0: 2, 5: 1}
+    assert counts.polygons == 1
+    assert not counts.may_be_corners
+    (tmp_path / "000001.txt").write_text(
+        10 * "0 0.4 0.4 0.45 0.45\n"
+    )  # not outside, but each could be corners
+    assert count_labels([tmp_path / "000001.txt"]).may_be_corners

@@ -1,0 +1,142 @@
+"""What commands say about labels and masks: classes, missing and surplus files, nothing or all removed."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from vo_lib.commands.cli import main
+
+Say = Callable[..., tuple[int, str]]
+BOX = "0.5 0.5 0.4 0.6\n"
+
+
+@pytest.fixture
+def run(bands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Say:
+    """A function that calls `vo run` on the bands with further options, and returns exit code and words."""
+
+    def call(*words: str) -> tuple[int, str]:
+        usual = ["run", str(bands), "--out", str(tmp_path / "out"), "--fresh", "--features.blob_cell", "9"]
+        code = main([*usual, *words])
+        captured = capsys.readouterr()
+        return code, " ".join((captured.out + captured.err).split())
+
+    return call
+
+
+@pytest.fixture
+def labels(tmp_path: Path) -> Path:
+    """Labels of class 0 for the six images."""
+    folder = tmp_path / "mine" / "x" / "labels"
+    folder.mkdir(parents=True)
+    for frame in range(6):
+        (folder / f"{frame:06d}.txt").write_text(f"0 {BOX}", encoding="utf-8")
+    return folder
+
+
+def removed(said: str) -> float:
+    found = re.search(r"features removed in boxes │ (\S+) %", said)
+    assert found is not None, said
+    return float(found[1])
+
+
+def test_class_numbers_without_names_are_not_taken_for_cocos(run: Say, labels: Path) -> None:
+    code, said = run("--labels", str(labels))
+    assert code == 2
+    assert (
+        "6 boxes, none of class 2, 5, 7 (car, bus, truck of COCO); found class 0: "
+        "add classes.txt or --filter.classes 0"
+    ) in said
+    code, said = run("--labels", str(labels), "--frames", "0:3")
+    assert "6 boxes, none of class" in said  # of the whole folder
+    code, said = run("--labels", str(labels), "--filter.classes", "0")
+    by_number = removed(said)
+    (labels.parent / "classes.txt").write_text("car\nperson\n", encoding="utf-8")
+    code, said = run("--labels", str(labels))
+    assert "note: boxes of car; not person (names from" in said
+    assert str(labels.parent / "classes.txt") in said
+    assert removed(said) == by_number > 0
+    assert run("--labels", str(labels), "--method", "solution_selection")[0] == 0
+
+
+def test_uncounted_numbers_are_told(run: Say, labels: Path) -> None:
+    (labels / "000003.txt").write_text(f"2 {BOX}7 {BOX}", encoding="utf-8")
+    code, said = run("--labels", str(labels))
+    assert code == 0
+    assert "2 boxes of class 2 car, 5 bus, 7 truck (numbers of COCO) count" in said
+    assert "the others do not, class 0 (person): 5 boxes" in said
+
+
+def test_missing_surplus_and_shifted_files_are_told(run: Say, labels: Path) -> None:
+    (labels / "000000.txt").rename(labels / "000006.txt")
+    code, said = run("--labels", str(labels), "--filter.classes", "0")
+    assert code == 0
+    assert "note: 1 of 6 images have no label file, which means no vehicle" in said
+    assert "000006.txt: no image of the sequence has this name, and 000000.png has no label file" in said
+    assert "are the names shifted?" in said
+
+
+def test_removal_of_nothing_is_a_warning(run: Say, labels: Path, tmp_path: Path) -> None:
+    for path in labels.iterdir():
+        path.write_text("2 0.01 0.01 0.01 0.01\n", encoding="utf-8")
+    code, said = run("--labels", str(labels))
+    assert code == 0
+    assert "warning: 0.0 % of the features are removed in boxes" in said
+    metrics = json.loads((tmp_path / "out" / "metrics.json").read_text(encoding="utf-8"))
+    assert metrics["path"]["warnings"][0].startswith("0.0 % of the features")
+    for path in labels.iterdir():
+        path.write_text("2 0.5 0.5 1 1\n", encoding="utf-8")
+    assert "warning: 100.0 % of the features are removed in boxes" in run("--labels", str(labels))[1]
+
+
+def test_tables_and_sweeps_have_the_warnings(
+    bands: Path, labels: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for path in labels.iterdir():
+        path.write_text("2 0.01 0.01 0.01 0.01\n", encoding="utf-8")
+    labels.rename(bands / "labels")
+    cache = ["--seeds", "1", "--cache", str(tmp_path / "cache"), "--variant", "published"]
+    table = ["--methods", "feature_selection", "--out", str(tmp_path / "t")]
+    main(["reproduce", "--sequences", str(bands), *table, *cache])
+    assert "0.0 % of the features are removed" in (tmp_path / "t" / "report.html").read_text(encoding="utf-8")
+    capsys.readouterr()
+    axis = ["--set", "filter.classes=car;truck,2", "--out", str(tmp_path / "s")]
+    assert main(["sweep", "--sequence", str(bands), *axis, *cache]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "Warning: filter.classes=car: 0.0 % of the features are removed" in said
+    assert main(["sweep", "--sequence", str(bands), "--set", "filter.classes=9", *axis[2:], *cache]) == 2
+    assert "add classes.txt or --set filter.classes=2" in " ".join(capsys.readouterr().err.split())
+
+
+def test_former_option_names_the_new_one(run: Say) -> None:
+    code, said = run("--detector.classes", "car")
+    assert code == 2
+    assert "--filter.classes NAME,NAME" in said
+
+
+def test_settings_of_earlier_versions_are_read(run: Say, tmp_path: Path) -> None:
+    assert run()[0] == 0
+    path = tmp_path / "out" / "config.json"
+    data = json.loads(path.read_text(encoding="utf-8"))
+    for old, new in (([2, 5, 7], ["vehicles"]), ([0, 2], ["0", "2"])):
+        data["settings"]["filter"]["classes"] = old
+        (tmp_path / "old.json").write_text(json.dumps(data), encoding="utf-8")
+        assert run("--config", str(tmp_path / "old.json"))[0] == 0
+        now = json.loads(path.read_text(encoding="utf-8"))
+        assert now["settings"]["filter"]["classes"] == new
+
+
+@pytest.mark.parametrize(("value", "words"), [(0, "no pixel is masked"), (1, "all pixels are masked")])
+def test_masks_of_nothing_or_everything_are_warnings(
+    run: Say, tmp_path: Path, value: int, words: str
+) -> None:
+    cv2.imwrite(str(tmp_path / "mask.png"), np.full((240, 480), value, np.uint16))
+    code, said = run("--masks", str(tmp_path / "mask.png"), "--method", "solution_selection")
+    assert code == 0
+    assert f"warning: --masks: {words}" in said
