@@ -125,7 +125,9 @@ def test_missing_boxes_cause_a_warning(
         assert " ".join(text.split()).count(warning) == text.count("No vehicle boxes") == 1
     assert page.index(warning) < page.index("<nav") < page.index("Shorter than every sub-sequence")
     (bands / "labels").mkdir()
-    assert "No vehicle boxes" not in done("d")
+    assert "No vehicle boxes" in done("d")  # an empty folder has no labels
+    (bands / "labels" / "000001.txt").touch()
+    assert "No vehicle boxes" not in done("e")
 
 
 def test_detectors_without_effect_cause_a_line(bands: Path, done: Callable[..., str]) -> None:

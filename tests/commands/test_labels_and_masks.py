@@ -59,10 +59,18 @@ def test_class_numbers_without_names_are_not_taken_for_cocos(run: Say, labels: P
     by_number = removed(said)
     (labels.parent / "classes.txt").write_text("car\nperson\n", encoding="utf-8")
     code, said = run("--labels", str(labels))
-    assert "note: boxes of car; not person (names from" in said
-    assert str(labels.parent / "classes.txt") in said
+    assert "note: boxes of car; not person (names from x/classes.txt)" in said
     assert removed(said) == by_number > 0
     assert run("--labels", str(labels), "--method", "solution_selection")[0] == 0
+
+
+def test_number_without_a_name_contradicts_the_names(run: Say, labels: Path) -> None:
+    (labels / "classes.txt").write_text("person\ncar\n", encoding="utf-8")
+    (labels / "000005.txt").write_text(f"1 {BOX}2 {BOX}", encoding="utf-8")  # numbered from 1
+    code, said = run("--labels", str(labels))
+    assert code == 2
+    assert "classes.txt: class 2 of the labels in" in said
+    assert "has no name, the last name is that of class 1" in said
 
 
 def test_uncounted_numbers_are_told(run: Say, labels: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
+from ..errors import DataError
 from .class_names import COCO, ClassNames, listed
 from .kitti import list_frames
 from .label_files import LabelCounts, count_labels, label_files
@@ -71,10 +72,15 @@ def _class_remark(
         if source.name == DETECTOR_RECORD:
             where = "as the detector names them"
         else:
-            where = f"names from {source.name if source.parent == folder.absolute() else source}"
+            where = f"names from {source.parent.name}/{source.name}"
         unnamed = sorted(counts.boxes.keys() - names.names.keys())
         if unnamed:
-            where += f"; class {listed(unnamed)} has no name and does not count"
+            last = max(names.names)
+            raise DataError(
+                f"class {listed(unnamed)} of the labels in {folder} has no name, the last name is that of "
+                f"class {last}: are these the names of other labels, or do the numbers begin at 1?",
+                source,
+            )
         return [f"boxes of {choice.sentence()} ({where})"]
     others = {number: count for number, count in sorted(counts.boxes.items()) if number not in choice.kinds}
     if not others:
