@@ -31,12 +31,10 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     os.mkfifo(bands / "fifo")
     (bands / "loop").symlink_to(bands / "loop")
     cv2.imwrite(str(bands / "mask.png"), np.zeros((120, 480), np.uint8))
-    cv2.imwrite(str(bands / "full.png"), np.full((240, 480), 255, np.uint8))
     cv2.imwrite(str(bands / "empty.jpg"), np.zeros((240, 480), np.uint8))
     (bands / "seven.txt").write_text("0 0 0 0 0 0 1\n", encoding="utf-8")
     paths = {
         "MASK": bands / "mask.png",
-        "FULL": bands / "full.png",
         "JPEG": bands / "empty.jpg",
         "SEVEN": bands / "seven.txt",
         "BANDS": bands,

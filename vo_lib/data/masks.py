@@ -13,7 +13,7 @@ import numpy as np
 from ..errors import DataError
 from ..files import read_bytes
 from ..geometry.types import Image
-from .kitti import PNG_SIGNATURE, has_valid_chunks
+from .kitti import PNG_SIGNATURE, has_valid_chunks, read_image
 
 PALETTE_TYPE = 3  # colour type of a PNG whose pixels are indices into a palette
 COLOUR_CHANNELS = {2: 1, 4: 3}  # channels without alpha, by the number of channels with alpha
@@ -28,6 +28,7 @@ def read_mask(path: Path) -> Image:
     Raises `DataError` for another format, and for a truncated or damaged file.
     """
     if path.suffix.lower() != ".png":
+        read_image(path)  # raises `DataError` for a file that is missing or no image
         raise DataError("expected a mask in PNG format: JPEG does not keep zeros", path)
     data = read_bytes(path)
     image = None

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vo_lib.config import change, preset
+from vo_lib.data.class_names import ClassesError
 from vo_lib.data.sequence import Sequence
 from vo_lib.data.truth import matches_on_moving
 from vo_lib.detection.label_folders import chosen_mask, with_kinds
@@ -67,12 +68,26 @@ def frame_candidates(sequence: Sequence, frame: int, detector: YoloDetector) -> 
 
 def frame_boxes(sequence: Sequence, frame: int, view: FilteringView, rule: FilterConfig) -> Boxes:
     """Boxes of the chosen classes in a frame's left image, from a model or from the sequence's labels."""
+    if no_class(sequence, view, rule):
+        return no_boxes()
     if view.model.strip() == LABELS:
         return sequence.boxes(frame, rule.classes)
     detector = detector_of(view.model)
     mask = chosen_mask(detector, rule.classes)
     output = frame_candidates(sequence, frame, detector)
     return with_kinds(detector, detector.select_boxes(output, rule.score, view.nms, mask))
+
+
+def no_class(sequence: Sequence, view: FilteringView, rule: FilterConfig) -> str:
+    """A sentence if the model or the labels have none of the chosen classes, else ""."""
+    try:
+        if view.model.strip() == LABELS:
+            sequence.boxes_of(rule.classes)
+        else:
+            chosen_mask(detector_of(view.model), rule.classes)
+    except ClassesError as error:
+        return f" No box counts: {error}."
+    return ""
 
 
 def filtered_frame(
@@ -186,6 +201,7 @@ class FilteringPanel(Panel):
             )
         if result.state is not None and removed:
             sentence += " Orange in a parked box (dashed): features that do not agree with the background."
+        sentence += no_class(sequence, state.view, rule)
         if state.view.model.strip() == "street" and truth(sequence) is None:
             sentence += " `street` was trained on drawn streets, not on real ones."
         if Flag.FILTER_OFF in result.flags:
