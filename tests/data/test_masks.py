@@ -48,7 +48,7 @@ def encoded(image: np.ndarray) -> bytes:
 
 def channels(*values: int, kind: type = np.uint8) -> bytes:
     """A colour image with these values (BGR or BGRA) on the shape; alpha is full everywhere."""
-    image = np.zeros((H, W, len(values)), kind)
+    image: np.ndarray = np.zeros((H, W, len(values)), kind)
     image[SHAPE > 0] = values
     if len(values) == 4:
         image[:, :, 3] = np.iinfo(kind).max
