@@ -208,7 +208,7 @@ def test_only_what_passed_is_kept_and_only_beside_the_notebooks(folder: Path) ->
     assert not (folder / "my_vo.py").exists()
 
 
-def test_a_kept_function_replaces_its_old_self_and_nothing_else_and_no_broken_file(folder: Path) -> None:
+def test_stored_function_replaces_only_its_own_section(folder: Path) -> None:
     before = (
         "import math\r\nfirst = 1  # ü\ndef null_basis(A): ...\n\n\n# ---- other ----\nother = math.pi\n\n\n"
     )

@@ -91,7 +91,7 @@ def test_an_answer_in_another_form_is_right(name: str, answer: Any) -> None:
 
 
 @pytest.mark.parametrize(("name", "says", "number"), ANSWERS)
-def test_a_known_mistake_is_told_by_its_own_words(name: str, says: str, number: int) -> None:
+def test_each_known_mistake_has_its_own_message(name: str, says: str, number: int) -> None:
     verdict = judge(name, TABLES[name].answers[says][number])
     assert not verdict.passed
     assert verdict.message.startswith(says.split("{")[0])

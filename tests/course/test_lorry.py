@@ -19,7 +19,7 @@ from vo_lib.runs.front_end import find_matches
 SHARE, DISTANCE = 0.6, 5.0  # metres
 
 
-def test_the_lorry_holds_its_share_hides_what_is_behind_it_and_its_features_keep_their_ids() -> None:
+def test_lorry_keeps_its_share_and_ids_and_hides_what_is_behind() -> None:
     def points(matches: StereoMatches) -> tuple[Array, Array]:
         pairs = (matches.prev_left, matches.prev_right), (matches.cur_left, matches.cur_right)
         return CAMERA.triangulate(*pairs[0]), CAMERA.triangulate(*pairs[1])

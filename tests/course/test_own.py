@@ -50,7 +50,7 @@ def test_a_stage_is_yours_where_it_passes_and_the_librarys_elsewhere(
         mine.turn  # noqa: B018
 
 
-def test_a_drive_is_judged_and_not_what_is_said_of_it(street: Sequence) -> None:
+def test_grade_uses_poses_not_self_reported_error(street: Sequence) -> None:
     part = street.part(0, 30)
     configs = {str(seed): preset("feature_selection", seed=seed) for seed in ch08.SEEDS}
     published = run_methods(part, configs)

@@ -34,7 +34,7 @@ def test_every_formula_of_the_course_can_be_drawn(path: Path) -> None:
                 assert "\\" not in made, formula.group()
 
 
-def test_pages_need_no_network_and_failed_cells_and_damaged_notebooks_are_named(
+def test_pages_need_no_network_and_name_broken_notebooks(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(pages, "NOTEBOOKS", tmp_path)

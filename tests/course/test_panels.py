@@ -60,7 +60,7 @@ def stops(knob: Knob) -> list[Any]:
     return [widget.min, widget.max]
 
 
-def test_every_control_changes_the_picture_and_the_same_state_gives_the_same_one(panel: Panel) -> None:
+def test_controls_change_the_picture_and_equal_states_give_equal_pictures(panel: Panel) -> None:
     assert panel.facts
     first = panel.picture.value
     widget_of = {key: knob.widget for key, knob in panel.knobs.items()} | {"frame": panel.frame}
@@ -192,7 +192,7 @@ def test_the_switch_changes_the_method_and_greys_what_the_other_one_lacks(exampl
     assert example.state() == State(preset("solution_selection"), None, example.state().sequence, 1)
 
 
-def test_the_switch_works_while_a_typed_value_is_wrong_and_before_a_sequence_is_open(bands: Path) -> None:
+def test_variant_switch_works_with_a_wrong_value_and_without_a_sequence(bands: Path) -> None:
     example = Example(str(bands), frame=1)
     mode = example.knobs["selection.mode"].shown
     assert mode.layout.display == "none"  # even while the sequence is opened

@@ -83,7 +83,7 @@ def test_the_clip_of_the_row_has_the_boxes_of_a_detector(
     assert tables_of(entries) == []  # no sub-sequence is so short
 
 
-def test_a_printed_number_is_reproduced_within_the_spread_of_the_seeds_alone(tmp_path: Path) -> None:
+def test_printed_number_is_reproduced_only_within_the_spread_of_seeds(tmp_path: Path) -> None:
     paper = read_paper_table()
     assert verdicts(tmp_path, paper) == []
     names = "variant,sequence,method,seeds,paper_te_percent,paper_re_deg_per_100m,te_percent,te_percent_std,"

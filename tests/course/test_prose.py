@@ -59,7 +59,7 @@ def look(street: Sequence) -> Look:
     return facts
 
 
-def test_rows_cost_right_matches_the_loop_costs_few_and_strong_features_are_no_better(look: Look) -> None:
+def test_effects_of_row_tolerance_loop_tolerance_and_quality(look: Look) -> None:
     now, _, numbers = look("01", r"\*row tolerance\* to ([.\d]+) px and see", matching__row_tolerance=0.1)
     assert numbers == [0.1]
     assert now["right ones dropped"] > 100
@@ -80,7 +80,7 @@ def test_rows_cost_right_matches_the_loop_costs_few_and_strong_features_are_no_b
         assert kit[name] < before[name]
 
 
-def test_neighbours_and_noise_make_sets_worse_and_a_low_threshold_tells_solutions_apart(look: Look) -> None:
+def test_effects_of_neighbouring_matches_noise_and_threshold(look: Look) -> None:
     median = "rotation error: median of the sets"
     now, before, _ = look("02", r"\*random five\* to `side by side`", view__spread="side by side")
     assert now[median] > 5 * before[median]
@@ -117,7 +117,7 @@ def test_moving_matches_win_the_vote_and_wrong_ones_do_not(look: Look) -> None:
     assert now["error by selection"] < 0.05
 
 
-def test_the_vote_takes_one_solution_of_a_plane_and_the_prior_stays_with_the_other(look: Look) -> None:
+def test_vote_and_prior_may_take_different_solutions_of_a_plane(look: Look) -> None:
     text = r"set `k` to (\d)\. .* after the first and the seventh press, .* more than ([.\d]+)° wrong"
     for draw in (1, 7):
         plane = {"view__plane": True, "selection__top_k": 1, "view__draw": draw}

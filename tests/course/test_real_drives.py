@@ -45,7 +45,7 @@ def test_a_drive_without_boxes_needs_a_detector(
     assert "needs a detector" in capsys.readouterr().out
 
 
-def test_exact_matches_of_standing_points_are_on_their_lines_and_moving_ones_are_not() -> None:
+def test_only_standing_points_lie_on_their_epipolar_lines() -> None:
     sequence = Sequence("made", Path("made"), (), CAMERA, np.zeros(0), None, None)
     tracks = TrackConfig(points=300, noise=0.0, moving=0.3, object_heading=60.0)
     for frame in simulate_tracks(drive(3), CAMERA, tracks):

@@ -92,7 +92,7 @@ def test_a_sequence_shorter_than_the_gap_has_no_loops(bands: Path) -> None:
     assert np.array_equal(close_path(poses, loops, CONFIG).poses, poses)
 
 
-def test_a_place_is_compared_with_the_most_similar_ones_that_are_the_gap_away() -> None:
+def test_place_is_compared_with_similar_places_beyond_the_gap() -> None:
     similarity = np.array([[1.0, 0.0, 0.9, 0.3], [0, 1, 0, 0.8], [0.9, 0, 1, 0.9], [0.3, 0.8, 0.9, 1]])
     config = LoopConfig(gap=20, candidates=1, similarity=0.5)
     assert candidates(similarity, np.array([0, 10, 20, 30]), config).tolist() == [[0, 2], [1, 3]]

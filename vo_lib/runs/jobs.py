@@ -37,7 +37,7 @@ from .match_cache import CachedMatches
 if TYPE_CHECKING:
     from ..kit.calibration import Calibration
 
-MATCHING_FRAMES = 4  # number of back-end frames that take as long as the matching of one frame
+MATCHING_FRAMES = 4  # cost of matching one frame, in back-end frames
 DASK_WORKER_KILLED = "KilledWorker"  # the exception of Dask, which is not always installed
 CONNECT_TIMEOUT_S = 10.0
 
