@@ -45,7 +45,9 @@ from vo_lib.data.pose_times import refuse_intervals
 from vo_lib.data.poses import read_kitti_poses
 from vo_lib.errors import DataError
 
-MIN_FPS, MAX_FPS, DEFAULT_FPS = 0.1, 1000.0, 10.0
+MIN_FPS = 0.1
+MAX_FPS = 1000.0
+DEFAULT_FPS = 10.0
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -106,13 +108,15 @@ def run(options: argparse.Namespace) -> int:
         raise DataError(f"--max-delay {options.max_delay:g}: expected 0 s or more")
     source = find_source(options)
     rate = options.fps or (source.fps() if isinstance(source, VideoSource) else 0.0)
-    times, poses = None, None
+    times = None
+    poses = None
     notes = []
     if isinstance(source, FolderSource):
         times = source.times
         notes = [f"note: {source.note}"] if source.note else []
     if isinstance(source, Drive):
-        rig, poses = source.rig, source.poses
+        rig = source.rig
+        poses = source.poses
     else:
         rig, more = rig_of(source, options)
         notes += more

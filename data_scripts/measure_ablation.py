@@ -51,13 +51,16 @@ TIMED_FRAMES, TIMED_RUNS = 40, 3  # the shortest time of some runs counts: other
 
 def figures(result: Run) -> tuple[float, ...]:
     """The results of a run in the order of `RESULTS`."""
-    sequence, poses = result.sequence, result.poses
+    sequence = result.sequence
+    poses = result.poses
     assert sequence.truth is not None
     errors = kitti_errors(sequence.truth, poses, SHORT_PROTOCOL.lengths, SHORT_PROTOCOL.step)
-    te, re = errors.te, errors.re
+    te = errors.te
+    re = errors.re
     if is_raw_drive(sequence):
         turned = fit_axes(sequence.truth, poses, SHORT_PROTOCOL.lengths, SHORT_PROTOCOL.step)
-        te, poses = turned.kitti.te, turn_axes(poses, axes_rotation((turned.pitch, turned.yaw)))
+        te = turned.kitti.te
+        poses = turn_axes(poses, axes_rotation((turned.pitch, turned.yaw)))
     path = np.linalg.inv(sequence.truth[0]) @ sequence.truth
     end = float(np.linalg.norm(poses[-1, :3, 3] - path[-1, :3, 3]))
     length = 100.0 * (trajectory_distances(poses)[-1] / trajectory_distances(path)[-1] - 1.0)
@@ -171,7 +174,8 @@ def run_all(
 
 def run(options: argparse.Namespace) -> int:
     """Run variant `kit` with and without each idea; write the differences and print them as tables."""
-    seeds, out = parse_whole("--seeds", options.seeds), Path(options.out)
+    seeds = parse_whole("--seeds", options.seeds)
+    out = Path(options.out)
     chosen = chosen_ideas(options.ideas)
     with run_folder(options.runs) as folder:
         folder = folder.resolve()

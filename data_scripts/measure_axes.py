@@ -39,12 +39,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print the errors without a correction, and after a rotation by the angles that minimise TE."""
-    lengths, step = parse_lengths(options.lengths), parse_whole("--step", options.step)
+    lengths = parse_lengths(options.lengths)
+    step = parse_whole("--step", options.step)
     truth, estimate = (read_kitti_poses(path) for path in (options.truth, options.estimate))
     if len(truth) != len(estimate):
         counts = f"has {len(estimate)} rows, {options.truth} has {len(truth)}"
         raise DataError(f"{counts}: both need a pose for the same frames", options.estimate)
-    measured, turned = kitti_errors(truth, estimate, lengths, step), fit_axes(truth, estimate, lengths, step)
+    measured = kitti_errors(truth, estimate, lengths, step)
+    turned = fit_axes(truth, estimate, lengths, step)
     if not len(measured):
         raise DataError(f"is shorter than {min(lengths):g} m: choose smaller --lengths", options.truth)
     rows = [

@@ -78,7 +78,8 @@ def backwards(m: Any) -> Any:
 def with_shifted_places(camera: Any, matches: Any, before: Any) -> Any:
     """The result of `earlier_rows` after a shift of each earlier match to the later match's integer pixel."""
     _, here, there = np.intersect1d(matches.id, before.matches.id, return_indices=True)
-    now, then = matches[here], before.matches[there]
+    now = matches[here]
+    then = before.matches[there]
     shifted = replace(
         then,
         prev_left=then.prev_left + now.prev_left - then.cur_left,
@@ -127,13 +128,15 @@ OPEN: list[tuple[str, str, dict[str, Any]]] = [
 # Rows for a figure of chapter 5: errors, not differences, with all features and without features in boxes.
 THRESHOLDS_PX = (0.25, 0.5, 1.0, 2.0)
 RULES = {"all features": "none", "boxes removed": "all"}
-ABSOLUTE, LENGTH_M = "threshold and boxes", 50.0
+ABSOLUTE = "threshold and boxes"
+LENGTH_M = 50.0
 ABSOLUTE_SEQUENCES = ("kitti/drive_0013", "synthetic/jam")
 
 
 def measured(sequence: Sequence, name: str, value: Any, cache: Any) -> Array:
     """TE (%), RE (deg/100 m) and path length (metres) for each seed, (S, 3); errors are NaN without truth."""
-    own, config = name.startswith("vo_lib."), preset("feature_selection", variant="published")
+    own = name.startswith("vo_lib.")
+    config = preset("feature_selection", variant="published")
     if name == ABSOLUTE:
         config = change(change(config, "selection.threshold", value[0]), "filter.rule", value[1])
     elif not own:
@@ -175,11 +178,13 @@ def run(options: argparse.Namespace) -> int:
         for results in pool.map(measured, *zip(*calls, strict=True)):
             sequence, about, name, words, _ = tasks[len(rows) - 1]
             if name == "seed":
-                path, plain = sequence.truth, np.array([0.0, 0.0, 100.0])
+                path = sequence.truth
+                plain = np.array([0.0, 0.0, 100.0])
                 whole = results[:, 2].mean() if path is None else trajectory_distances(path)[-1]
             results = results * [1.0, 1.0, 100.0 / whole]
             if name == ABSOLUTE:
-                results, plain = results * [1.0, 1.0, np.nan], np.zeros(3)
+                results = results * [1.0, 1.0, np.nan]
+                plain = np.zeros(3)
             change_of = results - plain
             pairs = np.stack([change_of.mean(axis=0), standard_deviation(change_of)], axis=1).ravel()
             rows.append([about, words, sequence.name, *(f"{x:.4f}" if np.isfinite(x) else "" for x in pairs)])

@@ -90,7 +90,8 @@ def open_all(options: argparse.Namespace, score: float = 0.25) -> list[Sequence]
     """The sequences in the options, with labels, or with the detector's boxes of at least this score."""
     sequences = []
     for name in parse_sequences(options.sequences):
-        sequence, detector = open_with_bar(name, options.cache), DetectorConfig(score=score)
+        sequence = open_with_bar(name, options.cache)
+        detector = DetectorConfig(score=score)
         if options.detector is not None and missing_labels(sequence):
             with reporting(f"detecting vehicles in {name}") as report:
                 sequence = labelled_sequence(

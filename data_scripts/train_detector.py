@@ -61,8 +61,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Train and export a model, and print its quality."""
-    epochs, size = parse_whole("--epochs", options.epochs), parse_whole("--size", options.size)
-    batch, seed = parse_whole("--batch", options.batch), parse_whole("--seed", options.seed, least=0)
+    epochs = parse_whole("--epochs", options.epochs)
+    size = parse_whole("--size", options.size)
+    batch = parse_whole("--batch", options.batch)
+    seed = parse_whole("--seed", options.seed, least=0)
     data = open_set(options.data)
     for folder in data.outside():
         print_lines(f"note: images outside the folder of data.yaml: {folder}")
@@ -72,7 +74,8 @@ def run(options: argparse.Namespace) -> int:
         raise DataError("the file is missing", options.weights)
     if options.register in list_detectors():
         raise DataError(f"--register {options.register}: a detector has this name; choose another name")
-    model, described = options.out / MODEL, options.out / "data.yaml"
+    model = options.out / MODEL
+    described = options.out / "data.yaml"
     own = described.is_file() and read_text(described).startswith(OWN)
     lists = [f"{split}.txt" for split in SPLITS]
     refuse_foreign(options.out, ("data.yaml", *lists, "train", MODEL), own)

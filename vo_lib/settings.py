@@ -146,7 +146,8 @@ _hints = functools.cache(typing.get_type_hints)  # a call takes a millisecond; e
 
 def declared(cls: type, prefix: str = "") -> tuple[Setting, ...]:
     """All settings of a settings class, depth first, in the order of declaration."""
-    hints, items = _hints(cls), list[Setting]()
+    hints = _hints(cls)
+    items = list[Setting]()
     for field in dataclasses.fields(cls):
         kind = hints[field.name]
         if dataclasses.is_dataclass(kind):
@@ -188,7 +189,8 @@ def from_dict(cls: Any, data: dict[str, Any]) -> Any:
     """Settings from nested dicts as returned by `to_dict`; absent fields keep their defaults."""
     if not isinstance(data, dict):
         raise DataError(f"expected a JSON object with the settings of {cls.__name__}")
-    hints, values = _hints(cls), dict[str, Any]()
+    hints = _hints(cls)
+    values = dict[str, Any]()
     for name, value in data.items():
         if name not in hints:
             raise DataError(

@@ -34,7 +34,9 @@ def read_euroc_drive(folder: Path, max_delay: float = MAX_DELAY_S) -> Drive:
     if pairs.times is None:
         raise DataError("expected images whose names are times in nanoseconds", base / "cam0" / "data")
     rig, T_body_camera = _rig(base)
-    notes, chosen, poses = [pairs.note] if pairs.note else [], slice(len(pairs.paths)), None
+    notes = [pairs.note] if pairs.note else []
+    chosen = slice(len(pairs.paths))
+    poses = None
     if (base / TRUTH).exists():
         true_times, bodies = read_euroc(base / TRUTH)
         at, at_truth = match_times(pairs.times, true_times, MAX_POSE_DELAY_S)
@@ -55,7 +57,9 @@ def read_euroc_drive(folder: Path, max_delay: float = MAX_DELAY_S) -> Drive:
 def _rig(base: Path) -> tuple[Rig, Array]:
     """The rig of both cameras, and T_body_camera (4, 4) of the rectified left camera."""
     matrices: dict[str, Array] = {}
-    T_body, sizes, lenses = [], [], []
+    T_body = []
+    sizes = []
+    lenses = []
     for number, camera in (("1", "cam0"), ("2", "cam1")):
         path = base / camera / "sensor.yaml"
         sensor = read_yaml(path)

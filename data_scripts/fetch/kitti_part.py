@@ -32,7 +32,9 @@ def drive_archives(host: str, drive: str, color: bool = False) -> tuple[list[str
     The images have the same numbers as in the drive. Calibration, timestamps and GPS/IMU packets are in RAW.
     """
     day, sequence = parse_drive(drive)
-    base, folder, cameras = f"{host.rstrip('/')}/raw_data", f"sequences/{sequence}", "0-3" if color else "01"
+    base = f"{host.rstrip('/')}/raw_data"
+    folder = f"sequences/{sequence}"
+    cameras = "0-3" if color else "01"
     return [f"{base}/{drive}/{drive}_sync.zip", f"{base}/{day}_calib.zip"], {
         rf"{day}/{drive}_sync/image_0([{cameras}])/data/0000(\d{{6}}\.png)": rf"{folder}/image_\1/\2",
         rf"{day}/{drive}_sync/(oxts/data/\d{{10}}\.txt|image_00/timestamps\.txt)": rf"{folder}/{RAW}/\1",
@@ -54,22 +56,28 @@ def select_frames(
     A whole sequence has the text "". Raises `DataError` for frames outside the sequence, for a gap
     between these frames and frames of earlier calls, and for a folder with images of another source.
     """
-    counts, parts, marks = dict[str, int](), dict[str, range](), dict[Path, str]()
+    counts = dict[str, int]()
+    parts = dict[str, range]()
+    marks = dict[Path, str]()
     for target in (m.target for m in members if m.target.match("sequences/*/image_?/*.png")):
         counts[target.parts[1]] = max(counts.get(target.parts[1], 0), int(target.stem) + 1)
     for name, count in counts.items():
-        folder, source = root / "sequences" / name, f"--raw {drive}" if drive else f"--sequences {name}"
+        folder = root / "sequences" / name
+        source = f"--raw {drive}" if drive else f"--sequences {name}"
         start, stop = frames(count)
         require_frames(start, stop, count, drive or name)
-        part, images = read_part(folder), any(folder.glob("image_[01]/*.png"))
+        part = read_part(folder)
+        images = any(folder.glob("image_[01]/*.png"))
         foreign = images and drive is not None if part is None else not part[0].startswith(f"{source} ")
         if foreign:
             raise DataError(
                 f"contains images of a source other than {drive or name}; move the folder away first", folder
             )
         if part is not None:
-            old, size = part[1], stop - start
-            start, stop = min(start, old.start), max(stop, old.stop)
+            old = part[1]
+            size = stop - start
+            start = min(start, old.start)
+            stop = max(stop, old.stop)
             if stop - start > size + len(old):
                 gap = f"has the frames {old.start}:{old.stop}; --frames {start}:{stop} leaves no gap"
                 raise DataError(gap, folder)
@@ -79,7 +87,8 @@ def select_frames(
         marks[folder] = "" if whole else f"{source} --frames {start}:{stop}"
 
     def is_selected(target: PurePosixPath) -> bool:
-        name, number = target.parts[1], target.stem
+        name = target.parts[1]
+        number = target.stem
         return name not in parts or not number.isdecimal() or int(number) in parts[name]
 
     return [member for member in members if is_selected(member.target)], marks

@@ -57,7 +57,8 @@ def describe_drive(
     path = where / "calib_cam_to_cam.txt"
     lines = read_calibration_file(path)
     P1, P2 = (matrix(lines, f"P_rect_0{camera}", (3, 4), path) for camera in cameras)
-    first, size = paths[0][0], matrix(lines, f"S_rect_0{cameras[0]}", (2,), path)
+    first = paths[0][0]
+    size = matrix(lines, f"S_rect_0{cameras[0]}", (2,), path)
     height, width = read_image(first, pairs.bits).shape
     if (width, height) != tuple(size):
         raise DataError(

@@ -12,7 +12,9 @@ from vo_lib.geometry.types import Array, Image
 Size = tuple[int, int]  # width and height, pixels
 Maps = tuple[Image, Image]  # for `cv2.remap`
 
-RADTAN, FISHEYE, OMNI = "radial-tangential", "fisheye", "omni"
+RADTAN = "radial-tangential"
+FISHEYE = "fisheye"
+OMNI = "omni"
 IDENTITY_PX = 0.05  # rectification maps that move no pixel farther leave the images as they are
 # Factors of a wide lens's focal length, tried until all rectified pixels have a source.
 ZOOMS = 1.05 ** np.arange(15)
@@ -66,9 +68,12 @@ def _wide_projections(matrices: dict[str, Array], lenses: tuple[Lens, Lens], zoo
     `cv2.fisheye.stereoRectify` shrinks the centre of the image to show all of it. Here the rectified images
     have the resolution of the raw images on the optical axis, and lose the border of a lens of 180° instead.
     """
-    focal, centre, axis = [], [], []
+    focal = []
+    centre = []
+    axis = []
     for name, lens in zip("12", lenses, strict=True):
-        K, R = matrices[f"K{name}"], matrices[f"R{name}"]
+        K = matrices[f"K{name}"]
+        R = matrices[f"R{name}"]
         focal.append((K[0, 0] + K[1, 1]) / 2 / (1 + lens.xi))
         centre.append(K[:2, 2])
         axis.append(R[:2, 2] / R[2, 2])

@@ -145,7 +145,8 @@ def rig_from_matrices(
         missing = ", ".join(sorted({"K1", "D1", "K2", "D2", "R", "T"} - matrices.keys()))
         expected_names = "P1 and P2" if rectified else f"{missing} (or P1 and P2 of rectified images)"
         raise DataError(f"the calibration lacks {expected_names}", path)
-    P1, P2 = matrices["P1"], matrices["P2"]
+    P1 = matrices["P1"]
+    P2 = matrices["P2"]
     if abs(P2[1, 3] - P1[1, 3]) > abs(P2[0, 3] - P1[0, 3]):
         raise DataError("the second camera is above or below the first camera, not beside it", path)
     f = float(P1[0, 0])

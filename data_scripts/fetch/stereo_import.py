@@ -43,7 +43,8 @@ def check_source(source: Source, rig: Rig, anyway: bool, outdoors: bool = False)
             "the rows match better without the rectification, so the images are rectified already: give "
             "--rectified if the file has P1 and P2, or --focal, --centre and --baseline of these images"
         )
-    disparity, (nearest, farthest) = statistics.disparity, MEDIAN_DEPTHS_M
+    disparity = statistics.disparity
+    (nearest, farthest) = MEDIAN_DEPTHS_M
     depth = rig.f * rig.baseline / disparity if disparity > 0 else np.inf
     if not wrong and outdoors and not nearest <= depth <= farthest:
         wrong.append(
@@ -149,7 +150,8 @@ def _write_pairs(source: Source, rig: Rig, folder: Path, copy: bool, progress: P
             else:
                 target.write_bytes(cv2.imencode(".png", image)[1].tobytes())
 
-    count, pairs = 0, enumerate(source.pairs())
+    count = 0
+    pairs = enumerate(source.pairs())
     with ThreadPoolExecutor(max_workers=min(os.cpu_count() or 1, 8)) as pool:
         while batch := list(itertools.islice(pairs, BATCH_PAIRS)):  # a video is too large for the memory
             count += len(list(pool.map(write, *zip(*batch, strict=True))))

@@ -59,7 +59,8 @@ class FolderSource:
 
     def sample(self) -> list[Pair]:
         """Pairs spread over the whole sequence."""
-        chosen, pairs = np.linspace(0, len(self.paths) - 1, SAMPLE_PAIRS).round(), [*self.pairs()]
+        chosen = np.linspace(0, len(self.paths) - 1, SAMPLE_PAIRS).round()
+        pairs = [*self.pairs()]
         return [pairs[int(i)]() for i in np.unique(chosen)]
 
     def pairs(self) -> Iterator[Callable[[], Pair]]:
@@ -133,7 +134,8 @@ class VideoSource:
             )
         grey = np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY) if frame.ndim == 3 else frame, np.uint8)
         half = grey.shape[1] // 2
-        first, second = np.ascontiguousarray(grey[:, :half]), np.ascontiguousarray(grey[:, half:])
+        first = np.ascontiguousarray(grey[:, :half])
+        second = np.ascontiguousarray(grey[:, half:])
         return (second, first) if self.swap else (first, second)
 
 
@@ -208,7 +210,8 @@ def _pair_by_time(
     """Pairs of the images nearest in time, from the times (N,) of both sides, seconds."""
     # By the order of names, 0.3 comes before 0.25.
     order_l, order_r = (np.argsort(each, kind="stable") for each in stamps)
-    times_l, times_r = stamps[0][order_l], stamps[1][order_r]
+    times_l = stamps[0][order_l]
+    times_r = stamps[1][order_r]
     at_l, at_r = match_times(times_l, times_r, np.inf)
     delays = np.abs(times_l[at_l] - times_r[at_r])
     close = delays <= max_delay
@@ -279,6 +282,7 @@ def _read_pair(paths: tuple[Path, Path], shape: tuple[int, ...], bits: int) -> P
     pair = read_image(paths[0], bits), read_image(paths[1], bits)
     for path, image in zip(paths, pair, strict=True):
         if image.shape != shape:
-            actual, expected = f"{image.shape[1]}×{image.shape[0]}", f"{shape[1]}×{shape[0]}"
+            actual = f"{image.shape[1]}×{image.shape[0]}"
+            expected = f"{shape[1]}×{shape[0]}"
             raise DataError(f"the image is {actual}, expected {expected} as in the first left image", path)
     return pair

@@ -16,14 +16,16 @@ from vo_lib.geometry.types import Array
 from vo_lib.kit.settings import KitConfig
 from vo_lib.report.page import NO_NUMBER, ReportTable
 
-PROPOSAL, MOVING = "feature_selection", "moving_selection"
+PROPOSAL = "feature_selection"
+MOVING = "moving_selection"
 KEY = ("idea", "method", "sequence", "seeds")
 # Results of a run: TE, %; RE, deg/100 m; distance of the last position from the truth, metres; excess length
 # of the path, %; frames without a measured motion.
 RESULTS = ("te", "re", "end", "length", "lost")
 COLUMNS = (*KEY, *(f"{name}{end}" for name in RESULTS for end in ("", "_sd")), "ms")
 # An idea is needed if, without it, one of these errors grows by this share and by `SPREADS` deviations.
-DECISIVE, NEEDED_SHARE = ("te", "re", "end"), 0.01
+DECISIVE = ("te", "re", "end")
+NEEDED_SHARE = 0.01
 WORDS = {"te": "TE", "re": "RE", "end": "end"}
 
 
@@ -164,7 +166,9 @@ def harm(row: Row, whole: Row) -> dict[str, float]:
     """The errors that clearly grow without an idea, as shares of the errors with all ideas."""
     grown = {}
     for name in DECISIVE:
-        change_of, spread, error = row.mean[name], row.deviation[name], whole.mean[name]
+        change_of = row.mean[name]
+        spread = row.deviation[name]
+        error = whole.mean[name]
         if change_of > NEEDED_SHARE * error and change_of > SPREADS * spread:
             grown[name] = change_of / error if error > 0.0 else np.inf
     return grown
@@ -293,12 +297,14 @@ def _change_text(ablation: Ablation, idea: str, sequence: str, name: str) -> str
     row = ablation.row(idea, sequence)
     if row is None or np.isnan(row.mean[name]):
         return NO_NUMBER
-    scale, digits = 1.0, 2
+    scale = 1.0
+    digits = 2
     if name != "length":
         error = ablation.whole(row).mean[name]
         if error == 0.0:
             return NO_NUMBER
-        scale, digits = 100.0 / error, 1
+        scale = 100.0 / error
+        digits = 1
     text = f"{scale * row.mean[name]:+.{digits}f}"
     spread = f"{scale * row.deviation[name]:.{digits}f}"
     if np.isnan(row.deviation[name]) or float(spread) == 0.0:

@@ -74,7 +74,8 @@ def fit_axes(
     t_gt, t_est = (motion[:, :3, 3] for motion in motions)
     grid = np.stack(np.meshgrid(*2 * [np.linspace(-1.0, 1.0, 5)]), axis=-1).reshape(-1, 2)
     grid = grid[np.argsort(np.linalg.norm(grid, axis=1), kind="stable")]  # the nearest of equally good points
-    best, width = np.zeros(2), MAX_ANGLE_DEG
+    best = np.zeros(2)
+    width = MAX_ANGLE_DEG
     for _ in range(GRIDS):
         tried = np.clip(best + width * grid, -MAX_ANGLE_DEG, MAX_ANGLE_DEG)
         off = np.linalg.norm(t_gt - t_est @ np.swapaxes(axes_rotation(tried), 1, 2), axis=2)

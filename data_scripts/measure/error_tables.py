@@ -60,11 +60,13 @@ def compared(cells: Cells, before: str, after: str, subject: str) -> list[str]:
         sides: dict[bool, list[str]] = {True: [], False: []}
         count = 0
         for label, row in cells.items():
-            old, new = row.get(before), row.get(after)
+            old = row.get(before)
+            new = row.get(after)
             if old is None or new is None:
                 continue
             count += 1
-            (was, deviation), (now, new_deviation) = old[kind], new[kind]
+            (was, deviation) = old[kind]
+            (now, new_deviation) = new[kind]
             if abs(now - was) > change_limit(was, deviation, new_deviation):
                 sides[bool(now < was)].append(f"{label} ({format_number(was)} → {format_number(now)})")
         lower, higher = ("; ".join(sides[side]) or "no row" for side in (True, False))

@@ -109,7 +109,8 @@ def claim_table(cells: Cells) -> ReportTable:
 
     `cells` : errors of variant `published`. Two decimals do not depend on the processor's rounding.
     """
-    methods, rows = ("solution_selection", "feature_selection"), []
+    methods = ("solution_selection", "feature_selection")
+    rows = []
     for label in {label.partition(",")[0]: label for label in cells}.values():
         errors = (cells[label][method] for method in methods)
         rows.append([label, *("" if e is None else f"{e[0, 0]:.2f} / {e[1, 0]:.2f}" for e in errors)])
@@ -121,7 +122,9 @@ def result_tables(
     sequences: list[Sequence], runs: dict[Key, list[Run]], systems: Mapping[str, Cells]
 ) -> list[ReportTable]:
     """All tables of the page: methods of both variants, other systems, box rules, self-calibration."""
-    rules, removed, learning = {}, {}, {}
+    rules = {}
+    removed = {}
+    learning = {}
     axes: dict[str, dict[str, float | None]] = {}
     for sequence in sequences:
         drawn = sequence.name.startswith(SYNTHETIC)

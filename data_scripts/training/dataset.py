@@ -72,7 +72,8 @@ def open_set(where: Path) -> DetectionSet:
 
 def _class_names(path: Path, about: dict[str, Any]) -> tuple[str, ...]:
     """The class names: `names:`, or, with `nc:` alone, class_0, class_1, …"""
-    names, count = names_in_description(about), about.get("nc")
+    names = names_in_description(about)
+    count = about.get("nc")
     if not names and about.get("names") is None and type(count) is int and 0 < count <= 10_000:
         return tuple(f"class_{number}" for number in range(count))
     if not names or sorted(names) != list(range(len(names))):
@@ -100,7 +101,8 @@ def _root(path: Path, about: dict[str, Any], entries: list[str]) -> Path:
     A relative `path:` is in the working folder, in the folder of data.yaml, or in Ultralytics' folder of data
     sets, whichever has the images.
     """
-    own, value = Path(os.path.abspath(path)).parent, about.get("path")
+    own = Path(os.path.abspath(path)).parent
+    value = about.get("path")
     if value is None or value == "":
         return own
     if not isinstance(value, str) or "\0" in value:

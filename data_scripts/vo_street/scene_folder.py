@@ -73,7 +73,8 @@ def _write_tables(config: SceneConfig, folder: Path) -> None:
 
 def _write_frame(config: SceneConfig, folder: Path, frame: int) -> None:
     """Draw and write both images of a frame, its labels and its truth."""
-    renderer, name = _renderer(config), f"{frame:06d}.png"
+    renderer = _renderer(config)
+    name = f"{frame:06d}.png"
     for right in (False, True):
         view, picture = photograph(renderer, frame, right)
         _write_png(folder / f"image_{int(right)}" / name, picture, noisy=True)

@@ -23,7 +23,8 @@ def draw_dots(
         cv2.circle(picture, place, round(radius * 16), bgr(colour), -1, cv2.LINE_AA, shift=4)
     for (u, v), name in zip(sixteenths, map(str, names), strict=False):
         (w, h), _ = cv2.getTextSize(name, *font, 1)
-        x, y = min(u // 16 + 9, picture.shape[1] - w - 3), max(v // 16 - 6, h + 3)
+        x = min(u // 16 + 9, picture.shape[1] - w - 3)
+        y = max(v // 16 - 6, h + 3)
         cv2.rectangle(picture, (x - 2, y - h - 3), (x + w + 2, y + 3), (0, 0, 0), -1)
         cv2.putText(picture, name, (x, y), *font, white, 1, cv2.LINE_AA)
 

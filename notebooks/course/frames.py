@@ -156,11 +156,13 @@ class Points:
 
 def frame_points(sequence: Sequence, frame: int, config: MethodConfig) -> Points:
     """Input of chapters 2 to 4: the bucketed matches of a frame in normalised coordinates."""
-    matches, camera = frame_matches(sequence, frame, config), sequence.camera
+    matches = frame_matches(sequence, frame, config)
+    camera = sequence.camera
     matches = matches[select_by_bucket(matches.cur_left, matches.age, matches.strength, config.buckets)]
     if len(matches) < 5:
         raise DataError(f"frame {frame} has {len(matches)} matches; the five-point algorithm needs five")
-    x_p, x_c = camera.normalise(matches.prev_left), camera.normalise(matches.cur_left)
+    x_p = camera.normalise(matches.prev_left)
+    x_c = camera.normalise(matches.cur_left)
     X_p = camera.triangulate(matches.prev_left, matches.prev_right)
     return Points(matches, x_p, x_c, X_p, true_motion(sequence, frame))
 

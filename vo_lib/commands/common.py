@@ -40,7 +40,8 @@ if TYPE_CHECKING:
     from ..report.film import Film, FilmFrame
 
 BOTH = "both"
-DEFAULT_METHOD, DEFAULT_VARIANT = "feature_selection", "published"
+DEFAULT_METHOD = "feature_selection"
+DEFAULT_VARIANT = "published"
 DETECT = "For boxes, add `--detector MODEL`, an ONNX file or a model of `vo data get_detector`."
 TYPED_CLASSES = "--filter.classes {}"  # how `vo run` takes the setting
 MASKS_MEASURED = 20  # a mask takes 2.5 ms; a KITTI sequence may have thousands of masks
@@ -159,7 +160,8 @@ def read_settings(options: argparse.Namespace) -> MethodConfig:
         return config
     data = read_config(options.config)
     for name in ("method", "variant"):
-        option, value = getattr(options, name, None), data.get(name)
+        option = getattr(options, name, None)
+        value = data.get(name)
         if option not in (None, value):
             raise DataError(f"is a run of {name} {value}, not {option}: omit --{name}", options.config)
         setattr(options, name, value)

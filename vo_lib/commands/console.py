@@ -68,7 +68,9 @@ class OneLineParser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print the message in one line, with the nearest option, and exit."""
-        options, page, hint = self._option_string_actions, "--help", ""
+        options = self._option_string_actions
+        page = "--help"
+        hint = ""
         for word in itertools.takewhile("--".__ne__, self._words):
             name = word.partition("=")[0]
             if name.startswith("--") and name not in options:

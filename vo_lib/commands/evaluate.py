@@ -62,7 +62,8 @@ def _evaluate(options: argparse.Namespace) -> int:
         require_drawing()
     if not options.t_max_diff >= 0:
         raise DataError(f"--t-max-diff {options.t_max_diff:g}: expected 0 s or more")
-    alignment, delta = Alignment(options.alignment), parse_delta(options.delta)
+    alignment = Alignment(options.alignment)
+    delta = parse_delta(options.delta)
     for folder in options.paths:
         if changed := {POSES, POSES_TUM}.intersection(changed_files(folder)):
             warn(

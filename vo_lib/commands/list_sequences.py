@@ -25,7 +25,8 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def _list(options: argparse.Namespace) -> int:
-    rows, problems = list[list[str]](), list[str]()
+    rows = list[list[str]]()
+    problems = list[str]()
     for name, folder in available().items():
         try:
             rows.append([name, *_facts(name, folder)])
@@ -51,7 +52,8 @@ def _facts(name: str, folder: Path | None) -> list[str]:
         size = f"{scene.width}×{scene.height}"
         return [str(frame_count(scene)), f"{scene.length:.0f}", "yes", "yes", size, NO_NUMBER]
     sequence = open_folder(folder, name)
-    camera, truth = sequence.camera, sequence.truth
+    camera = sequence.camera
+    truth = sequence.truth
     length = NO_NUMBER if truth is None else f"{trajectory_distances(truth)[-1]:.0f}"
     boxes = "no" if sequence.labels is None else "part" if missing_labels(sequence) else "yes"
     parts = ["no" if truth is None else "yes", boxes]

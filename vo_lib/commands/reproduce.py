@@ -64,7 +64,8 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def reproduce(options: argparse.Namespace, *remarks: str) -> int:
     """Do the runs; write and print the table, the result and the remarks. Exit code 1 if a run failed."""
-    start, config = time.perf_counter(), None
+    start = time.perf_counter()
+    config = None
     common.require_drawing()
     if options.config is not None:
         if options.methods is not None:
@@ -135,7 +136,8 @@ def _draw_films(jobs: list[Job], cache: Path | None) -> None:
     """Draw a film of each run of the proposal with the first seed, in the folder of the run."""
     for job in jobs:
         if job.method == PROPOSAL and job.config.seed == 0:
-            result, label = read_run(job.folder, job.sequence), f"{job.sequence.name}, {job.method}"
+            result = read_run(job.folder, job.sequence)
+            label = f"{job.sequence.name}, {job.method}"
             film = Film(job.folder / f"film{FILM_ENDING}", result, f"{label}, {job.config.variant}")
             matches = CachedMatches(job.sequence, job.config, cache)
             common.draw_with_bar(film, film_frames(result, matches))

@@ -100,7 +100,8 @@ def _run(options: argparse.Namespace) -> int:
     _refuse_unused(options, config, given)
     common.require_drawing()
     loops = from_options(options, LoopConfig, close_loops.PREFIX)
-    calibration, cache = _check(options, config), Path(options.cache) if options.cache else None
+    calibration = _check(options, config)
+    cache = Path(options.cache) if options.cache else None
     detection = from_options(options, DetectorConfig, DETECTOR)
     sequence = common.open_with_bar(options.sequence, cache, options)
     label = f"{sequence.name}, {options.method}, {config.variant}"
@@ -128,7 +129,8 @@ def _run(options: argparse.Namespace) -> int:
                 fresh=options.fresh,
                 progress=report,
             )
-        paths, pairs = {options.method: result.poses}, []
+        paths = {options.method: result.poses}
+        pairs = []
         if options.loops:
             compared = close_loops.loops_with_bar(sequence, config, loops)
             closed = close_loops.close_run(folder, sequence, result.poses, compared, loops)
@@ -153,7 +155,8 @@ def _run(options: argparse.Namespace) -> int:
 
 def _show(result: Run, method: str, estimates: dict[str, Array]) -> None:
     """Print errors, removals, flags, time and warnings of a run."""
-    sequence, motions = result.sequence, result.motions
+    sequence = result.sequence
+    motions = result.motions
     title = f"{sequence.name}, {method}, {result.config.variant}, {len(result.poses)} frames"
     if sequence.truth is None:
         print_lines(f"{title}: no errors, since the sequence has no ground truth")

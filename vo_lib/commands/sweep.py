@@ -24,7 +24,8 @@ from ..runs.jobs import Job, Outcome, run_jobs
 from . import common
 from .console import print_lines, reporting, show_report_table
 
-TABLE, HEAT_MAP = "sweep.csv", "sweep.png"
+TABLE = "sweep.csv"
+HEAT_MAP = "sweep.png"
 
 
 def add(parser: argparse.ArgumentParser) -> None:

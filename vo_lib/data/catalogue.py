@@ -62,7 +62,8 @@ def parse_sequences(text: str) -> list[str]:
         if numbers is None:
             names.append(item)
             continue
-        first, last = int(numbers[1]), int(numbers[2] or numbers[1])
+        first = int(numbers[1])
+        last = int(numbers[2] or numbers[1])
         if last < first or f"{last:02d}" not in EXPECTED_FRAMES:
             raise DataError(f"--sequences {item}: expected numbers from 00 to 21, or a range such as 02-10")
         names += [f"{KITTI}{number:02d}" for number in range(first, last + 1)]
@@ -113,7 +114,8 @@ def open_sequence(
     cache : folder of drawn scenes; by default the user's cache folder.
     progress : called while a scene is drawn.
     """
-    folder, name = Path(where), str(where)
+    folder = Path(where)
+    name = str(where)
     if folder.is_dir():
         return open_folder(folder, folder.resolve().name, labels)
     return open_folder(_find_folder(name, cache, progress), name, labels)

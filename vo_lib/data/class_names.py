@@ -157,7 +157,8 @@ class ClassNames:
         `ClassesError` if no class is chosen.
         """
         words = tuple(dict.fromkeys(words))
-        numbers, absent = list[int](), list[str]()
+        numbers = list[int]()
+        absent = list[str]()
         for word in words:
             found = self._numbers(word)
             numbers += found

@@ -69,7 +69,9 @@ def read_calibration(
     """
     name0, name1 = camera_names(sides)
     (P0, line0), (P1, line1) = _read_projections(path, (name0, name1))
-    f, cx, cy = float(P0[0, 0]), float(P0[0, 2]), float(P0[1, 2])
+    f = float(P0[0, 0])
+    cx = float(P0[0, 2])
+    cy = float(P0[1, 2])
     if not 1.0 <= f <= MAX_FOCAL_PX or max(abs(cx), abs(cy)) > MAX_FOCAL_PX:
         values = f"f {f:g}, centre {cx:g},{cy:g}"
         expected = f"expected pixels, a focal length of 1 to {MAX_FOCAL_PX:g}"
@@ -200,7 +202,8 @@ def read_stored(path: Path) -> NDArray[np.uint8] | NDArray[np.uint16]:
 
     Raises `DataError` for a truncated or damaged file; part of an image is never returned.
     """
-    data, kind = read_bytes(path), path.suffix[1:].upper()
+    data = read_bytes(path)
+    kind = path.suffix[1:].upper()
     image = None
     # OpenCV refuses a damaged PNG too, but libpng then writes a line of its own to standard error.
     if data and (kind != "PNG" or has_valid_chunks(data)):

@@ -93,8 +93,10 @@ def read_rows(path: str | Path) -> LabelRows:
 
 def _bounding_box(values: list[float]) -> list[float]:
     """Centre and size of the box around the points x1 y1 x2 y2 …"""
-    left, right = min(values[::2]), max(values[::2])
-    top, bottom = min(values[1::2]), max(values[1::2])
+    left = min(values[::2])
+    right = max(values[::2])
+    top = min(values[1::2])
+    bottom = max(values[1::2])
     return [(left + right) / 2, (top + bottom) / 2, right - left, bottom - top]
 
 
@@ -110,7 +112,8 @@ def read_labels(path: str | Path, width: int, height: int) -> Boxes:
         raise DataError(
             "the boxes seem to be corners, class x0 y0 x1 y1: expected centre and size, class cx cy w h", path
         )
-    centre, size = rows.shares[:, :2] * (width, height), rows.shares[:, 2:] * (width, height)
+    centre = rows.shares[:, :2] * (width, height)
+    size = rows.shares[:, 2:] * (width, height)
     # YOLO's origin is the outer corner of the first pixel, the kit's origin the pixel's centre.
     xyxy = np.concatenate([centre - size / 2, centre + size / 2], axis=1) - 0.5
     return Boxes(xyxy, rows.class_id, rows.score)
@@ -127,7 +130,8 @@ def _reaches_outside(rows: LabelRows) -> bool:
     shares = rows.shares[~rows.polygon]
     # The height or width of a box that was not clipped may be the whole image; a corner rarely is.
     shares = shares[(shares < 1.0).all(axis=1)]
-    low, high = shares[:, :2] - shares[:, 2:] / 2, shares[:, :2] + shares[:, 2:] / 2
+    low = shares[:, :2] - shares[:, 2:] / 2
+    high = shares[:, :2] + shares[:, 2:] / 2
     return bool(np.any(low < -OUTSIDE) or np.any(high > 1.0 + OUTSIDE))
 
 
@@ -158,7 +162,9 @@ class LabelCounts:
 
 def count_labels(files: Iterable[Path]) -> LabelCounts:
     """Contents of label files; raises `DataError` as `read_rows` does."""
-    boxes, polygons, corners = Counter[int](), 0, True
+    boxes = Counter[int]()
+    polygons = 0
+    corners = True
     for path in files:
         rows = read_rows(path)
         boxes.update(rows.class_id.tolist())
@@ -171,7 +177,8 @@ def count_labels(files: Iterable[Path]) -> LabelCounts:
 def write_labels(path: str | Path, boxes: Boxes, width: int, height: int, scores: bool = True) -> None:
     """Write a YOLO label file with lines `class cx cy w h [score]`; boxes are clipped at the image border."""
     corners = np.clip((boxes.xyxy + 0.5) / (width, height, width, height), 0.0, 1.0)
-    centre, size = (corners[:, :2] + corners[:, 2:]) / 2, corners[:, 2:] - corners[:, :2]
+    centre = (corners[:, :2] + corners[:, 2:]) / 2
+    size = corners[:, 2:] - corners[:, :2]
     values = np.hstack([centre, size, boxes.score[:, None]])[:, : 5 if scores else 4]
     lines = [
         " ".join([str(kind), *(f"{value:.6f}" for value in row)]) + "\n"

@@ -187,7 +187,9 @@ def _read_named(path: str | Path, header: int) -> PoseFile:
         raise DataError("no rows below the header", path, header)
     separator = separator_of(rows[0][1])
     columns = read_columns(lines[header - 1], header, path, separator)
-    numbers, values, without = list[int](), list[list[float]](), 0
+    numbers = list[int]()
+    values = list[list[float]]()
+    without = 0
     for number, line in rows:
         words = _words_of_pose(line, separator, columns, path, number)
         if not any(words[-7:]):

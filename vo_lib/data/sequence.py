@@ -88,7 +88,8 @@ class Sequence:
         """Sentences on images that are not grey images of 8 bits."""
         words = []
         if self.sides == COLOUR:
-            folders, matrices = " and ".join(COLOUR), " and ".join(camera_names(COLOUR))
+            folders = " and ".join(COLOUR)
+            matrices = " and ".join(camera_names(COLOUR))
             only = "there are only colour images"
             words.append(f"{only}: {folders} are read as grey, with {matrices} of calib.txt")
         if self.bits > BITS[0]:
@@ -103,7 +104,8 @@ class Sequence:
     def _check_size(self, path: Path, image: Image) -> None:
         size = (self.camera.height, self.camera.width)
         if image.shape != size:
-            actual, expected = f"{image.shape[1]}×{image.shape[0]}", f"{size[1]}×{size[0]}"
+            actual = f"{image.shape[1]}×{image.shape[0]}"
+            expected = f"{size[1]}×{size[0]}"
             raise DataError(f"the image is {actual}, expected {expected} as in the first left image", path)
 
     def mask_files(self) -> list[Path]:
@@ -194,7 +196,8 @@ def open_folder(folder: Path, name: str, labels: str | Path | None = None) -> Se
 
     Raises `DataError` with the file at fault and the expected content.
     """
-    frames, sides = list_frames(folder), image_folders(folder)
+    frames = list_frames(folder)
+    sides = image_folders(folder)
     if len(frames) < 2:
         raise DataError(f"expected two or more stereo pairs, found {len(frames)}", folder / sides[0])
     bits = grey_bits([folder / side / f"{frame}.png" for frame in frames] for side in sides)

@@ -66,7 +66,8 @@ def fit_letterbox(
 ) -> Letterbox:
     """The letterbox of an image in the network's image, centred (YOLOv8) or in the corner (YOLOX)."""
     scale = min(net_width / width, net_height / height)
-    left, top = net_width - round(width * scale), net_height - round(height * scale)
+    left = net_width - round(width * scale)
+    top = net_height - round(height * scale)
     return Letterbox(net_width, net_height, scale, left // 2 * centred, top // 2 * centred)
 
 
@@ -116,7 +117,8 @@ def best_boxes(
     one_to_one : the network already gives each object one box; only boxes of different classes are compared.
     """
     finite = np.isfinite(corners).all(axis=1)
-    corners, scores = corners[finite], scores[finite]
+    corners = corners[finite]
+    scores = scores[finite]
     kind = scores.argmax(axis=1)
     best = scores[np.arange(len(scores)), kind]
     sizes = corners[:, 2:] - corners[:, :2]

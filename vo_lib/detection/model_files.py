@@ -18,7 +18,10 @@ from ..errors import DataError
 from ..files import file_sha256, open_binary, read_bytes, write_atomic, writing
 
 # Kinds of fields
-VARINT, FIXED_8, LENGTH_DELIMITED, FIXED_4 = 0, 1, 2, 5
+VARINT = 0
+FIXED_8 = 1
+LENGTH_DELIMITED = 2
+FIXED_4 = 5
 
 # Messages of ONNX that contain tensors: number of a field → the message in it.
 NESTED: dict[str, dict[int, str]] = {

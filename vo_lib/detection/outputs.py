@@ -281,7 +281,8 @@ def _from_separate(
     names = metadata.names
     known = None if names is None else len(names)
     if len(wide) == 1 and not lists and number is None and rows.shape[1] == 4:
-        scores, scores_first = wide[0], len(table_of(outputs[wide[0]].values)) != len(rows)
+        scores = wide[0]
+        scores_first = len(table_of(outputs[wide[0]].values)) != len(rows)
         table = table_of(outputs[scores].values)
         classes = table.shape[0] if scores_first else table.shape[1]
         if table.ndim != 2 or table.shape[1 if scores_first else 0] != len(rows):

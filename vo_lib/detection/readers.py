@@ -103,7 +103,8 @@ class LabelColumn:
         """See `Reader.read`."""
         rows = table_of(outputs[self.index]).astype(np.float64)
         corners = corners_of(rows[:, self.box : self.box + 4], self.form, width, height)
-        score, label = rows[:, self.score], rows[:, self.label]
+        score = rows[:, self.score]
+        label = rows[:, self.label]
         if self.either and not is_score_and_label(score, label) and is_score_and_label(label, score):
             score, label = label, score
         return Candidates(corners, scores_by_class(score, label, self.classes))

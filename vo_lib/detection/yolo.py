@@ -32,7 +32,8 @@ PROVIDERS = {"cpu": "CPUExecutionProvider", "cuda": "CUDAExecutionProvider"}
 USUAL_INPUT_PX = 640  # longer side of the training images of most models
 # Of the test image of a network that takes every size: small, but with more cells than the 300 boxes that a
 # network selects.
-TEST_WIDTH, TEST_HEIGHT = 320, 192
+TEST_WIDTH = 320
+TEST_HEIGHT = 192
 TEST_SIZES = ((1000, 100), (100, 1000))  # width and height, which show the order that RT-DETR expects
 INPUT_TYPES = {
     "tensor(float)": np.float32,
@@ -83,7 +84,8 @@ class YoloDetector:
 
         Raises `DataError` for a file that is not a usable model, or a provider that is not installed.
         """
-        self.path, self.config = find_model(model), config or DetectorConfig()
+        self.path = find_model(model)
+        self.config = config or DetectorConfig()
         self._session = _open_session(self.path, self.config.threads, provider)
         self._input, self._sizes_input = self._check_inputs()
         self._height, self._width = (side if isinstance(side, int) else 0 for side in self._input.shape[2:])
@@ -260,7 +262,8 @@ class YoloDetector:
 
         The boxes are pixels of the original image, so that their x grow with its width.
         """
-        width, height = self._width or self._default_size, self._height or self._default_size
+        width = self._width or self._default_size
+        height = self._height or self._default_size
         black = np.zeros((1, 3, height, width), self._type)
         widest = []
         for sizes in TEST_SIZES:
@@ -275,7 +278,8 @@ def _open_session(path: Path, threads: int, provider: str) -> Any:
         raise DataError(f"provider {provider} is not in this ONNX Runtime: install onnxruntime-gpu instead")
     model_files(path)  # raises `DataError` for missing files of weights
     options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
+    options.intra_op_num_threads = threads
+    options.inter_op_num_threads = 1
     options.log_severity_level = LOG_FATAL
     onnxruntime.set_default_logger_severity(LOG_FATAL)  # the providers' logger
     # Threads that wait in a busy loop would slow down the odometry.

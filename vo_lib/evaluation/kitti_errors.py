@@ -167,8 +167,10 @@ def kitti_errors(
     limits = path[frames[starts], None] + nominal
     ends = np.searchsorted(path[frames], limits, side="right")
     start, which = np.nonzero(ends < len(frames))
-    start_at, end_at = starts[start], ends[start, which]
-    first, last = frames[start_at], frames[end_at]
+    start_at = starts[start]
+    end_at = ends[start, which]
+    first = frames[start_at]
+    last = frames[end_at]
     length = np.asarray(lengths, dtype=np.float64)[which]
     exact = last == np.searchsorted(path, limits, side="right")[start, which]
     covered = np.where(exact, length, path[last].astype(np.float64) - path[first])

@@ -25,7 +25,8 @@ from ..geometry.types import Array
 
 # A change of an error would show in one run if it exceeds this number of standard deviations over the seeds,
 # and this share of the error.
-SPREADS, SHARE = 2.0, 0.02
+SPREADS = 2.0
+SHARE = 0.02
 NO_CHANGE = f"within two standard deviations over the seeds or {100 * SHARE:.0f} %"
 COUNTED = (
     "A change counts if one run would show it: if it exceeds two standard deviations over the seeds and "
@@ -75,7 +76,8 @@ def t_quantile(probability: float, freedom: float) -> float:
         raise ValueError(f"degrees of freedom {freedom}: expected a whole number from 1, or infinity")
     # The distribution in the angle atan(t / √ν), which is bounded, grows from 0 to 1: bisection finds it.
     central = abs(2.0 * probability - 1.0)
-    low, high = 0.0, 0.5 * math.pi
+    low = 0.0
+    high = 0.5 * math.pi
     for _ in range(100):
         middle = 0.5 * (low + high)
         if _central_probability(middle, int(freedom)) < central:
@@ -87,7 +89,8 @@ def t_quantile(probability: float, freedom: float) -> float:
 
 def _central_probability(angle: float, freedom: int) -> float:
     """Probability that |T| ≤ √ν tan(angle) for Student's T (Abramowitz and Stegun 1964, 26.7.3 f.)."""
-    sine, cosine = math.sin(angle), math.cos(angle)
+    sine = math.sin(angle)
+    cosine = math.cos(angle)
     odd = freedom % 2 == 1
     term = cosine if odd else 1.0
     total = 0.0
@@ -134,7 +137,8 @@ def paired_change(before: ArrayLike, after: ArrayLike, probability: float = CONF
     The mean change is more than chance if the interval does not contain 0. The deviation is that of the
     changes, not of the errors.
     """
-    old, new = np.asarray(before, np.float64), np.asarray(after, np.float64)
+    old = np.asarray(before, np.float64)
+    new = np.asarray(after, np.float64)
     if old.shape != new.shape:
         raise ValueError(f"{old.size} errors before and {new.size} after: expected pairs with the same seeds")
     return mean_interval(new - old, probability)

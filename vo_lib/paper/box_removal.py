@@ -65,7 +65,8 @@ def vehicles(boxes: Boxes, config: FilterConfig) -> Boxes:
 
 def inside(uv: Array, xyxy: Array) -> BoolArray:
     """Mask (N, K) of pixels (N, 2) in boxes (K, 4), borders included."""
-    u, v = uv[:, :1], uv[:, 1:]
+    u = uv[:, :1]
+    v = uv[:, 1:]
     return (u >= xyxy[:, 0]) & (u <= xyxy[:, 2]) & (v >= xyxy[:, 1]) & (v <= xyxy[:, 3])
 
 

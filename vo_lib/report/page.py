@@ -108,7 +108,8 @@ class Picture:
 
 def provenance() -> list[str]:
     """Lines for a report with the versions of the kit, Python and libraries, the commit and the machine."""
-    version, system = library_versions(), machine_info()
+    version = library_versions()
+    system = machine_info()
     libraries = f"numpy {version['numpy']}, OpenCV {version['opencv']}"
     kit = f"stereo-vo-kit {version['kit']}, commit {system['commit'] or 'unknown'}"
     return [f"{kit}, Python {system['python']}, {libraries}", str(system["system"])]

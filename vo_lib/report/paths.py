@@ -117,14 +117,16 @@ def _without_run(folder: Path) -> DataError:
     runs.sort(key=lambda run: (len(run.parts), run))
     if not runs:
         return DataError("contains no finished run: expected the folder of a run, or a pose file", folder)
-    nearest, more = shlex.join(map(str, runs[:NEAREST_RUNS])), len(runs) - NEAREST_RUNS
+    nearest = shlex.join(map(str, runs[:NEAREST_RUNS]))
+    more = len(runs) - NEAREST_RUNS
     others = f" and {more} more" * (more > 0)
     return DataError(f"is not the folder of a run, but contains runs: {nearest}{others}", folder)
 
 
 def _truth_of_run(folder: Path, config: dict[str, Any]) -> ComparedPaths:
     """The truth of a run's frames, from the folder of its sequence."""
-    location, (first, last) = str(config.get("folder")), config.get("frames", ("", ""))
+    location = str(config.get("folder"))
+    (first, last) = config.get("frames", ("", ""))
     if not Path(location).is_dir():
         raise DataError(f"the sequence of this run is no longer at {location}: {GIVE_TRUTH}", folder)
     sequence = open_sequence(location)
@@ -145,7 +147,9 @@ def _names(source: Path, config: dict[str, Any] | None) -> list[str]:
     """Possible labels of a run or a pose file, the shortest first."""
     if config is None:
         return [*[source.stem][source.stem in COMMON_STEMS :], *source.parent.parts[:0:-1], str(source)]
-    method, variant, seed = str(config.get("method")), config.get("variant"), config["settings"].get("seed")
+    method = str(config.get("method"))
+    variant = config.get("variant")
+    seed = config["settings"].get("seed")
     label = method if variant == "published" else f"{method}, {variant}"
     return [label, f"{method}, {variant}, seed {seed}", str(source)]
 
@@ -322,7 +326,8 @@ def write_pictures(folder: Path, paths: ComparedPaths, result: Evaluation) -> li
 
     Returns a sentence if there are too few points for a figure of curves.
     """
-    file, alignment = slug(paths.name), result.paths[0].ate.alignment
+    file = slug(paths.name)
+    alignment = result.paths[0].ate.alignment
     # The axes of the first camera, in which the path can be seen from above.
     truth = paths.compared_truth
     to_start = np.linalg.inv(truth[0])

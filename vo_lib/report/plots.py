@@ -39,7 +39,8 @@ CYCLE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E
 STYLED = PROPOSAL, "solution_selection", "viso2", "mesvo_f", "moving_selection"
 METHOD_COLOURS = dict(zip(STYLED, CYCLE, strict=False))
 METHOD_MARKERS = dict(zip(STYLED, "D^sov", strict=True))
-TRUTH_COLOUR, LOOP_COLOUR = "#222222", CYCLE[5]
+TRUTH_COLOUR = "#222222"
+LOOP_COLOUR = CYCLE[5]
 LINE_WIDTHS = {PROPOSAL: 4.0, TRUTH: 0.9}  # points; other lines have widths between these
 
 
@@ -131,7 +132,8 @@ def trajectories_figure(
 
     loops : pairs of frames that a line on the first path joins.
     """
-    rows, columns = len(panels), 1 + any(truth is not None for truth, _ in panels.values())
+    rows = len(panels)
+    columns = 1 + any(truth is not None for truth, _ in panels.values())
     width, height = SMALL_PAGE
     figure = figure_page(width=width * columns, height=(height - 1.0) * rows + 1.0)
     labels: dict[str, Any] = {}
@@ -155,7 +157,8 @@ def errors_figure(title: str, errors: Mapping[tuple[str, str], Array]) -> Figure
     """Bars of TE and RE by sequence and method, with deviations over S seeds; `errors` are (2, S) each."""
     sequences, methods = (list(dict.fromkeys(names)) for names in zip(*errors, strict=True))
     figure = figure_page(title, max(SMALL_PAGE[0], 0.8 * len(sequences)))
-    axes, share = figure.subplots(2, sharex=True), 0.85 / len(methods)
+    axes = figure.subplots(2, sharex=True)
+    share = 0.85 / len(methods)
     for kind, (axis, label) in enumerate(zip(axes, ("TE [%]", "RE [deg/100 m]"), strict=True)):
         for k, method in enumerate(methods):
             values = {n: errors[s, method][kind] for n, s in enumerate(sequences) if (s, method) in errors}
@@ -193,7 +196,9 @@ def error_curves_figure(title: str, by: str, curves: Mapping[str, ErrorCurve]) -
 
 
 # BGR colours of features that are kept (blue) or removed (orange), and of boxes (white).
-KEPT, REMOVED, BOX = bgr(CYCLE[0]), bgr(CYCLE[1]), (255, 255, 255)
+KEPT = bgr(CYCLE[0])
+REMOVED = bgr(CYCLE[1])
+BOX = (255, 255, 255)
 # BGR colours of kept features by age, from new (cyan) over green to old (yellow).
 AGE_COLOURS = [(255 - 17 * n, 220, 17 * n) for n in range(16)]
 
@@ -226,7 +231,8 @@ def match_image(
         cv2.line(picture, start, end, colour, 1, cv2.LINE_AA, shift=4)
         cv2.circle(picture, end, 2 * 16, colour, -1, cv2.LINE_AA, shift=4)
     for corners, word in zip(rectangles, words, strict=False):  # above all lines, on a dark background
-        x, y = max(corners[0], 0), max(corners[1] - 4, 12)
+        x = max(corners[0], 0)
+        y = max(corners[1] - 4, 12)
         (width, high), _ = cv2.getTextSize(word, cv2.FONT_HERSHEY_SIMPLEX, 0.4, 1)
         picture[y - high - 2 : y + 3, x : x + width] //= 4
         cv2.putText(picture, word, (x, y), cv2.FONT_HERSHEY_SIMPLEX, 0.4, BOX, 1, cv2.LINE_AA)

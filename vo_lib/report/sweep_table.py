@@ -131,7 +131,8 @@ def run_sweep(
             jobs.append(Job(sequence, method, dataclasses.replace(config, seed=seed), place))
     outcomes = run(jobs)
     remaining = iter(outcomes)
-    measure, records = suitable_protocol(sequence.truth), list[dict[str, Any]]()
+    measure = suitable_protocol(sequence.truth)
+    records = list[dict[str, Any]]()
     for words, config in grid:
         done = list(itertools.islice(remaining, seeds))
         runs = [read_run(outcome.job.folder, sequence) for outcome in done if outcome.error is None]
@@ -153,7 +154,8 @@ def run_sweep(
 def sweep_table(sweep: Sweep) -> ReportTable:
     """A table with a row per combination; failed runs are in the notes."""
     columns = [*sweep.axes, *(unit for unit, _ in ERROR_KINDS.values()), "removed", "back end ms"]
-    rows, notes = list[list[str]](), list[str]()
+    rows = list[list[str]]()
+    notes = list[str]()
     for record in sweep.records:
         share = record["removed_share"]
         errors = [plus_minus(record[kind], record[f"{kind}_std"]) for kind in ERROR_KINDS]
@@ -186,13 +188,16 @@ def heat_map(sweep: Sweep) -> bytes:
     columns = [*map(settings.as_typed, sweep.axes[across])]
     grid = itertools.product(*(sweep.axes[name] for name in down))
     rows = [", ".join(map(settings.as_typed, values)) for values in grid]
-    width, height = max(SMALL_PAGE[0], 1.5 + 1.1 * len(columns)), 2 * (1.2 + 0.55 * len(rows)) + 0.8
+    width = max(SMALL_PAGE[0], 1.5 + 1.1 * len(columns))
+    height = 2 * (1.2 + 0.55 * len(rows)) + 0.8
     figure = figure_page(sweep.title, width, height)
     for axis, (kind, (label, _)) in zip(figure.subplots(2), ERROR_KINDS.items(), strict=True):
         pairs = np.array([(record[kind], record[f"{kind}_std"]) for record in sweep.records], float)
         values = pairs[:, 0].reshape(len(rows), -1)
         # A difference that one run would not show has no strong colour.
-        low, high, deviation = np.nanmin(values), np.nanmax(values), np.nan_to_num(pairs[:, 1]).mean()
+        low = np.nanmin(values)
+        high = np.nanmax(values)
+        deviation = np.nan_to_num(pairs[:, 1]).mean()
         margin = max(0.0, change_limit(low, deviation, deviation) - (high - low)) / 2
         image = axis.imshow(values, "YlGnBu", aspect="auto", vmin=low - margin, vmax=high + margin)
         figure.colorbar(image, ax=axis, label=f"{label}\nlower is better", format="%.4g")

@@ -47,7 +47,9 @@ from .table1 import (
     table_records,
 )
 
-TABLE, MARKDOWN, REPORT = "table1.csv", "table1.md", "report.html"
+TABLE = "table1.csv"
+MARKDOWN = "table1.md"
+REPORT = "report.html"
 VARIANT_WORDS = {"published": "variant published", "kit": "variant kit"}
 FIGURE_4_SEQUENCES = (f"{KITTI}02", f"{KITTI}07")
 # The truth (N, 4, 4) of a sequence or None, and each method's path.

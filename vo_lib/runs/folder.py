@@ -137,7 +137,8 @@ def evaluate_run(result: Run) -> dict[str, Evaluation]:
 
     "kitti" has the benchmark's lengths and starts, "short" (only for short paths) has short lengths.
     """
-    sequence, estimates = result.sequence, {result.sequence.name: result.poses}
+    sequence = result.sequence
+    estimates = {result.sequence.name: result.poses}
     if sequence.truth is None:
         return {}
     is_part = sequence.is_part
@@ -224,7 +225,8 @@ def timing(result: Run) -> dict[str, Any]:
 
 def read_config(path: Path) -> dict[str, Any]:
     """The content of config.json, from its path or folder; `DataError` if the file is missing or invalid."""
-    path, expected = path / CONFIG if path.is_dir() else path, "the settings of a run, as written by `vo run`"
+    path = path / CONFIG if path.is_dir() else path
+    expected = "the settings of a run, as written by `vo run`"
     data = read_mapping(path, expected)
     if not isinstance(data.get("settings"), dict):
         raise DataError(f"expected {expected}", path)
@@ -303,7 +305,8 @@ def read_run(folder: Path, sequence: Sequence) -> Run:
 def _read_motion(row: dict[str, str], T_cp: Array) -> FrameResult:
     """The result of a frame from its row of frames.csv and its motion."""
     counts: dict[str, Any] = {name: int(row[column]) for name, column in COUNTS.items()}
-    angle, flags = float(row["prior_angle_deg"] or "nan"), tuple(map(Flag, row["flags"].split()))
+    angle = float(row["prior_angle_deg"] or "nan")
+    flags = tuple(map(Flag, row["flags"].split()))
     ms = {stage: float(row[f"{stage}_ms"]) for stage in STAGES if row.get(f"{stage}_ms")}
     return FrameResult(T_cp, **counts, prior_angle=angle, flags=flags, ms=ms)
 
@@ -314,7 +317,8 @@ def frames_csv(frames: tuple[str, ...], motions: list[FrameResult]) -> str:
     rows: list[list[object]] = [[*heading, *(f"{stage}_ms" for stage in STAGES)]]
     for frame, motion in zip(frames, motions, strict=True):
         angle = "" if math.isnan(motion.prior_angle) else f"{motion.prior_angle:.4f}"
-        step, flags = f"{np.linalg.norm(motion.T_cp[:3, 3]):.4f}", " ".join(motion.flags)
+        step = f"{np.linalg.norm(motion.T_cp[:3, 3]):.4f}"
+        flags = " ".join(motion.flags)
         row = [frame, *(getattr(motion, name) for name in COUNTS), angle, step, flags]
         rows.append(row + [f"{motion.ms[stage]:.2f}" if stage in motion.ms else "" for stage in STAGES])
     return csv_text(rows)

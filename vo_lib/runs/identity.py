@@ -51,7 +51,8 @@ def code_digest(modules: tuple[str, ...]) -> str:
 
 def import_closure(modules: Iterable[str]) -> tuple[Path, ...]:
     """Sorted files of `modules` and of all modules of vo_lib that these files import at top level."""
-    waiting, files = [PACKAGE.joinpath(*name.split(".")).with_suffix(".py") for name in modules], set[Path]()
+    waiting = [PACKAGE.joinpath(*name.split(".")).with_suffix(".py") for name in modules]
+    files = set[Path]()
     while waiting:
         path = waiting.pop()
         if path in files or not path.exists():

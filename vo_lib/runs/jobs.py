@@ -81,7 +81,8 @@ def run_once(
 
 def _refuse_another(folder: Path, identity: dict[str, Any]) -> None:
     """Raise `DataError` with the differences if the folder contains a run with another identity."""
-    stored, expected = dict(_flat(read_config(folder))), dict(_flat(identity))
+    stored = dict(_flat(read_config(folder)))
+    expected = dict(_flat(identity))
     del expected["sequence"]  # the name may change
     if differences := [name for name, value in expected.items() if stored.get(name) != value]:
         more = f" and {len(differences) - 3} more" if len(differences) > 3 else ""

@@ -42,11 +42,15 @@ def read_chain(content: dict[Any, Any], path: Path, folders: tuple[str, ...] = (
         raise DataError(f"expected two cameras, found {', '.join(cameras) or 'none'}", path)
     first, second = _pair(cameras, folders, path)
     T = _between(cameras, first, second, path)
-    left, right = first, second
+    left = first
+    right = second
     if T[0, 3] > 0:  # the first camera is to the right of the second
-        left, right, T = second, first, inverse(T)
+        left = second
+        right = first
+        T = inverse(T)
     matrices: dict[str, Array] = {"R": T[:3, :3], "T": T[:3, 3]}
-    sizes, lenses = [], []
+    sizes = []
+    lenses = []
     for number, name in (("1", left), ("2", right)):
         matrices[f"K{number}"], matrices[f"D{number}"], lens = _camera(cameras[name], name, path)
         lenses.append(lens)

@@ -109,7 +109,8 @@ def _options(lines: dict[str, Array], form: str, pair: tuple[int, int], path: Pa
 def _raw_matrices(lines: dict[str, Array], pair: tuple[int, int], path: Path) -> dict[str, Array]:
     """K, D of an unrectified pair, and R, T between its cameras; the file has those from camera 0 to each."""
     matrices: dict[str, Array] = {}
-    R, T = [], []
+    R = []
+    T = []
     for number, camera in zip("12", pair, strict=True):
         matrices[f"K{number}"] = matrix(lines, f"K_0{camera}", (3, 3), path)
         matrices[f"D{number}"] = matrix(lines, f"D_0{camera}", (5,), path)

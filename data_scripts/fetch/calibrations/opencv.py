@@ -160,7 +160,8 @@ def _sizes(entries: Entries, size: tuple[int, int] | None) -> list[tuple[int, in
     result = []
     for pair in found:
         if len(pair) == 2 and all(1 <= side <= MAX_SIDE_PX and side == int(side) for side in pair):
-            width, height = int(pair[0]), int(pair[1])
+            width = int(pair[0])
+            height = int(pair[1])
             # NumPy's shape is height, width.
             result.append((height, width) if (height, width) == size else (width, height))
     return result

@@ -22,7 +22,8 @@ from fetch.stereo_calibration import UNITS, Calibration
 from vo_lib.errors import DataError
 from vo_lib.geometry.types import Array
 
-CENTRE_X, CENTRE_Y = ("ppx", "cx"), ("ppy", "cy")
+CENTRE_X = ("ppx", "cx")
+CENTRE_Y = ("ppy", "cy")
 COEFFICIENTS = ("coeffs", "distortion_coeffs", "coefficients", "distortion", "disto", "dist")
 MODELS = [
     "none",
@@ -32,7 +33,8 @@ MODELS = [
     "brown_conrady",
     "kannala_brandt4",
 ]
-ROTATION, TRANSLATION = ("rotation", "R", "rot"), ("translation", "T", "t", "trans")
+ROTATION = ("rotation", "R", "rot")
+TRANSLATION = ("translation", "T", "t", "trans")
 PARALLEL = 1e-3  # largest element of R - I of cameras whose images are rectified, radians
 BASELINE = re.compile(r"(stereo_?)?baseline(_?(?P<unit>m|cm|mm))?", re.IGNORECASE)
 
@@ -68,7 +70,8 @@ def read_realsense(content: dict[str, Any], path: Path) -> Calibration:
     nodes = list(_nodes(content))
     cameras = [(place, node) for place, node in nodes if _is_camera(node)]
     matrices: dict[str, Array] = {}
-    sizes, lenses = [], []
+    sizes = []
+    lenses = []
     for side, word in ((0, "left"), (1, "right")):
         chosen = [node for place, node in cameras if side_of(place) == side]
         if len(chosen) != 1:

@@ -128,5 +128,6 @@ def rigid_transform(value: Any, name: str, path: Path) -> tuple[Array, Array]:
 
 def side_of(text: str) -> int | None:
     """0 for a name of the left camera, 1 for the right one, None if the name does not tell."""
-    left, right = bool(LEFT.search(text)), bool(RIGHT.search(text))
+    left = bool(LEFT.search(text))
+    right = bool(RIGHT.search(text))
     return None if left == right else int(right)

@@ -20,7 +20,8 @@ from ..frames import stereo
 from .exercises import eigenvalues
 from .trace import CHECKS, CHOSEN, LOST, OPEN, SURPLUS, Trace
 
-HALF, SQUARE = WIDTH // 2, WIDTH // 4
+HALF = WIDTH // 2
+SQUARE = WIDTH // 4
 # The fates of a feature, each with its colour.
 FATES = {OPEN: "#D8D8D8", LOST: PALE, **dict(zip(CHECKS, (FOURTH, THIRD, FIFTH, BAD), strict=True))}
 FATES |= {SURPLUS: "#56B4E9", CHOSEN: GOOD}
@@ -43,9 +44,12 @@ def windows_picture(image: Image, half: int = 5, reach: int = 10) -> Image:
     """
     values = np.sort(cv2.cornerEigenValsAndVecs(image, 2 * half + 1, 3)[:, :, :2], axis=2)
     values = values[half + reach : -half - reach, half + reach : -half - reach]
-    small, large = values[:, :, 0], values[:, :, 1]
+    small = values[:, :, 0]
+    large = values[:, :, 1]
     wanted = {"flat": -large, "edge": np.where(small < 0.002 * large, large, 0.0), "corner": small}
-    size, gap, parts = WIDTH // 6 - 4, ((0, 0), (0, 4), (0, 0)), []
+    size = WIDTH // 6 - 4
+    gap = ((0, 0), (0, 4), (0, 0))
+    parts = []
     for name, score in wanted.items():
         uv = np.array(np.unravel_index(np.argmax(score), score.shape), np.float64)[::-1] + half + reach
         around, window = (surroundings(image, uv, radius)[0] for radius in (half + reach, half))
@@ -107,14 +111,16 @@ def descriptor_picture(image: Image, uv: Array, radius: int = 10, size: int = SQ
 
 def four_images(sequence: Sequence, frame: int) -> dict[str, Image]:
     """The images of a frame and of the previous frame, by the names in SIDES."""
-    (prev_left, prev_right), (cur_left, cur_right) = stereo(sequence, frame - 1), stereo(sequence, frame)
+    (prev_left, prev_right) = stereo(sequence, frame - 1)
+    (cur_left, cur_right) = stereo(sequence, frame)
     return dict(zip(SIDES, (prev_left, prev_right, cur_right, cur_left), strict=True))
 
 
 def loop_picture(images: dict[str, Image], matches: StereoMatches, back: Array, number: int) -> Image:
     """The surroundings of one match in the four images, in the order of the loop, and the end of the loop."""
     radius = 45
-    scale, parts = SQUARE / (2 * radius + 1), []
+    scale = SQUARE / (2 * radius + 1)
+    parts = []
     places = (matches.prev_left, matches.prev_right, matches.cur_right, matches.cur_left)
     for side, uv in zip(SIDES, places, strict=True):
         crop, middle = surroundings(images[side], uv[number], radius)
@@ -130,7 +136,8 @@ def loop_picture(images: dict[str, Image], matches: StereoMatches, back: Array, 
 def fates_picture(image: Image, trace: Trace, wrong: NDArray[np.bool_], words: str) -> Image:
     """The current image with all matches, coloured by fate; kept matches that are `wrong` (M,) have rings."""
     picture = photo(image, image.shape[1])
-    matches, names = trace.matches, trace.fate[trace.index]
+    matches = trace.matches
+    names = trace.fate[trace.index]
     order = np.concatenate([np.flatnonzero(names == name) for name in list(FATES)[::-1]])
     colours = [FATES[name] for name in names[order].tolist()]
     draw_flow(picture, matches.prev_left[order], matches.cur_left[order], colours, 2.5)
@@ -156,7 +163,8 @@ def step_figure(trace: Trace, error: Array, height: int = 290) -> Figure:
     names = trace.fates
     counts = np.array([np.count_nonzero(trace.fate == name) for name in names])
     bars = axis.barh(names, counts, 0.7, color=[FATES[name] for name in names])
-    words, x = [str(count) for count in counts], "features"
+    words = [str(count) for count in counts]
+    x = "features"
     if with_truth:
         errors_chart(right[0], by_fate(trace, error))
         bad = [np.count_nonzero(error[trace.fate[trace.index] == name] > RIGHT) for name in names]

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ABLATION = Path(__file__).parents[2] / "ablation.csv"  # written by `vo data measure_ablation`
-METHOD, PAPERS = "feature_selection", "front end (turned off: the paper's)"
+METHOD = "feature_selection"
+PAPERS = "front end (turned off: the paper's)"
 REAL = "kitti/"
 
 

@@ -30,7 +30,10 @@ CHECKS: dict[str, dict[str, Any]] = {
     "off its surface": {"surface_tolerance": 10.0, "surface_share": 0.0},
     "two ways differ": {"loop_tolerance": 10.0},
 }
-OPEN, LOST, SURPLUS, CHOSEN = "loop stays open", "not found again", "bucket is full", "kept"
+OPEN = "loop stays open"
+LOST = "not found again"
+SURPLUS = "bucket is full"
+CHOSEN = "kept"
 
 _histories: Memory[tuple[Any, Any]] = Memory(6)
 _steps: Memory[StereoMatches] = Memory(48)
@@ -89,11 +92,13 @@ def trace(sequence: Sequence, frame: int, config: MethodConfig) -> Trace:
     passing = functools.reduce(np.intersect1d, [each.id for each in results])
     kept = results[-1][np.isin(results[-1].id, passing)]
     chosen = kept[select_by_bucket(kept.cur_left, kept.age, kept.strength, config.buckets)]
-    fates, passed = (LOST, *checks, SURPLUS, CHOSEN), [each.id for each in (*results, chosen)]
+    fates = (LOST, *checks, SURPLUS, CHOSEN)
+    passed = [each.id for each in (*results, chosen)]
     if isinstance(config, PublishedConfig):
         number = before._id[before._previous.to_right >= 0]
         closed = close_loop(before._previous, pair, config.matching.search_radius)[0]
-        fates, passed = (OPEN, *fates), [before._id[closed], *passed]
+        fates = (OPEN, *fates)
+        passed = [before._id[closed], *passed]
     else:
         number = before._previous[1].id
     steps = np.cumprod([np.isin(number, each) for each in passed], axis=0).sum(axis=0)
@@ -105,7 +110,8 @@ def trace(sequence: Sequence, frame: int, config: MethodConfig) -> Trace:
 def whole_pixels(before: DescribedPair, now: DescribedPair, pl_pr: Index, pr_cr: Index) -> StereoMatches:
     """Whole-pixel positions of the best matches of previous left features; undefined where a match is -1."""
     cur_right = pr_cr[pl_pr]
-    cur_left, number = now.to_left[cur_right], np.arange(len(pl_pr))
+    cur_left = now.to_left[cur_right]
+    number = np.arange(len(pl_pr))
     previous = before.in_left.uv, before.in_right.uv[pl_pr]
     current = now.in_left.uv[cur_left], now.in_right.uv[cur_right]
     return StereoMatches(*previous, *current, np.ones_like(number), before.in_left.strength, number)

@@ -151,7 +151,9 @@ TOY_X = np.array([0.9, -0.5, 2.6])  # the point seen by both cameras, in the pre
 
 def epipolar_plane() -> list[Shape]:
     """Two cameras, a point, the epipolar plane, and its intersection with the current image."""
-    T_p_c, c, size = inverse(TOY), inverse(TOY)[:3, 3], 1.2
+    T_p_c = inverse(TOY)
+    c = inverse(TOY)[:3, 3]
+    size = 1.2
     x_p, x_c = (X[:2] / X[2] for X in (TOY_X, transform(TOY, TOY_X[None])[0]))
     epipole = TOY[:2, 3] / TOY[2, 3]
     ends = size * np.array([np.append(x_c + k * (epipole - x_c), 1.0) for k in (-0.3, 1.1)])
@@ -199,7 +201,8 @@ def degeneracies(noise_px: float, count: int = 200) -> tuple[list[str], list[Sha
     The text has the number of five-point solutions that fit all 65 points, and the median errors of the best
     solution of noisy points.
     """
-    lines, shapes = [], []
+    lines = []
+    shapes = []
     for number, (name, kind) in enumerate(KINDS.items()):
         given = random_problems(np.random.default_rng(0), count, 65, kind)
         away = np.linalg.norm(given.x_c - given.x_c[:, :1], axis=2)

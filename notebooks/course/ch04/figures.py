@@ -114,7 +114,8 @@ def bias_figure(noises: Array, tables: dict[str, list[dict[str, Array]]], t_true
         for name, colour in zip(table[0], (BAD, GOOD), strict=True):
             lengths = np.array([np.linalg.norm(row[name], axis=1) for row in table])
             off = 100.0 * (lengths / np.linalg.norm(t_true) - 1.0)
-            mean, spread = off.mean(axis=1), off.std(axis=1)
+            mean = off.mean(axis=1)
+            spread = off.std(axis=1)
             axis.fill_between(noises, mean - spread, mean + spread, color=colour, alpha=0.2, linewidth=0)
             axis.plot(noises, mean, ".-", color=colour, linewidth=1.5, label=name)
         axis.axhline(0.0, color=DARK, linewidth=1, linestyle=":")

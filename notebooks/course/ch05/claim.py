@@ -45,7 +45,8 @@ def claim_lines(sequence: Sequence, *seeds: Mapping[str, Array]) -> str:
 
     For several seeds, the line has the mean and the standard deviation over the seeds: what one run may show.
     """
-    lines, end = [], true_path(sequence)[-1]
+    lines = []
+    end = true_path(sequence)[-1]
     for name in seeds[0]:
         rows = []
         for runs in seeds:
@@ -131,7 +132,8 @@ def threshold_figure(measured: Mapping[tuple[str, str], Array]) -> Figure:
     names = list(dict.fromkeys(name for name, _ in measured))
     made, axes = figure(260, len(names))
     for (name, boxes), rows in measured.items():
-        axis, colour = axes[names.index(name)], GOOD if boxes == "boxes removed" else BAD
+        axis = axes[names.index(name)]
+        colour = GOOD if boxes == "boxes removed" else BAD
         threshold, re, deviation = rows.T
         axis.errorbar(range(len(rows)), re, deviation, color=colour, marker="o", capsize=3, label=boxes)
         axis.set_xticks(range(len(rows)), [f"{each:g}" for each in threshold])

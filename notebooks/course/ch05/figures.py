@@ -24,9 +24,12 @@ LEAST_LABELLED = 44  # pixels of a box, for its score above it
 
 def score_picture(image: Image, output: NetworkOutput) -> Image:
     """The network's image once per stride, from left to right; the tint of a cell shows its best score."""
-    ground, parts, first = photo(letterboxed(image, output.letterbox), output.letterbox.width), [], 0
+    ground = photo(letterboxed(image, output.letterbox), output.letterbox.width)
+    parts = []
+    first = 0
     for stride in STRIDES:
-        rows, columns = output.letterbox.height // stride, output.letterbox.width // stride
+        rows = output.letterbox.height // stride
+        columns = output.letterbox.width // stride
         best = output.scores[first : first + rows * columns].max(axis=1).reshape(rows, columns)
         first += rows * columns
         share = np.kron(best, np.ones((stride, stride)))[:, :, None]

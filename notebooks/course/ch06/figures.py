@@ -45,7 +45,8 @@ def drift_chart(axis: Axes, truth: Array, estimate: Array, first: int, last: int
     """Growth of the error along a sub-sequence from equal starts; `number` is the first frame's number."""
     piece, moved = _at_start(truth, estimate, first, last)
     error = (moved[:, :3, 3] - piece[:, :3, 3]) @ truth[first, :3, :3]
-    way, distance = trajectory_distances(piece), np.linalg.norm(error, axis=1)
+    way = trajectory_distances(piece)
+    distance = np.linalg.norm(error, axis=1)
     axis.axhline(0, color=PALE, linewidth=1)
     for values, colour, words in (
         (distance, BAD, "distance"),
@@ -111,7 +112,8 @@ def part_figure(truth: Array, estimate: Array, first: int, last: int) -> Figure:
 def starts_figure(truth: Array, lengths: tuple[float, ...], step: int) -> Figure:
     """All sub-sequences as bars along the path, with a row per start and a colour per nominal length."""
     made, (axis,) = figure(210)
-    path, every = trajectory_distances(truth), kitti_errors(truth, truth, lengths, step)
+    path = trajectory_distances(truth)
+    every = kitti_errors(truth, truth, lengths, step)
     for length, colour in reversed([*zip(lengths, (*CYCLE, DARK), strict=False)]):
         these = every[every.length == length]
         rows = np.tile(these.first // step, (2, 1))

@@ -67,20 +67,24 @@ def verdicts(folder: Path, paper: table1.PaperTable) -> list[ReportTable]:
     within the spread if it differs from the mean of the seeds by at most `SPREADS` s √(1 + 1/n) plus half a
     unit of the last printed digit.
     """
-    path, tables = folder / "table1.csv", []
+    path = folder / "table1.csv"
+    tables = []
     names, *lines = (cells for _, cells in read_csv(path)) if path.exists() else ([],)
     records = [dict(zip(names, cells, strict=True)) for cells in lines]
     published = {(r["sequence"], r["method"]): r for r in records if r["variant"] == "published"}
     for kind, (words, digits) in ERROR_KINDS.items() if published else ():
-        rows, counts = [], collections.Counter[str]()
+        rows = []
+        counts = collections.Counter[str]()
         for row, method in itertools.product(table1.PAPER_ROWS, table1.PAPER_METHODS):
             ours = published.get((row if row == table1.AVERAGE else f"{KITTI}{row}", method), {})
             printed = paper.value(row, method)[kind == "re_deg_per_100m"]
-            cells, verdict = [format_number(printed, digits), *"–––"], "no verdict: not run"
+            cells = [format_number(printed, digits), *"–––"]
+            verdict = "no verdict: not run"
             if ours and not ours[f"paper_{kind}"]:
                 verdict = "no verdict: part of the sequence"
             elif ours:
-                n, deviation = int(ours["seeds"]), float(ours[f"{kind}_std"] or "nan")
+                n = int(ours["seeds"])
+                deviation = float(ours[f"{kind}_std"] or "nan")
                 less = float(ours[kind]) - float(printed or "nan")
                 most = SPREADS * deviation * np.sqrt(1 + 1 / n) + 0.5 * 10**-digits
                 cells[1:] = format_number(float(ours[kind])), signed(less, digits), format_number(most)
@@ -107,7 +111,8 @@ def printed_gains(paper: table1.PaperTable, other: str) -> list[Array]:
     numbers = np.array(
         [[paper.value(row, name) for row in table1.PAPER_ROWS] for name in (other, table1.PROPOSAL)], float
     )
-    averages, rows = numbers[:, 0], numbers[:, 1:]
+    averages = numbers[:, 0]
+    rows = numbers[:, 1:]
     weights = list(table1.SUB_SEQUENCES.values())
     return [table1.gain(*means) for means in (averages, rows.mean(axis=1), np.average(rows, 1, weights))]
 

@@ -16,8 +16,10 @@ from vo_lib.geometry.types import Array, BoolArray, Image, IntArray
 from ..colours import BAD, DARK, GOOD, PALE
 from ..drawing import Place, figure, finish, log_axis, photo, round_limits
 
-BEFORE, AFTER = BAD, GOOD
-GREEN_BGR, RED_BGR = (90, 160, 0), (60, 60, 220)
+BEFORE = BAD
+AFTER = GOOD
+GREEN_BGR = (90, 160, 0)
+RED_BGR = (60, 60, 220)
 
 
 def similarity_figure(similarity: Array, frames: IntArray) -> Figure:
