@@ -247,8 +247,8 @@ def _run() -> tuple[dict[str, str | bytes], Callable[[Path], Any]]:
         sequence = open_sequence(write_bands(Path(place, "bands"), frames=3))
         config = preset("solution_selection", variant="kit")
         write_run(Path(place), run(sequence, config), run_identity(sequence, config, "solution_selection"))
-        names = ("config.json", "frames.csv", "poses.txt", "calibration.json")
-        files: dict[str, str | bytes] = {name: Path(place, name).read_bytes() for name in names}
+        written = [path for path in Path(place).iterdir() if path.is_file()]
+        files: dict[str, str | bytes] = {path.name: path.read_bytes() for path in written}
     return files, lambda folder: read_run(folder, sequence).poses
 
 

@@ -90,7 +90,7 @@ def user_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The user's cache folder, empty; the kit's results are written there."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "user"))
     folder = tmp_path / "user" / "stereo-vo-kit"
-    monkeypatch.setattr("vo_lib.runs.identity.cache_folder", lambda: folder / "synthetic")
+    monkeypatch.setattr("vo_lib.data.image_hashes.cache_folder", lambda: folder / "synthetic")
     return folder
 
 

@@ -23,7 +23,7 @@ OUTSIDE = 0.01  # a box that reaches further out of the image, as a share, may b
 SUSPICIOUS_BOXES = 10
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LabelRows:
     """The N rows of a label file, in shares of the image's size.
 

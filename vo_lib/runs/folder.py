@@ -281,8 +281,15 @@ def read_run(folder: Path, sequence: Sequence) -> Run:
     Raises `DataError` if a file is missing, invalid or not as the run wrote it, or does not have one row per
     frame.
     """
-    if changed := changed_files(folder):
+    result = _parse_run(folder, sequence)
+    changed = changed_files(folder)  # after the parsing, whose messages say what is wrong in a damaged file
+    if changed:
         raise DataError("is missing or is not as the run wrote it: repeat the run", folder / changed[0])
+    return result
+
+
+def _parse_run(folder: Path, sequence: Sequence) -> Run:
+    """The run in a folder; a `DataError` names a file that is missing or damaged."""
     config = settings_in(read_config(folder), folder / CONFIG)
     poses = read_kitti_poses(folder / POSES)
     path = folder / LOG
