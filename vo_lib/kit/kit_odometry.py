@@ -21,7 +21,7 @@ from ..geometry.reprojection import stereo_residuals
 from ..geometry.result import Flag, FrameResult
 from ..geometry.types import Array, Index
 from ..paper.five_point import five_point
-from ..paper.odometry import FIT_GAIN, Odometry, Rotation, StepResult, Winner
+from ..paper.odometry import Odometry, Rotation, StepResult, Winner
 from ..paper.selection import WINNER_CRITERIA, sampson_inliers
 from ..paper.settings import ReprojectionConfig
 from ..paper.viso2 import Viso2, ransac_motion
@@ -119,6 +119,8 @@ class KitOdometry(SelfCalibratingOdometry):
     a sharp turn or after a restart).
     """
 
+    fit_gain = 2.0  # the motions are more precise than those of the paper's method: right ones reach 1.3
+
     def motion(self, matches: StereoMatches) -> FrameResult | None:
         """The paper's motion or, if stereo contradicts it, the alternative that stereo supports best."""
         e_before = self.e_prev
@@ -128,7 +130,7 @@ class KitOdometry(SelfCalibratingOdometry):
         self.e_prev = e_before  # the contradicted winner is no prior, neither here nor in the next frame
         best = min(self.alternatives(matches), key=lambda alternative: alternative.error, default=None)
         error = support_error(self.camera, matches, motion.T_cp)
-        if best is None or FIT_GAIN * best.error > error:
+        if best is None or self.fit_gain * best.error > error:
             return motion
         flags = tuple(flag for flag in motion.flags if flag != Flag.CONTRADICTS_STEREO)
         return self.finish_frame(best.rotation, best.t_cp, flags)
