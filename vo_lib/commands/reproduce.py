@@ -113,7 +113,6 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
         show_report_table(table)
     print_wrapped("", *result.problems, *conclusions)
     common.tell_repeated_runs(outcomes)
-    common.tell_warnings(outcomes)
     print_lines(f"Report with figures: {folder / REPORT}")
     return 1 if result.failed else 0
 
