@@ -376,6 +376,9 @@ class Panel:
             return
         # The text of a DataError is for readers; for other errors, the type helps to find the mistake.
         self.error = str(error) if isinstance(error, DataError) else f"{type(error).__name__}: {error}"
+        for name, knob in self.knobs.items():
+            if self.error.startswith(f"{name}: "):  # the reader knows the control by its label
+                self.error = knob.control.words + self.error.removeprefix(name)
         words = f'role="alert" style="{ERROR_STYLE}">{marked(self.error)}'
         self._message.value = f'<div class="{ERROR_CLASS}" {words}</div>'
         self.picture.add_class(STALE_CLASS)

@@ -28,11 +28,10 @@ from ..detection.settings import DetectorConfig
 from ..detection.yolo import PROVIDERS
 from ..errors import DataError
 from ..evaluation.ate_rpe import Delta
-from ..files import read_mapping
 from ..geometry.boxes import VEHICLES
 from ..paper.settings import MethodConfig
 from ..report.plots import require_matplotlib
-from ..runs.folder import METRICS, read_config, settings_in
+from ..runs.folder import read_config, settings_in
 from ..runs.jobs import Outcome
 from .console import continues_when_repeated, print_wrapped, reporting
 
@@ -259,17 +258,6 @@ def tell_repeated_runs(outcomes: Iterable[Outcome]) -> None:
         if outcome.changed:
             words = changed_words(outcome.changed)
             print_wrapped(f"note: {words} in {outcome.job.folder}, so the run was computed again")
-
-
-def tell_warnings(outcomes: Iterable[Outcome]) -> None:
-    """Print the warnings about the input of finished runs, once for each sequence."""
-    warnings: dict[str, None] = {}
-    for outcome in outcomes:
-        if outcome.error is None:
-            path = read_mapping(outcome.job.folder / METRICS, "the errors of a run").get("path", {})
-            for sentence in path.get("warnings", []):
-                warnings[f"warning: {outcome.job.sequence.name}: {sentence}"] = None
-    print_wrapped(*warnings)
 
 
 @contextmanager

@@ -83,6 +83,5 @@ def _sweep(options: argparse.Namespace) -> int:
                 write_atomic(draft / HEAT_MAP, heat_map(sweep))
     show_report_table(sweep_table(sweep))
     common.tell_repeated_runs(sweep.outcomes)
-    common.tell_warnings(sweep.outcomes)
     print_lines(f"written to {folder}: {TABLE}{f', {HEAT_MAP}' if sweep.has_errors else ''}")
     return int(any(record["failed"] for record in sweep.records))
