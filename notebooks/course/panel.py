@@ -29,6 +29,7 @@ What it has without a word of its own:
 - a picture that follows the drag: the browser sends the newest value when the last picture is finished;
 - the change of each number since the control was first touched;
 - an error as a sentence, in which settings have the names of their controls; the old picture becomes pale;
+- after a stop, or for a sequence that cannot be opened, the sequence, picture and numbers shown before;
 - the layout for a laptop, keys for each control, names for screen readers.
 
 What it has to keep: equal states have equal pictures, so `draw` uses only `state`, and seeds all that is
@@ -68,6 +69,7 @@ from .controls import Control as Control
 from .controls import Knob, labelled
 from .drawing import WIDTH, photo, stack
 from .frames import DEFAULT, is_open, opened, remember_sequence, stereo, why_missing
+from .opening import Opening
 from .progress import Job, Stopped
 from .redraws import Redraws
 from .results import marked
@@ -78,7 +80,9 @@ VARIANTS = "published", "kit"
 SWITCH = "the method as published, or the variant kit; each shows the controls of its own settings"
 RESET = "set all controls to their first values; the sequence does not change"
 SINCE = "in brackets: the change since the control was touched"
+NO_SEQUENCE = "choose a sequence first"
 WORKING = '<i class="vo-late">working …</i>'
+FEWEST_FRAMES = 2  # of a sequence: each picture is about a step between two
 FRAME_MS = 700  # interval of frames that play; slower panels skip frames
 STYLE = Path(__file__).with_name("panel.html").read_text(encoding="utf-8")
 # Beside the picture, controls are as narrow as sliders of 180 px allow.
@@ -172,6 +176,7 @@ class Panel:
     Attributes
     ----------
     error : a sentence about the error of the last change; empty without an error.
+    opening : the sequence that is shown, and the one that is opened.
     picture : the Image widget; knobs : controls by the name of the setting; variant : the switch.
     first : initial values of all controls, by name.
     facts : the numbers of the panel, by name; empty after an error.
@@ -192,6 +197,7 @@ class Panel:
         self.facts: dict[str, float] = {}
         self.error = ""
         self.job = Job()
+        self.opening = Opening()
         self._sequence: Sequence | None = None
         self._home: Sequence | None = None  # the first sequence
         self._frames: dict[str, int] = {}  # last frame of each sequence
@@ -271,7 +277,11 @@ class Panel:
         """
         touched = None if change is None else change["owner"]
         with self.redraws.one() as allowed, single_threaded():
-            if not allowed or self._sequence is None:
+            if not allowed:
+                return
+            if self._sequence is None:
+                if not (self.opening.pending or self.error):  # an error says why there is none
+                    self._complain(DataError(NO_SEQUENCE))
                 return
             self._sign.value = WORKING
             before = self.redraws.before(touched, self.facts)
@@ -288,7 +298,7 @@ class Panel:
     def state(self) -> State:
         """The current state of the controls; `DataError` for an invalid typed value."""
         if self._sequence is None:
-            raise DataError("choose a sequence first")
+            raise DataError(NO_SEQUENCE)
         view = None if self.view is None else self.view()
         config = self._config()
         for name, knob in self.knobs.items():
@@ -374,21 +384,35 @@ class Panel:
         if isinstance(error, Stopped):
             self._message.value = "<i>Stopped.</i>"
             return
+        self._complain(error)
+        self.picture.add_class(STALE_CLASS)
+        self._clear_words()
+
+    def _complain(self, error: Exception, remark: str = "") -> None:
+        """Show an error, and a remark behind it."""
         # The text of a DataError is for readers; for other errors, the type helps to find the mistake.
         self.error = str(error) if isinstance(error, DataError) else f"{type(error).__name__}: {error}"
         for name, knob in self.knobs.items():
             if self.error.startswith(f"{name}: "):  # the reader knows the control by its label
                 self.error = knob.control.words + self.error.removeprefix(name)
-        words = f'role="alert" style="{ERROR_STYLE}">{marked(self.error)}'
+        said = f"{self.error.rstrip('.')}.{remark}" if remark else self.error
+        words = f'role="alert" style="{ERROR_STYLE}">{marked(said)}'
         self._message.value = f'<div class="{ERROR_CLASS}" {words}</div>'
-        self.picture.add_class(STALE_CLASS)
-        self._clear_words()
 
-    def _not_opened(self, error: Exception) -> None:
+    def _not_opened(self, choice: int, error: Exception) -> None:
+        """Say why the sequence of a choice is not shown; the one shown before stays, also in the list."""
         with self.redraws.held():
-            self._sequence = None
-            self._clear()
-            self._fail(error)
+            if not self.opening.is_wanted(choice):
+                return
+            name = self.opening.wanted
+            self.opening.give_up()
+            shown = self.opening.shown
+            self.chooser.value = shown
+            remark = f" The panel still shows {shown}." if shown else " Choose a sequence."
+            if isinstance(error, Stopped):
+                self._message.value = f"<i>Stopped: {html.escape(f'{name} is not opened.{remark}')}</i>"
+            else:
+                self._complain(error, remark)
 
     def _clear_words(self) -> None:
         """Remove sentence, numbers and tables."""
@@ -461,6 +485,7 @@ class Panel:
     def _offer(self, name: str) -> None:
         """Choose a sequence, and add it to the list if necessary."""
         if name not in self.chooser.options:
+            self.chooser.value = None  # else new options choose the first one, before the next line does
             self.chooser.options = [name, *self.chooser.options]
         self.chooser.value = name
 
@@ -469,18 +494,48 @@ class Panel:
         if path:
             self._offer(str(Path(path).expanduser()))
 
-    def _open(self, name: str) -> None:
-        """Choose a sequence and draw; a sequence that is not ready is prepared by a job with a bar."""
-        if self.is_ready(name):
-            self._use(opened(name))
-        else:
-            self.job.start(
-                f"opening {name}", lambda report: self.prepare(name, report), self._use, self._not_opened
-            )
+    def _open(self, name: str | None) -> None:
+        """Choose a sequence and draw; a sequence that is not ready is prepared by a job with a bar.
 
-    def _use(self, sequence: Sequence) -> None:
-        """Show a sequence, at the frame that it had before."""
+        A choice takes the place of one that is still being opened.
+        """
         with self.redraws.held():
+            if name is None or name == self.opening.wanted:
+                return  # the panel itself has set the list
+            if self.opening.pending:
+                self.job.stop()
+            choice = self.opening.choose(name)
+            self.chooser.value = name  # also if a late error has just set it back
+            if not self.opening.pending:
+                return  # back to what is shown
+        try:
+            if self.is_ready(name):
+                self._use(opened(name), choice)
+            else:
+                self._start_opening(name, choice)
+        except Exception as error:
+            self._not_opened(choice, error)
+
+    def _start_opening(self, name: str, choice: int) -> None:
+        """Start the job that prepares the sequence of a choice."""
+        with self.opening.starts:
+            if self.opening.is_wanted(choice):
+                self.job.start(
+                    f"opening {name}",
+                    lambda report: self.prepare(name, report),
+                    lambda sequence: self._use(sequence, choice),
+                    lambda error: self._not_opened(choice, error),
+                )
+
+    def _use(self, sequence: Sequence, choice: int | None = None) -> None:
+        """Show a sequence, at the frame that it had before; that of a `choice` only if still wanted."""
+        if len(sequence) < FEWEST_FRAMES:
+            raise DataError(f"{sequence.name}: a panel needs at least {FEWEST_FRAMES} frames")
+        with self.redraws.held():
+            if choice is not None:
+                if not self.opening.is_wanted(choice):
+                    return
+                self.opening.succeed()
             if self._sequence is not None:
                 self._frames[self._sequence.name] = self.frame.value
                 self._clear()  # an error must not leave the picture of another sequence

@@ -12,6 +12,7 @@ from IPython.display import display
 from vo_lib.geometry.types import Progress
 
 Value = TypeVar("Value")
+STOPPING = "stopping …"
 
 
 def with_bar(words: str, work: Callable[[Progress], Value]) -> Value:
@@ -64,6 +65,7 @@ class Job:
         """Run `work(progress)` on a thread, then `done(result)` or `failed(exception)` on the same thread.
 
         `work` calls progress(done, total) at least a few times per second; Stop takes effect in these calls.
+        A result that comes after Stop is not wanted: `failed` gets `Stopped` instead.
         """
         self.stop()
         self.wait()
@@ -82,6 +84,8 @@ class Job:
         def body() -> None:
             try:
                 result = work(report)
+                if stop.is_set():
+                    raise Stopped
                 self.box.layout.display = "none"
                 done(result)
             except Exception as error:
@@ -95,6 +99,7 @@ class Job:
     def stop(self) -> None:
         """End the running function at its next report."""
         self._stop.set()
+        self._words.value = STOPPING
 
     def wait(self, seconds: float | None = None) -> None:
         """Wait for the end of the running function."""

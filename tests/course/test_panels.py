@@ -21,6 +21,7 @@ from course.panel import STALE_CLASS, Drawing, Fact, Panel, State
 from course.raster import fast_raster, forget_layers, raster
 from vo_lib.config import preset
 from vo_lib.data.sequence import Sequence
+from vo_lib.errors import DataError
 from vo_lib.geometry.types import Image, Progress
 from vo_lib.kit.settings import KitConfig
 from vo_lib.paper.settings import FilterConfig, PublishedConfig
@@ -161,19 +162,164 @@ def test_what_is_wrong_is_shown_and_the_panel_goes_on(example: Example) -> None:
     assert "(+3)" in example._text.value
 
 
-def test_after_a_missing_folder_the_panel_shows_nothing_and_goes_on(
+def test_after_a_missing_folder_the_panel_keeps_what_it_shows_and_goes_on(
     example: Example, bands: Path, tmp_path: Path
 ) -> None:
-    white, good = example._white(), example.picture.value
-    example.folder.value = str(tmp_path / "<nowhere>")
+    missing, good, facts = str(tmp_path / "<nowhere>"), example.picture.value, example.facts
+    example.folder.value = missing
     example.wait(LONG)
-    assert "the folder is missing" in example.error
-    assert "&lt;nowhere&gt;" in example._message.value
-    assert (example.facts, example.picture.value) == ({}, white)
-    example.chooser.value = str(bands)
+    for _ in range(2):
+        assert "the folder is missing" in example.error
+        assert "&lt;nowhere&gt;" in example._message.value
+        assert f"still shows {bands}" in example._message.value
+        assert (example.facts, example.picture.value) == (facts, good)
+        assert not is_stale(example)
+        assert example.chooser.value == str(bands)
+        example.set(selection__top_k=4)
+        assert (example.error, example._message.value) == ("", "")
+        assert example.facts == {"keep": 4}
+        example.reset()
+        example.chooser.value = missing  # the same name again: it is tried again
+        example.wait(LONG)
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_without_a_first_sequence_a_panel_says_what_to_do_and_goes_on(
+    stopped: bool, bands: Path, tmp_path: Path
+) -> None:
+    slow = Slow(str(bands) if stopped else str(tmp_path / "nowhere"), frame=1)
+    assert slow.started.wait(LONG)
+    if stopped:
+        slow.job.stop()
+    slow.go_on.set()
+    slow.wait(LONG)
+    assert "Choose a sequence." in slow._message.value
+    assert slow.chooser.value is None
+    slow.set(selection__top_k=4)
+    assert slow.error == "choose a sequence first" if stopped else "the folder is missing" in slow.error
+    assert slow.facts == {}
+    slow.folder.value = str(bands)
+    slow.wait(LONG)
+    assert (slow.error, slow._message.value, slow.facts) == ("", "", {"keep": 4})
+
+
+class Slow(Example):
+    """A panel whose sequences, but the one called `fast`, are ready only when the test says so."""
+
+    fast = ""
+    fault: Exception | None = None
+
+    def __init__(self, sequence: str, frame: int):
+        self.started, self.go_on = threading.Event(), threading.Event()
+        super().__init__(sequence, frame)
+
+    def is_ready(self, name: str) -> bool:
+        return name == self.fast
+
+    def prepare(self, name: str, progress: Progress) -> Sequence:
+        fault = self.fault
+        self.started.set()
+        self.go_on.wait(LONG)
+        if fault is not None:
+            raise fault
+        return super().prepare(name, progress)
+
+
+@pytest.fixture
+def slow(bands: Path) -> Slow:
+    """A panel that shows `bands`, which is ready from now on."""
+    panel = Slow(str(bands), frame=1)
+    panel.go_on.set()
+    panel.wait(LONG)
+    assert panel.facts
+    panel.fast = str(bands)
+    panel.started.clear()
+    panel.go_on.clear()
+    return panel
+
+
+def others(bands: Path, folder: Path) -> list[str]:
+    """Copies of a sequence, which have 5 and 4 frames."""
+    made = []
+    for frames in (5, 4):
+        copy = folder / f"frames_{frames}"
+        shutil.copytree(bands, copy)
+        for side in ("image_0", "image_1"):
+            for number in range(frames, 6):
+                (copy / side / f"{number:06d}.png").unlink()
+        made.append(str(copy))
+    return made
+
+
+@pytest.mark.parametrize("fault", [None, DataError("a bad file")], ids=["opened", "failed"])
+@pytest.mark.parametrize("back", [True, False], ids=["back", "another"])
+def test_a_late_result_of_an_earlier_choice_is_dropped(
+    slow: Slow, fault: Exception | None, back: bool, bands: Path, tmp_path: Path
+) -> None:
+    late, other = others(bands, tmp_path)
+    chosen = str(bands) if back else other
+    slow.fast = chosen
+    slow.fault = fault
+    slow._offer(late)
+    assert slow.started.wait(LONG)
+    slow._offer(chosen)
+    shown, facts = slow.picture.value, slow.facts
+    slow.go_on.set()
+    slow.wait(LONG)
+    assert slow.state().sequence.folder == Path(chosen)
+    assert slow.chooser.value == chosen
+    assert slow.frame.max == len(slow.state().sequence) - 1
+    assert (slow.picture.value, slow.facts, slow.error, slow._message.value) == (shown, facts, "", "")
+    slow.knobs["selection.top_k"].widget.value = 5
+    assert slow.facts == {"keep": 5}
+
+
+def test_of_two_slow_choices_the_last_one_is_shown(slow: Slow, bands: Path, tmp_path: Path) -> None:
+    first, second = others(bands, tmp_path)
+    slow._offer(first)
+    assert slow.started.wait(LONG)
+    threading.Timer(0.3, slow.go_on.set).start()
+    slow._offer(second)
+    slow.wait(LONG)
+    assert slow.state().sequence.folder == Path(second)
+    assert (slow.chooser.value, slow.error) == (second, "")
+
+
+def test_a_stopped_opening_leaves_the_sequence_and_can_be_tried_again(
+    slow: Slow, bands: Path, tmp_path: Path
+) -> None:
+    other = others(bands, tmp_path)[0]
+    good, facts = slow.picture.value, slow.facts
+    slow._offer(other)
+    assert slow.started.wait(LONG)
+    slow.job.stop()
+    slow.go_on.set()
+    slow.wait(LONG)
+    assert (slow.chooser.value, slow.picture.value, slow.facts) == (str(bands), good, facts)
+    assert f"Stopped: {other} is not opened." in slow._message.value
+    assert f"still shows {bands}" in slow._message.value
+    slow.set(selection__top_k=5)
+    assert slow.facts == {"keep": 5}
+    slow.chooser.value = other
+    slow.wait(LONG)
+    assert slow.state().sequence.folder == Path(other)
+
+
+def test_a_sequence_of_one_frame_is_refused_and_the_panel_goes_on(
+    example: Example, bands: Path, tmp_path: Path
+) -> None:
+    single = tmp_path / "single"
+    shutil.copytree(bands, single)
+    for side in ("image_0", "image_1"):
+        for number in range(1, 6):
+            (single / side / f"{number:06d}.png").unlink()
+    example.folder.value = str(single)
     example.wait(LONG)
-    assert example.error == example._message.value == ""
-    assert example.picture.value == good
+    assert "frame" in example.error
+    assert "Error" not in example.error
+    assert example.chooser.value == str(bands)
+    example.set(selection__top_k=4)
+    assert (example.facts, example.error) == ({"keep": 4}, "")
 
 
 def test_the_switch_changes_the_method_and_greys_what_the_other_one_lacks(example: Example) -> None:
