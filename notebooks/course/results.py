@@ -23,6 +23,8 @@ SHORT = 6  # maximal size of an array whose numbers are all shown
 DIGITS = 5, 7, 9  # of two numbers: the first choice that distinguishes the numbers
 COMPLEX = "drop values with an imaginary part and take `.real` of the others; `eigh` and `svd` stay real."
 MASKS = "join masks by `&` and `|`, not by `and`, with brackets round each comparison: `(a < b) & (c < d)`."
+# Code comes first: its asterisks are none of the text, and those of a product such as a*b*c neither.
+_MARKS = re.compile(r"`([^`]+)`|(?<![\w*])\*([^\W\d_](?:[\w -]*\w)?)\*(?![\w*])")
 NOT_OWN = str(Path(__file__).parent), str(Path(vo_lib.__path__[0])), "site-packages"
 
 
@@ -56,8 +58,13 @@ class Verdict:
 
 
 def marked(text: str) -> str:
-    """Text as HTML; text between backticks is code."""
-    return re.sub("`([^`]+)`", r"<code>\1</code>", html.escape(text))
+    """Text as HTML; text between backticks is code, words between asterisks are in italics."""
+    return _MARKS.sub(_as_html, html.escape(text))
+
+
+def _as_html(found: re.Match[str]) -> str:
+    code, words = found.groups()
+    return f"<i>{words}</i>" if code is None else f"<code>{code}</code>"
 
 
 class Unusable(Verdict):

@@ -19,6 +19,7 @@ from course.controls import Control, Knob
 from course.drawing import WIDTH
 from course.panel import STALE_CLASS, Drawing, Fact, Panel, State
 from course.raster import fast_raster, forget_layers, raster
+from course.results import marked
 from vo_lib.config import preset
 from vo_lib.data.sequence import Sequence
 from vo_lib.errors import DataError
@@ -539,6 +540,19 @@ def test_errors_name_the_control(
     assert "view." not in panel.error
 
 
+@pytest.mark.parametrize(
+    ("text", "as_html"),
+    [
+        ("type `street` under *model*.", "type <code>street</code> under <i>model</i>."),
+        ("under *five matches* (*x*) <b>", "under <i>five matches</i> (<i>x</i>) &lt;b&gt;"),
+        ("`a *b* c` and *d*", "<code>a *b* c</code> and <i>d</i>"),
+        ("a*b*c, 2 * 3 * 4, f(*a, *b), **bold**", "a*b*c, 2 * 3 * 4, f(*a, *b), **bold**"),
+    ],
+)
+def test_marks_of_a_text_become_html(text: str, as_html: str) -> None:
+    assert marked(text) == as_html
+
+
 def test_classes_have_names_and_missing_labels_are_named(street: Sequence, bands: Path) -> None:
     panel = ch05.FilteringPanel(street)
     classes = panel.knobs["filter.classes"].widget
@@ -551,3 +565,4 @@ def test_classes_have_names_and_missing_labels_are_named(street: Sequence, bands
     bare.wait(LONG)
     assert bare.error == ""
     assert "no label folder" in bare._text.value
+    assert "under <i>model</i>" in bare._text.value
