@@ -8,6 +8,7 @@ from typing import Any
 
 import ipywidgets as widgets
 
+from vo_lib.errors import DataError
 from vo_lib.settings import Setting, as_typed
 
 from .drawing import COARSE, room
@@ -63,8 +64,14 @@ class Knob:
             return raw
         # The reader knows the control by its label, not by the name of the setting.
         setting = dataclasses.replace(self.setting, name=self.control.words)
-        value = setting.parse(raw)
-        setting.check(value)
+        try:
+            value = setting.parse(raw)
+            setting.check(value)
+        except DataError:
+            if raw.strip(" ,"):
+                raise
+            example = as_typed(setting.default)
+            raise DataError(f"{setting.name}: type {setting.describe()}, such as {example}") from None
         return value
 
     def offer(self, setting: Setting, default: Any) -> None:

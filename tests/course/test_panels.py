@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import html
+import re
 import shutil
 import threading
 from collections.abc import Iterator
@@ -12,6 +14,7 @@ import cv2
 import ipywidgets as widgets
 import numpy as np
 import pytest
+from conftest import with_box
 from matplotlib.figure import Figure
 
 from course import appendix, ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07, ch09
@@ -551,6 +554,48 @@ def test_errors_name_the_control(
 )
 def test_marks_of_a_text_become_html(text: str, as_html: str) -> None:
     assert marked(text) == as_html
+
+
+@pytest.mark.parametrize("model", ["street", "labels"])
+@pytest.mark.parametrize(
+    ("typed", "says"),
+    [
+        ("2", "there is no class 2 in the model street; type one of: vehicles, vehicle"),
+        ("car", "there is no class 'car' in the model street; "),
+        ("banana,truck", "there is no class 'banana' or 'truck' in the model street; "),
+        ("flying saucer", "there is no class 'flying saucer' in "),
+        ("car, vehicel", "there is no class 'vehicel' in "),
+        ("", "classes: type a comma-separated list of class names, such as vehicles"),
+        (" , ", "classes: type a comma-separated list of class names, such as vehicles"),
+    ],
+)
+def test_what_is_said_about_classes_names_the_control(
+    model: str, typed: str, says: str, street: Sequence
+) -> None:
+    panel = ch05.FilteringPanel(street, view__model=model)
+    panel.wait(LONG)
+    panel.knobs["filter.classes"].widget.value = typed
+    said = panel.error or re.sub("<[^>]+>", "", html.unescape(panel._text.value))
+    if "the model" in says and model == "labels":
+        assert panel.error == ""  # the folder has no names, and these are numbers and names of COCO
+        return
+    assert says in said
+    assert "classes: " in said
+    assert "vehicles" in said
+    assert "filter." not in said
+    assert ".onnx" not in said
+
+
+def test_classes_of_a_label_folder_are_named(bands: Path) -> None:
+    with_box(bands, 6)
+    (bands / "labels" / "classes.txt").write_text("tree\nbig, red van\nbus\n")
+    panel = ch05.FilteringPanel(str(bands), frame=3, view__model="labels")
+    panel.wait(LONG)
+    panel.knobs["filter.classes"].widget.value = "trea"
+    assert panel.error == (
+        "classes: there is no class 'trea' in the label folder; did you mean tree? "
+        "type one of: vehicles, tree, bus"
+    )
 
 
 def test_classes_have_names_and_missing_labels_are_named(street: Sequence, bands: Path) -> None:

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from vo_lib.config import change, preset
-from vo_lib.data.class_names import ClassesError
+from vo_lib.data.class_names import COCO, ClassesError, ClassNames, listed
+from vo_lib.data.label_names import class_names
 from vo_lib.data.sequence import Sequence
 from vo_lib.data.truth import matches_on_moving
-from vo_lib.detection.label_folders import chosen_mask, with_kinds
+from vo_lib.detection.label_folders import chosen_mask, model_classes, with_kinds
 from vo_lib.detection.model_files import model_files
 from vo_lib.detection.models import find_model
 from vo_lib.detection.settings import DetectorConfig
 from vo_lib.detection.yolo import NetworkOutput, YoloDetector
-from vo_lib.errors import DataError
-from vo_lib.geometry.boxes import Boxes, no_boxes, overlap
+from vo_lib.errors import DataError, did_you_mean
+from vo_lib.geometry.boxes import CLASS_WORD, VEHICLES, Boxes, no_boxes, overlap
 from vo_lib.geometry.matches import StereoMatches, empty_matches
 from vo_lib.geometry.result import Flag, FrameResult
 from vo_lib.geometry.types import Array, BoolArray, Image
@@ -37,6 +40,7 @@ from .figures import candidates_picture, filter_picture
 
 LABELS = "labels"  # in place of a model: the boxes of the sequence's own folder
 NETWORK_HEIGHT = 252  # of the picture of the candidates
+SHOWN_WORDS = 3  # of classes in a message
 LEAST_SCORE = 0.01  # of a box on the curve of precision and recall
 
 
@@ -79,15 +83,66 @@ def frame_boxes(sequence: Sequence, frame: int, view: FilteringView, rule: Filte
 
 
 def no_class(sequence: Sequence, view: FilteringView, rule: FilterConfig) -> str:
-    """A sentence if the model or the labels have none of the chosen classes, else ""."""
-    try:
-        if view.model.strip() == LABELS:
+    """A sentence if the model or the labels have none of the chosen classes, else "".
+
+    Raises `DataError` for a class that nothing has; the text names the control, not the setting.
+    """
+    if view.model.strip() == LABELS:
+        if sequence.labels is None:
+            return ""
+        names = class_names(sequence.labels)
+        try:
             sequence.boxes_of(rule.classes)
-        else:
-            chosen_mask(detector_of(view.model), rule.classes)
-    except ClassesError as error:
-        return f" No box counts: {error}."
+        except ClassesError:
+            return f" No box counts, see *classes*: {_unknown(rule.classes, names, 'the label folder')}."
+        except DataError:
+            raise DataError(f"classes: {_unknown(rule.classes, names, 'the label folder')}") from None
+        return ""
+    detector = detector_of(view.model)
+    names, _ = model_classes(detector)
+    source = f"the model {Path(view.model.strip()).name}"
+    try:
+        chosen_mask(detector, rule.classes)
+    except ClassesError:
+        if not names.names:
+            return f" No box counts, see *classes*: {_by_number(detector, source)}."
+        return f" No box counts, see *classes*: {_unknown(rule.classes, names, source)}."
+    except DataError:
+        raise DataError(f"classes: {_unknown(rule.classes, names, source)}") from None
     return ""
+
+
+def _by_number(detector: YoloDetector, source: str) -> str:
+    """What can be typed for a model without class names."""
+    last = "" if detector.class_count is None else f" from 0 to {detector.class_count - 1}"
+    return f"{source} has no class names; type numbers of its classes{last}, such as 0"
+
+
+def _unknown(words: tuple[str, ...], names: ClassNames, source: str) -> str:
+    """Which of the typed classes a model or a label folder lacks, and what can be typed for it."""
+    lacking = [word for word in words if _choosing(names, word) is DataError]
+    lacking = lacking or [word for word in words if _choosing(names, word) is ClassesError]
+    shown = " or ".join(word if word.isdecimal() else repr(word) for word in lacking[:SHOWN_WORDS])
+    near = did_you_mean(lacking[0], names.names.values() or COCO)
+    return f"there is no class {shown} in {source}; {near}type {_possible(names)}"
+
+
+def _possible(names: ClassNames) -> str:
+    """The classes that can be typed for a model or a label folder, as text."""
+    if not names.names:
+        return f"{VEHICLES}, a number, or a name of COCO such as truck"
+    words = [VEHICLES, *(name for name in names.names.values() if re.fullmatch(CLASS_WORD, name))]
+    possible = [word for word in words if _choosing(names, word) is None]
+    return f"one of: {listed(possible)}" if possible else "the number of a class"
+
+
+def _choosing(names: ClassNames, word: str) -> type[DataError] | None:
+    """The kind of error if the choice is this class alone; None if it can be chosen."""
+    try:
+        names.choose((word,))
+    except DataError as error:
+        return type(error)
+    return None
 
 
 def filtered_frame(
