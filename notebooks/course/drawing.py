@@ -17,7 +17,7 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
-from vo_lib.geometry.types import Image
+from vo_lib.geometry.types import Array, Image
 
 from .raster import fast_raster
 from .raster import raster as raster
@@ -35,6 +35,8 @@ BELOW = 42
 FONT_SIZE = 9.5
 TITLE_SIZE = 10.0
 SMALL_SIZE = 8.5  # of numbers and legends: 11.8 pixels
+NAME_ROOM = 20  # pixels of a name above a dot; DOT_ROOM: of a dot
+DOT_ROOM = 6
 CAPTION_SIZE = 0.48  # of words in photos, as a scale of OpenCV's font
 COARSE = (1.0, 2.0, 5.0)  # mantissas of round numbers
 FINE = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
@@ -148,11 +150,22 @@ def photo(image: Image, width: int = WIDTH, height: int | None = None) -> Image:
     return np.pad(small, border, constant_values=255)
 
 
-def caption(picture: Image, words: str) -> Image:
-    """A BGR picture with words on a dark strip in its upper left corner."""
+def caption(picture: Image, words: str, named: Array | None = None) -> Image:
+    """A BGR picture with words on a dark strip in its upper left corner.
+
+    named : places (N, 2) of dots with names above, pixels of the picture. If the strip covers any of them, it
+        is in the lower left corner, unless it covers more there.
+    """
     out = picture.copy()
-    _, height = text_size(words, CAPTION_SIZE)
-    write(out, words, 6, height + 5, CAPTION_SIZE)
+    width, height = text_size(words, CAPTION_SIZE)
+    base = height + 5
+    if named is not None:
+        beside = named[named[:, 0] < width + 2 * NAME_ROOM]
+        above = np.count_nonzero(beside[:, 1] < height + 10 + NAME_ROOM)
+        below = np.count_nonzero(beside[:, 1] > len(picture) - height - 10 - DOT_ROOM)
+        if below < above:
+            base = len(picture) - 5
+    write(out, words, 6, base, CAPTION_SIZE)
     return out
 
 

@@ -18,15 +18,16 @@ from conftest import with_box
 from matplotlib.figure import Figure
 
 from course import appendix, ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07, ch09
+from course.colours import bgr
 from course.controls import Control, Knob
-from course.drawing import WIDTH
+from course.drawing import WIDTH, caption
 from course.panel import STALE_CLASS, Drawing, Fact, Panel, State
 from course.raster import fast_raster, forget_layers, raster
 from course.results import marked
 from vo_lib.config import preset
 from vo_lib.data.sequence import Sequence
 from vo_lib.errors import DataError
-from vo_lib.geometry.types import Image, Progress
+from vo_lib.geometry.types import Array, Image, Progress
 from vo_lib.kit.settings import KitConfig
 from vo_lib.paper.settings import FilterConfig, PublishedConfig
 
@@ -428,6 +429,67 @@ def test_axes_from_memory_are_those_that_matplotlib_draws(
     for fast, slow in pairs:
         # Where data cross an axis, they are above it here; elsewhere nothing differs.
         assert np.count_nonzero((fast != slow).any(axis=2)) < 0.002 * fast.shape[0] * fast.shape[1]
+
+
+def test_words_in_a_photo_leave_the_named_dots_free() -> None:
+    white = np.full((298, WIDTH, 3), 255, np.uint8)
+    words = "frame 59: five matches"
+
+    def strip(*named: tuple[float, float]) -> str:
+        picture = caption(white, words, np.array(named).reshape(-1, 2))
+        return "top" if (picture[0, :50] < 255).any() else "bottom"
+
+    assert strip() == strip((100.0, 150.0), (900.0, 10.0)) == "top"
+    assert strip((100.0, 18.0)) == strip((100.0, 35.0), (900.0, 290.0)) == "bottom"
+    assert strip((100.0, 18.0), (60.0, 290.0)) == "top"
+
+
+def test_panel_2_shows_the_name_of_a_match_at_the_top(street: Sequence) -> None:
+    """The third match, 166, is at the top, where the words were above its name."""
+    places = []
+
+    def spy(picture: Image, words: str, named: Array | None = None) -> Image:
+        places.append(named)
+        return caption(picture, words, named)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("course.ch02.panel.caption", spy)
+        panel = ch02.FivePointPanel(street, frame=59)
+        panel.wait(LONG)
+    assert panel.error == ""
+    named = places[-1]
+    assert named is not None
+    picture = cv2.imdecode(np.frombuffer(panel.picture.value, np.uint8), cv2.IMREAD_COLOR)
+    assert picture is not None
+    for (u, v), colour in zip(named[:5], ch02.panel.FIVE, strict=True):
+        if not (named[5:] == (u, v)).all(axis=1).any():  # the last dot is above
+            at = picture[round(v), round(u)].astype(int)
+            assert np.abs(at - bgr(colour)).max() < 60
+
+
+def test_the_legend_of_panel_3_covers_no_solution(street: Sequence, monkeypatch: pytest.MonkeyPatch) -> None:
+    charts = []
+
+    def keep(chart: Figure) -> Image:
+        charts.append(chart)
+        return raster(chart)
+
+    monkeypatch.setattr("course.drawing.fast_raster", keep)
+    panel = ch03.SelectionPanel(street, frame=59)
+    panel.wait(LONG)
+    assert panel.error == ""
+    legends = 0
+    for axis in charts[-1].axes:
+        legend = axis.get_legend()
+        if legend is None:
+            continue
+        legends += 1
+        box = legend.get_window_extent()
+        for line in axis.get_lines():
+            if line.get_marker() in (".", "o"):
+                dots = axis.transData.transform(np.asarray(line.get_xydata()))
+                assert not any(box.contains(*dot) for dot in dots.tolist()), line.get_label()
+    assert legends == 1
 
 
 def test_changes_are_counted_from_the_first_touch(example: Example) -> None:

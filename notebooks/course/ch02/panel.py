@@ -207,7 +207,9 @@ class FivePointPanel(Panel):
         words = (
             f"frame {state.frame}: five matches; line of match {match} (orange; true: green); black: outliers"
         )
-        return caption(photo(picture, WIDTH, PHOTO_HEIGHT), words)
+        scale = min(WIDTH / camera.width, PHOTO_HEIGHT / camera.height)
+        margin = (np.array((WIDTH, PHOTO_HEIGHT)) - scale * np.array((camera.width, camera.height))) / 2
+        return caption(photo(picture, WIDTH, PHOTO_HEIGHT), words, scale * ends[named] + margin)
 
 
 def five_matches(view: FivePointView, points: Points) -> Index:

@@ -94,7 +94,7 @@ def field_figure(field: Field, result: float | None = None, height: int = 260) -
             named.axvline(max(result, LEAST), color=BAD, linewidth=0.8, label="rotation of the frame")
         log_axis(named.xaxis, LEAST, MOST)
         title = "image error and rotation error"
-        finish(named, title, "rotation error [deg]", "image error", "upper left", boxed=True)
+        finish(named, title, "rotation error [deg]", "image error", "lower right", boxed=True)
     return made
 
 
