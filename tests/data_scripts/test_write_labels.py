@@ -160,10 +160,59 @@ def test_replacement_deletes_only_labels_of_frames(
     assert write("--out", str(out), "--replace") == 0
     assert {name: (out / name).read_text(encoding="utf-8") for name in others} == others
     assert (out / "000002.txt").read_text(encoding="utf-8").startswith("2 ")
-    (out / "000077.txt").write_text("mine", encoding="utf-8")  # would seem to be this detector's
+    (out / "000077.txt").write_text(
+        "0 0.5 0.5 0.1 0.1\n", encoding="utf-8"
+    )  # would seem to be this detector's
     assert write("--out", str(out), "--replace", "--score", "0.3") == 2
     assert "000077.txt: is another detector's label, and bands has no such frame" in capsys.readouterr().err
     assert len(list(out.glob("0*.txt"))) == 7
+
+
+GPS_ROW = " ".join(["49.015", "8.434", "116.43", *["0.01"] * 27]) + "\n"
+KITTI_ROW = "Car 0.00 0 1.85 387.63 181.54 423.81 203.12 1.67 1.87 3.69 -16.53 2.39 58.49 1.57\n"
+
+
+@pytest.mark.parametrize(
+    "text", [GPS_ROW, KITTI_ROW, "seen from the left\n", "3\n", "2 100 50 20 10\n", "\0\xff"]
+)
+@pytest.mark.parametrize("own_record", [False, True])
+def test_files_that_are_no_labels_are_never_replaced(
+    bands: Path, write: Write, capsys: pytest.CaptureFixture[str], text: str, own_record: bool
+) -> None:
+    out = bands / "oxts"
+    out.mkdir()
+    if own_record:
+        assert write("--out", str(out)) == 0
+        for file in out.glob("*.txt"):
+            file.unlink()
+        (out / "images.sha256").unlink()
+    (out / "000001.txt").write_text("2 0.5 0.5 0.1 0.1\n", encoding="utf-8")
+    (out / "000003.txt").write_text(text, encoding="latin-1")
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    for words in ([], ["--replace"]):
+        assert write("--out", str(out), *words) == 2
+        told = capsys.readouterr().err
+        assert "000003.txt: is named as a frame and is no YOLO label" in told
+        assert "--replace" not in told
+        assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+
+
+@pytest.mark.parametrize("name", ["image_0", "image_1", "masks", "image_02/data", "linked"])
+def test_folder_of_images_in_a_sequence_is_never_a_label_folder(
+    bands: Path, write: Write, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    out = bands / name
+    if name == "linked":
+        out = tmp_path / "linked"
+        out.symlink_to(bands / "image_0")
+    if not out.exists():
+        out.mkdir(parents=True)
+        shutil.copy(bands / "image_0" / "000000.png", out / "000000.png")
+    before = sorted(path.name for path in out.iterdir())
+    for words in ([], ["--replace"]):
+        assert write("--out", str(out), *words) == 2
+        assert f"{name}: is a folder of images of a sequence: choose another" in capsys.readouterr().err
+        assert sorted(path.name for path in out.iterdir()) == before
 
 
 @pytest.mark.parametrize("content", ["{}", '{"model": "yolo", "lr": 0.1}', "not JSON", ""])

@@ -23,7 +23,7 @@ from ..data.class_names import ClassesError, ClassNames, label_numbers
 from ..data.drawn import cache_folder
 from ..data.image_hashes import image_hashes
 from ..data.kitti import BITS, list_frames, read_image
-from ..data.label_files import label_files, write_labels
+from ..data.label_files import label_files, read_rows, write_labels
 from ..data.label_names import DETECTOR_RECORD
 from ..data.label_remarks import missing_labels
 from ..data.sequence import Sequence
@@ -47,6 +47,11 @@ FILES_OF_OTHER_FOLDERS = (
     *("image_0", "image_1", "image_2", "image_3", "calib.txt", "times.txt"),
     *("poses.txt", "poses_tum.txt", "frames.csv", "metrics.json"),
 )
+# A folder with one of these has recordings below it, in the layouts of KITTI, KITTI's raw drives and EuRoC.
+IMAGE_FOLDERS = re.compile(r"image_\d{1,2}|cam\d")
+FILES_OF_SEQUENCES = ("calib.txt", "times.txt")
+IMAGE_ENDINGS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".ppm", ".pgm")
+LEVELS_TO_SEQUENCE = 3  # from a folder of images up to its sequence, as in mav0/cam0/data
 # Threads, one image each: the network works on one image while another is read or its boxes are selected.
 DETECTION_THREADS = 2
 
@@ -175,9 +180,9 @@ def write_label_folder(
     others : other folders with labels of this record; the labels of the same images are copied.
     waiting : called if another process writes labels into the folder (see `only_process`).
 
-    Raises `DataError` if the folder belongs to a sequence or a run; if it has labels of another detector and
-    `replace` is false; if another process writes labels into the folder and `waiting` is None; or if the
-    model has none of the classes.
+    Raises `DataError` if the folder belongs to a sequence or a run; if it has files that are named as labels
+    and are none; if it has labels of another detector and `replace` is false; if another process writes
+    labels into the folder and `waiting` is None; or if the model has none of the classes.
     """
     record = detection_record(model, config, classes, provider)
     require_label_folder(folder)
@@ -186,6 +191,7 @@ def write_label_folder(
     except OSError as error:
         raise DataError(f"the folder cannot be created: {error.strerror}", folder) from None
     with only_process(folder, waiting):
+        _require_replaceable(folder)
         belongs = _belongs(folder, record, replace)
         hashes = _hashes_of_frames(sequence)
         written = read_image_list(folder) if belongs else {}
@@ -308,13 +314,39 @@ def _write_record(folder: Path, record: dict[str, Any], detector: YoloDetector, 
 
 
 def require_label_folder(folder: Path) -> None:
-    """Raise `DataError` if a folder for labels is the folder of a sequence or of a run."""
+    """Raise `DataError` if a folder for labels is that of a sequence, of a run, or of a sequence's images."""
     for name in FILES_OF_OTHER_FOLDERS:
         if os.path.lexists(folder / name):
             raise DataError(
                 f"contains {name}, so it is the folder of a sequence or a run: choose another folder",
                 folder,
             )
+    if _has_images_of_sequence(folder):
+        raise DataError("is a folder of images of a sequence: choose another folder", folder)
+
+
+def _has_images_of_sequence(folder: Path) -> bool:
+    """Whether a folder is inside a sequence and has images, or the name of a sequence's image folder."""
+    if not folder.is_dir():
+        return False
+    # The folder itself, or a folder that a link leads to.
+    for path in {Path(os.path.abspath(folder)), folder.resolve()}:
+        has_images = any(file.suffix.lower() in IMAGE_ENDINGS for file in path.iterdir())
+        is_named = IMAGE_FOLDERS.fullmatch(path.name) is not None
+        above = list(path.parents)[:LEVELS_TO_SEQUENCE]
+        if (has_images or is_named) and any(map(_is_sequence, above)):
+            return True
+    return False
+
+
+def _is_sequence(folder: Path) -> bool:
+    """Whether a folder has the files or image folders of a sequence."""
+    if any(os.path.lexists(folder / name) for name in FILES_OF_SEQUENCES):
+        return True
+    try:
+        return any(IMAGE_FOLDERS.fullmatch(path.name) for path in folder.iterdir())
+    except OSError:  # a folder that others may not list
+        return False
 
 
 def is_current_record(record: dict[str, Any]) -> bool:
@@ -343,6 +375,23 @@ def _belongs(folder: Path, record: dict[str, Any], replace: bool) -> bool:
             remedy="replace",
         )
     return False
+
+
+def _require_replaceable(folder: Path) -> None:
+    """Raise `DataError` for a file that is named as a label and is none: it would be overwritten.
+
+    A file in the list of images is the kit's own, even if it is damaged.
+    """
+    own = read_image_list(folder)
+    for file in label_files(folder):
+        if file.stem in own:
+            continue
+        try:
+            read_rows(file)
+        except DataError:
+            raise DataError(
+                "is named as a frame and is no YOLO label, so it is not replaced: choose another folder", file
+            ) from None
 
 
 def _replace_labels(folder: Path, sequence: Sequence) -> None:
