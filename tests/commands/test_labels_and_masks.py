@@ -71,6 +71,17 @@ def test_number_without_a_name_contradicts_the_names(run: Say, labels: Path) -> 
     assert code == 2
     assert "classes.txt: class 2 of the labels in" in said
     assert "has no name, the last name is that of class 1" in said
+    assert f"Write the names of these labels into {labels / 'classes.txt'}, one a line" in said
+
+
+def test_names_of_other_labels_above_do_not_count(run: Say, labels: Path) -> None:
+    for path in labels.iterdir():
+        path.write_text(f"2 {BOX}", encoding="utf-8")
+    for name in ("x/traffic.yaml", "traffic.yaml"):
+        (labels.parents[1] / name).write_text("names: [light, sign]\n", encoding="utf-8")
+    code, said = run("--labels", str(labels))
+    assert code == 0
+    assert removed(said) > 0
 
 
 def test_uncounted_numbers_are_told(run: Say, labels: Path) -> None:

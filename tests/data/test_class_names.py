@@ -106,6 +106,7 @@ def test_choice_without_a_class_names_one() -> None:
     assert e.value.value == "3"  # the name would look like an option
 
 
+ROAD = "names:\n  1: car\n  0: person\n"
 YAML = "train: ../train/images\nnc: 2\nnames: ['person', 'car']\n"
 NOTES = json.dumps({"categories": [{"id": 1, "name": "car"}, {"id": 0, "name": "person"}], "info": {}})
 # Label folder, and files of names, relative to the top folder.
@@ -117,7 +118,13 @@ LAYOUTS = {
     "roboflow": ("x/train/labels", {"x/data.yaml": YAML}),
     "roboflow darknet": ("train", {"train/_darknet.labels": "person\ncar"}),
     "darknet": ("labels", {"road.names": "person\r\ncar\r\n"}),
-    "ultralytics": ("x/labels/train", {"x/road.yaml": "names:\n  1: car\n  0: person\n"}),
+    "ultralytics": ("x/labels/train", {"x/road.yaml": f"train: images/train\n{ROAD}"}),
+    "ultralytics, moved": ("x/labels/val", {"x/road.yaml": f"path: /elsewhere\nval: [images/val]\n{ROAD}"}),
+    "ultralytics, above": ("x/labels", {"road.yml": f"path: x\ntrain: images\n{ROAD}"}),
+    "ultralytics, list": (
+        "x/labels/a",
+        {"x/road.yaml": f"train: train.txt\n{ROAD}", "x/train.txt": "./images/a/000000.png\n"},
+    ),
     "numbered": ("seq", {"seq/classes.txt": "0: person\n1: car\n"}),
 }
 
@@ -132,6 +139,30 @@ def test_names_are_found_beside_the_labels(tmp_path: Path, layout: str) -> None:
     found = class_names(top / labels)
     assert dict(sorted(found.names.items())) == {0: "person", 1: "car"}
     assert Path(found.source) in {top / name for name in files}
+
+
+UNRELATED = (
+    "names: [light, sign]\n",
+    "train: ../other/images\nnames: [light, sign]\n",
+    "path: signs\ntrain: images/train\nval: images/val\nnames: [light, sign]\n",
+    "train: [1, {a: b}]\nval: missing.txt\nnames: {0: light}\n",
+    "names: [",
+)
+
+
+@pytest.mark.parametrize("text", UNRELATED)
+@pytest.mark.parametrize("name", ["traffic.yaml", "x/config.yml"])
+def test_files_that_describe_other_labels_do_not_count(tmp_path: Path, text: str, name: str) -> None:
+    labels = tmp_path / "x" / "labels"
+    labels.mkdir(parents=True)
+    (tmp_path / name).write_text(text, encoding="utf-8")
+    assert class_names(labels) == ClassNames()
+
+
+def test_names_two_levels_above_have_a_usual_file(tmp_path: Path) -> None:
+    (tmp_path / "x" / "labels").mkdir(parents=True)
+    (tmp_path / "coco.names").write_text("light\nsign\n", encoding="utf-8")
+    assert class_names(tmp_path / "x" / "labels") == ClassNames()
 
 
 def test_nearest_names_count_and_contradictions_are_refused(tmp_path: Path) -> None:

@@ -7,7 +7,10 @@
 | Label Studio | `labels` | `classes.txt` and `notes.json` beside `labels` |
 | CVAT, Darknet | `obj_train_data` | `obj.names` beside `obj_train_data` |
 | Roboflow | `train/labels` | `data.yaml` beside `train`; `_darknet.labels` in the folder |
-| Ultralytics | `labels/train` | a YAML file with `names:` beside `labels` |
+| Ultralytics | `labels/train` | a YAML file with `names:` beside `labels`, whose images have these labels |
+
+A YAML file of another name may describe something else, so it counts only if one of its paths to images leads
+to the label folder, as Ultralytics finds labels: `images` in the path becomes `labels`.
 """
 
 from __future__ import annotations
@@ -27,7 +30,11 @@ LISTS = ("classes.txt", "obj.names", "_darknet.labels")  # a name in each line
 DESCRIPTIONS = ("data.yaml", "data.yml", "dataset.yaml", "dataset.yml")
 NOTES = "notes.json"
 LEVELS = 3  # the label folder, the folder beside it, and one level up
+SPLITS = ("train", "val", "test")  # keys of a description, with paths to images
+IMAGES = "images"  # the last folder of this name in a path to images, and the folder of labels instead of it
+LABELS = "labels"
 MAX_NAMES = 10_000
+MAX_PATHS = 100  # of images, in a description or in a list that it refers to
 MAX_DESCRIPTION_BYTES = 1_000_000  # a larger YAML file of another name is not read
 _NUMBERED = re.compile(r"(\d{1,5})\s*[:,\s]\s*(\S.*)")
 
@@ -36,7 +43,8 @@ def class_names(folder: Path) -> ClassNames:
     """The classes of a label folder; without a file of names, there are only numbers.
 
     A folder written by the kit's detector has its names in the record of the detector. Otherwise the nearest
-    files of names count: in the folder, beside it, or one level up.
+    files of names count: in the folder, beside it, or one level up. A YAML file of an unusual name above the
+    folder counts only if it describes these labels.
 
     Raises `DataError` for a file of names that cannot be read, or if two files in one place disagree.
     """
@@ -51,7 +59,11 @@ def class_names(folder: Path) -> ClassNames:
         (first, names), *others = found
         for path, other_names in others:
             if other_names != names:
-                raise DataError(f"has other class names than {first.name} beside it: correct one", path)
+                raise DataError(
+                    f"has other class names than {first.name} beside it: correct one, or write the names of "
+                    f"these labels into {start / LISTS[0]}",
+                    path,
+                )
         return ClassNames(names, str(first))
     return ClassNames()
 
@@ -65,9 +77,50 @@ def _files_of_names(place: Path, label_folder: Path) -> list[Path]:
     """The files in a folder that may have the names of the classes."""
     files = [place / name for name in (*LISTS, *DESCRIPTIONS, NOTES)]
     if place != label_folder:  # which may have thousands of files
-        for pattern in ("*.names", "*.yaml", "*.yml"):
-            files += sorted(path for path in place.glob(pattern) if path not in files)
+        others = [path for pattern in ("*.yaml", "*.yml") for path in sorted(place.glob(pattern))]
+        files += [path for path in others if path not in files and _describes(path, label_folder)]
+    if place == label_folder.parent:
+        files += [path for path in sorted(place.glob("*.names")) if path not in files]
     return [path for path in files if path.is_file()]
+
+
+def _describes(path: Path, label_folder: Path) -> bool:
+    """Whether a path to images in a YAML file leads to the images of a label folder.
+
+    Paths begin in the folder `path:` of the file, or, if the data set was moved since, in the file's own.
+    """
+    try:
+        if not path.is_file() or path.stat().st_size > MAX_DESCRIPTION_BYTES:
+            return False
+        about = read_yaml(path)
+    except (DataError, OSError):
+        return False
+    root = about.get("path")
+    roots = [path.parent, *([path.parent / root] if isinstance(root, str) else [])]
+    places: list[Any] = []
+    for split in SPLITS:
+        values = about.get(split)
+        places += values[:MAX_PATHS] if isinstance(values, list) else [values]
+    images = [start / place for start in roots for place in places if isinstance(place, str)]
+    return any(label_folder.is_relative_to(labels) for each in images for labels in _labels_of(each))
+
+
+def _labels_of(images: Path) -> list[Path]:
+    """The folders of the labels of images: of a folder, or of the files in a text file with a list."""
+    folders = [images]
+    if images.suffix == ".txt":
+        try:
+            lines = read_text(images).split("\n")[:MAX_PATHS]
+        except DataError:
+            return []
+        folders = [(images.parent / line.strip()).parent for line in lines if line.strip()]
+    found = []
+    for folder in dict.fromkeys(folders):
+        parts = list(Path(os.path.abspath(folder)).parts)
+        if IMAGES in parts:
+            parts[len(parts) - 1 - parts[::-1].index(IMAGES)] = LABELS
+            found.append(Path(*parts))
+    return found
 
 
 def _read_names(path: Path) -> dict[int, str]:
@@ -77,8 +130,6 @@ def _read_names(path: Path) -> dict[int, str]:
     """
     try:
         if path.suffix in (".yaml", ".yml"):
-            if path.name not in DESCRIPTIONS and path.stat().st_size > MAX_DESCRIPTION_BYTES:
-                return {}
             return names_in_description(read_yaml(path))
         if path.name == NOTES:
             return _names_in_notes(read_mapping(path, "the categories of Label Studio"))

@@ -9,7 +9,7 @@ from ..errors import DataError
 from .class_names import COCO, ClassNames, listed
 from .kitti import list_frames
 from .label_files import LabelCounts, count_labels, label_files
-from .label_names import DETECTOR_RECORD, class_names, is_file_of_names
+from .label_names import DETECTOR_RECORD, LISTS, class_names, is_file_of_names
 from .sequence import Sequence
 
 
@@ -78,7 +78,8 @@ def _class_remark(
             last = max(names.names)
             raise DataError(
                 f"class {listed(unnamed)} of the labels in {folder} has no name, the last name is that of "
-                f"class {last}: are these the names of other labels, or do the numbers begin at 1?",
+                f"class {last}: are these the names of other labels, or do the numbers begin at 1? "
+                f"Write the names of these labels into {folder / LISTS[0]}, one a line, class 0 first",
                 source,
             )
         return [f"boxes of {choice.sentence()} ({where})"]
