@@ -51,7 +51,7 @@ def test_class_numbers_without_names_are_not_taken_for_cocos(run: Say, labels: P
     assert code == 2
     assert (
         "6 boxes, none of class 2, 5, 7 (car, bus, truck of COCO); found class 0: "
-        "add classes.txt or --filter.classes 0"
+        "add classes.txt or --filter.classes 0 if class 0 is that of the vehicles (in COCO, 0 is person)"
     ) in said
     code, said = run("--labels", str(labels), "--frames", "0:3")
     assert "6 boxes, none of class" in said  # of the whole folder
@@ -62,6 +62,16 @@ def test_class_numbers_without_names_are_not_taken_for_cocos(run: Say, labels: P
     assert "note: boxes of car; not person (names from x/classes.txt)" in said
     assert removed(said) == by_number > 0
     assert run("--labels", str(labels), "--method", "solution_selection")[0] == 0
+
+
+def test_the_number_of_the_vehicles_is_not_guessed(run: Say, labels: Path) -> None:
+    (labels / "000003.txt").write_text(f"1 {BOX}90 {BOX}", encoding="utf-8")
+    code, said = run("--labels", str(labels))
+    assert code == 2
+    assert "7 boxes, none of class 2, 5, 7 (car, bus, truck of COCO); found class 0, 1, 90" in said
+    assert (
+        "--filter.classes NUMBER with the number of the vehicles (in COCO, 0 is person, 1 is bicycle)" in said
+    )
 
 
 def test_number_without_a_name_contradicts_the_names(run: Say, labels: Path) -> None:

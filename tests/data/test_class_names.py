@@ -106,6 +106,41 @@ def test_choice_without_a_class_names_one() -> None:
     assert e.value.value == "3"  # the name would look like an option
 
 
+@pytest.mark.parametrize(
+    ("names", "words", "value"),
+    [
+        (["person", "pkw"], VEHICLES, "pkw"),  # not the first class, whatever it is
+        (["Pedestrian", "Cyclist", "Fahrzeug"], VEHICLES, "Fahrzeug"),
+        (["person", "dog"], VEHICLES, "NAME"),
+        (["traffic-light", "stop_sign", "Tree"], VEHICLES, "NAME"),
+        (["person", "van"], ("bus",), "van"),
+        (["person", "12"], VEHICLES, "12"),
+    ],
+)
+def test_only_a_class_that_may_be_a_vehicle_is_proposed(
+    names: list[str], words: tuple[str, ...], value: str
+) -> None:
+    with pytest.raises(ClassesError, match=f"only {', '.join(names)}: set filter.classes to {value}") as e:
+        ClassNames(dict(enumerate(names))).choose(words)
+    assert e.value.value == value
+
+
+def test_the_number_that_the_model_has_is_proposed() -> None:
+    names = ClassNames({80: "-pkw-", 0: "person"}, of_model=(0, 80))
+    with pytest.raises(ClassesError) as e:
+        names.choose(VEHICLES)
+    assert e.value.value == "1"
+    assert names.choose(("1",)).chosen == ("-pkw-",)
+
+
+def test_a_class_with_a_name_of_digits_can_be_chosen() -> None:
+    names = ClassNames({0: "30", 1: "0", 2: "car"})
+    assert names.choose(("30",)).chosen == ("30",)
+    assert names.choose(("0",)).chosen == ("0",)
+    assert names.choose(("2",)).chosen == ("car",)
+    assert len(names.choose_all().kinds) == 3
+
+
 ROAD = "names:\n  1: car\n  0: person\n"
 YAML = "train: ../train/images\nnc: 2\nnames: ['person', 'car']\n"
 NOTES = json.dumps({"categories": [{"id": 1, "name": "car"}, {"id": 0, "name": "person"}], "info": {}})

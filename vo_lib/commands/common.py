@@ -266,7 +266,8 @@ def naming_classes(option: str) -> Iterator[None]:
     try:
         yield
     except ClassesError as error:
-        raise DataError(f"{error.problem} {option.format(shlex.quote(error.value))}") from None
+        typed = option.format(shlex.quote(error.value))
+        raise DataError(f"{error.problem} {typed}{error.condition}") from None
 
 
 def tell_labels(

@@ -41,6 +41,10 @@ _ADDITIONS = """back big front group large left medium mid moving parked rear ri
     static stopped""".split()  # noqa: SIM905
 # With one of these words, the name is not that of a road vehicle: "non-motorized vehicle", "toy car".
 _CONTRARY = "cable fake model no non not rail railway toy train two".split()  # noqa: SIM905
+# Words of names that no vehicle has, besides those of COCO; a class with one of them is never proposed.
+_NO_VEHICLES = """animal background barrier bike biker bikes building cone cyclist dontcare driver face head
+    human ignore lane light man men misc motorbike motorcyclist other pavement pedestrian pedestrians people
+    persons plate pole rider road sidewalk sign signs sky tree unknown vegetation woman women""".split()  # noqa: SIM905
 SHORT_WORD = 2  # words up to this length are sizes, as in "truck-l-" and "truck-xl-"
 SHOWN_NAMES = 6  # number of names in a message
 
@@ -50,13 +54,16 @@ class ClassesError(DataError):
 
     Attributes
     ----------
-    problem : the message up to the remedy. value : a value of the setting filter.classes that helps.
+    problem : the message up to the remedy.
+    value : a value of the setting filter.classes that may help, or a word for it, such as NUMBER.
+    condition : when the value helps; the end of the message.
     """
 
-    def __init__(self, problem: str, path: str | Path | None, value: str):
-        super().__init__(f"{problem} set filter.classes to {value}", path)
+    def __init__(self, problem: str, path: str | Path | None, value: str, condition: str):
+        super().__init__(f"{problem} set filter.classes to {value}{condition}", path)
         self.problem = str(DataError(problem, path))
         self.value = value
+        self.condition = condition
 
 
 def coco_number(name: str) -> int | None:
@@ -171,17 +178,30 @@ class ClassNames:
         chosen = [self._name(number) for number in kinds]
         return ClassChoice(kinds, tuple(chosen), tuple(others), tuple(absent))
 
+    def choose_all(self) -> ClassChoice:
+        """All classes with a name."""
+        kinds = {number: self._kind(number) for number in sorted(self.names)}
+        return ClassChoice(kinds, tuple(map(self._name, kinds)), (), ())
+
     def _none_chosen(self, words: tuple[str, ...]) -> ClassesError:
-        """The error for a choice without a class; its remedy is the first class that may be chosen."""
+        """The error for a choice without a class; it proposes a class only if this may be a vehicle."""
         numbers = list(self.names if self.written is None else self.written)
         found = [self._name(number) for number in numbers]
-        value = str(numbers[0]) if numbers else "0"
-        if found and re.fullmatch(CLASS_WORD, found[0]):
-            value = found[0]
         what = "a vehicle by its name" if words == (VEHICLES,) else listed(words)
-        return ClassesError(
-            f"none of the classes is {what}, only {listed(found)}:", self.source or None, value
-        )
+        problem = f"none of the classes is {what}, only {listed(found)}:"
+        value = "NAME"
+        condition = ", with the name of the vehicles if one of these is theirs"
+        vehicles = [number for number in numbers if vehicle_kind(self._name(number)) is not None]
+        possible = [number for number in numbers if _may_be_vehicle(self._name(number))]
+        if proposed := vehicles or possible:
+            name = self._name(proposed[0])
+            value = name if re.fullmatch(CLASS_WORD, name) else self._number_to_type(proposed[0])
+            condition = "" if len(numbers) == 1 or vehicles else ", for example, if these are the vehicles"
+        return ClassesError(problem, self.source or None, value, condition)
+
+    def _number_to_type(self, number: int) -> str:
+        """The number that a person types for a class."""
+        return next(str(typed) for typed, here in self._typed().items() if here == number)
 
     def _numbers(self, word: str) -> list[int]:
         """The class numbers that a word of the setting means; [] for a class that is known but not here."""
@@ -189,14 +209,17 @@ class ClassNames:
             of_vehicles = [number for number, name in self.names.items() if vehicle_kind(name) is not None]
             numbers = of_vehicles if self.names else list(COCO_VEHICLES)
             return [number for number in numbers if self.written is None or number in self.written]
-        if word.isdecimal():
+        plain = word.casefold()
+        named = [number for number, name in self.names.items() if name.strip().casefold() == plain]
+        if named:  # also a name of digits, since the messages show names
+            numbers = named
+        elif word.isdecimal():
             typed = self._typed()
             if typed and int(word) not in typed:
                 raise DataError(f"filter.classes: there is no class {word[:20]}: {self._overview()}")
             numbers = [typed.get(int(word), int(word))]
         elif self.names:
-            plain = word.casefold()
-            numbers = [number for number, name in self.names.items() if name.strip().casefold() == plain]
+            numbers = []
         else:
             number = coco_number(word)
             numbers = [] if number is None else [number]
@@ -238,14 +261,31 @@ class ClassNames:
         return len(COCO) + number
 
 
-def no_chosen_box(found: Mapping[int, int], choice: ClassChoice) -> str:
-    """The message for a label folder with boxes, by class number, none of which has a chosen class."""
+def _may_be_vehicle(name: str) -> bool:
+    """Whether nothing in a class name says that it is no vehicle, as in a name of another language."""
+    words = re.findall(r"[^\W_]+", re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).lower())
+    return coco_number(name) is None and not any(word in _KNOWN_WORDS for word in words)
+
+
+_KNOWN_WORDS = {word for name in COCO for word in name.split()}.union(_NO_VEHICLES, _CONTRARY)
+
+
+def no_chosen_box(found: Mapping[int, int], choice: ClassChoice, path: Path) -> ClassesError:
+    """The error for a label folder with boxes, by class number, none of which has a chosen class."""
     count = sum(found.values())
     wanted = listed(choice.kinds)
     if tuple(choice.kinds) == COCO_VEHICLES:
         wanted += " (car, bus, truck of COCO)"
     boxes = "1 box" if count == 1 else f"{count} boxes"
-    return f"{boxes}, none of class {wanted}; found class {listed(sorted(found))}: add classes.txt or"
+    numbers = sorted(found)
+    problem = f"{boxes}, none of class {wanted}; found class {listed(numbers)}: add classes.txt or"
+    in_coco = listed(f"{number} is {COCO[number]}" for number in numbers if number < len(COCO))
+    remark = f" (in COCO, {in_coco})" if in_coco else ""
+    vehicles = [number for number in numbers if number in COCO_VEHICLES]
+    if len(numbers) == 1 or vehicles:
+        value = (vehicles or numbers)[0]
+        return ClassesError(problem, path, str(value), f" if class {value} is that of the vehicles{remark}")
+    return ClassesError(problem, path, "NUMBER", f" with the number of the vehicles{remark}")
 
 
 def listed(names: Iterable[object], most: int = SHOWN_NAMES) -> str:

@@ -17,7 +17,7 @@ from ..geometry.boxes import VEHICLES, Boxes, no_boxes
 from ..geometry.camera import StereoCamera
 from ..geometry.motion import inverse, rigid
 from ..geometry.types import Array, Image
-from .class_names import ClassesError, no_chosen_box
+from .class_names import no_chosen_box
 from .kitti import (
     BITS,
     COLOUR,
@@ -162,7 +162,7 @@ class Sequence:
                 return
         found = count_labels(files).boxes
         if found:
-            raise ClassesError(no_chosen_box(found, choice), self.labels, str(min(found)))
+            raise no_chosen_box(found, choice, self.labels)
 
     def part(self, start: int, stop: int) -> Sequence:
         """The frames start … stop - 1; `DataError` unless these are two or more frames of the sequence."""

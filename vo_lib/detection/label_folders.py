@@ -131,7 +131,9 @@ def chosen_mask(detector: YoloDetector, classes: tuple[str, ...]) -> BoolArray:
     if len(numbers) < len(classes) or (count is not None and max(numbers) >= count):
         which = "" if count is None or count == 1 else f" from 0 to {count - 1}"
         problem = f"the model has no class names, so its classes are chosen by number{which}:"
-        raise ClassesError(problem, detector.path, "0")
+        if count == 1:
+            raise ClassesError(problem, detector.path, "0", " if its one class is that of the vehicles")
+        raise ClassesError(problem, detector.path, "NUMBER", " with the number of the vehicles")
     mask = np.zeros(max(numbers) + 1, np.bool_)
     mask[numbers] = True
     return mask
@@ -151,7 +153,7 @@ def with_kinds(detector: YoloDetector, boxes: Boxes) -> Boxes:
     _, classes = model_classes(detector)
     if not classes.names:
         return numbered
-    return classes.choose(map(str, classes.names)).select(numbered)
+    return classes.choose_all().select(numbered)
 
 
 def write_label_folder(
