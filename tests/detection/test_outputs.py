@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -434,6 +434,36 @@ def test_both_orders_of_the_image_size_are_served(height_first: bool, tmp_path: 
     }
     path = write_network(tmp_path / "m.onnx", typed, inputs, nodes=nodes, constants={"order": order})
     assert_true_boxes(YoloDetector(path).detect(np.zeros((375, 1242), np.uint8)), (375, 1242))
+
+
+GARBAGE = np.array([900.0, 800, -3, 2, 0.001, 0.5])  # no corners, no share, no class
+
+
+@pytest.mark.parametrize(
+    ("kind", "garbage"),
+    [
+        ("end to end without a word", GARBAGE),
+        ("end to end without a word", np.array([50.0, 60, 10, 10, 0.0, 1])),  # a centre and a size
+        ("end to end as shares", GARBAGE),
+        ("class before score", GARBAGE[[0, 1, 2, 3, 5, 4]]),
+        ("class before score", np.array([900.0, 800, -3, 2, -2, 0.0])),
+        ("rtdetr with classes, silent", np.array([0.0, 0, 700, 800, 0.0, 0.5])),  # corners
+        ("rtdetr with classes", GARBAGE),
+    ],
+)
+def test_rows_without_a_score_decide_nothing(kind: str, garbage: Table, tmp_path: Path) -> None:
+    export = EXPORTS[kind]
+
+    def build(boxes: Table, net: tuple[int, int]) -> Outputs:
+        (name, table), *_ = export.build(boxes, net).items()
+        table[0, 3:] = garbage
+        return {name: table}
+
+    detector = YoloDetector(
+        written(tmp_path / "m.onnx", replace(export, build=build), (375, 1242), (640, 640))
+    )
+    assert detector.layout == export.layout
+    assert_true_boxes(detector.detect(np.zeros((375, 1242), np.uint8)), (375, 1242))
 
 
 def test_a_network_without_boxes_gives_none(tmp_path: Path) -> None:

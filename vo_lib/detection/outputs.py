@@ -33,6 +33,7 @@ from .layout import STRIDES, yolox_cells
 from .metadata import Metadata
 from .readers import (
     LARGEST_SHARE,
+    NO_OBJECT,
     BoxForm,
     ClassColumns,
     LabelColumn,
@@ -242,25 +243,41 @@ def _from_selected(
 def _from_six(
     outputs: Sequence[Output], index: int, used: Array, masks: int, metadata: Metadata
 ) -> OutputLayout:
-    """The layout of selected boxes with a score and a class number each; `used` are the rows with values."""
+    """The layout of selected boxes with a score and a class number each; `used` are the rows with values.
+
+    Rows below the score of an object may have any numbers, so they count only if there are no others.
+    """
     classes = None if metadata.names is None else len(metadata.names)
-    shares = bool(len(used)) and np.abs(used[:, :4]).max() <= LARGEST_SHARE
-    label = 5
-    if not metadata.one_to_one and not is_score_and_label(used[:, 4], used[:, 5]):
-        if is_score_and_label(used[:, 5], used[:, 4]):
-            label = 4
-        elif shares and masks == 0 and classes in (None, 2) and is_share(used[:, 4:6]).all():
+    score = 4
+    rows = _with_score(used, [score])
+    if not metadata.one_to_one and not is_score_and_label(rows[:, 4], rows[:, 5]):
+        score = 5
+        rows = _with_score(used, [score])
+        if not is_score_and_label(rows[:, 5], rows[:, 4]):
+            rows = _with_score(used, [4, 5])
+            two_classes = masks == 0 and classes in (None, 2) and is_share(rows[:, 4:6]).all()
+            if not (two_classes and _are_shares(rows)):
+                raise _refusal(outputs, "expected the columns x0, y0, x1, y1, score, class")
             reader: Reader = ClassColumns(index, False, "centre", False, 2)
             return OutputLayout("rtdetr", reader, 2, "stretched", one_to_one=True)
-        else:
-            raise _refusal(outputs, "expected the columns x0, y0, x1, y1, score, class")
     # The metadata go first: a network without training may give corners in any order.
-    corners = not metadata.transformer and (metadata.one_to_one or _are_corners(used[:, :4]))
+    corners = not metadata.transformer and (metadata.one_to_one or _are_corners(rows[:, :4]))
     form: BoxForm = "corners" if corners else "centre"
-    reader = LabelColumn(index, form, box=0, score=9 - label, label=label, either=False, classes=classes)
-    if form == "centre" and (shares or metadata.transformer):
+    reader = LabelColumn(index, form, box=0, score=score, label=9 - score, either=False, classes=classes)
+    if form == "centre" and (_are_shares(rows) or metadata.transformer):
         return OutputLayout("rtdetr", reader, classes, "stretched", one_to_one=True)
     return OutputLayout("end2end", reader, classes, one_to_one=True)
+
+
+def _with_score(rows: Array, columns: list[int]) -> Array:
+    """The rows that are objects by one of these columns of scores; all rows if there is none."""
+    objects = rows[(rows[:, columns] >= NO_OBJECT).any(axis=1)]
+    return objects if len(objects) else rows
+
+
+def _are_shares(rows: Array) -> bool:
+    """Whether there are boxes, and their numbers are shares of the image."""
+    return bool(len(rows)) and bool(np.abs(rows[:, :4]).max() <= LARGEST_SHARE)
 
 
 def _from_separate(

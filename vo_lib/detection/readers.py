@@ -102,11 +102,12 @@ class LabelColumn:
     def read(self, outputs: Outputs, width: int, height: int) -> Candidates:
         """See `Reader.read`."""
         rows = table_of(outputs[self.index]).astype(np.float64)
-        corners = corners_of(rows[:, self.box : self.box + 4], self.form, width, height)
         score = rows[:, self.score]
         label = rows[:, self.label]
         if self.either and not is_score_and_label(score, label) and is_score_and_label(label, score):
             score, label = label, score
+        boxes = rows[:, self.box : self.box + 4]
+        corners = corners_of(boxes, self.form, width, height, score >= NO_OBJECT)
         return Candidates(corners, scores_by_class(score, label, self.classes))
 
 
@@ -157,11 +158,17 @@ def table_of(output: NDArray[Any]) -> NDArray[Any]:
     return table
 
 
-def corners_of(boxes: Array, form: BoxForm, width: int, height: int) -> Array:
-    """Corners (N, 4), pixels, of boxes (N, 4) in pixels or as shares of the image."""
+def corners_of(
+    boxes: Array, form: BoxForm, width: int, height: int, objects: BoolArray | None = None
+) -> Array:
+    """Corners (N, 4), pixels, of boxes (N, 4) in pixels or as shares of the image.
+
+    objects : mask (N,) of the boxes that decide whether all are shares; None: all boxes.
+    """
     if form == "cell":
         return _decoded(boxes, width, height)
-    largest = np.max(np.abs(boxes), initial=0.0, where=np.isfinite(boxes))
+    deciding = boxes if objects is None else boxes[objects]
+    largest = np.max(np.abs(deciding), initial=0.0, where=np.isfinite(deciding))
     if largest <= LARGEST_SHARE:
         boxes = boxes * ((width, height) * 2)
     return _around(boxes[:, :2], boxes[:, 2:]) if form == "centre" else boxes
