@@ -90,7 +90,11 @@ class Setting:
         items = (value,) if single else value
         is_empty = self.pattern and not items
         if single == isinstance(self.default, tuple) or is_empty or not all(map(self._allows, items)):
-            raise DataError(f"{self.name}: {shorten(repr(value))} is not {self.describe()}")
+            if is_empty and not single:
+                raise DataError(f"{self.name} is empty, expected {self.describe()}")
+            is_typed = not single and all(type(item) is self._item_kind for item in items)
+            shown = repr(as_typed(value) if is_typed else value)
+            raise DataError(f"{self.name}: {shorten(shown)} is not {self.describe()}")
 
     def _allows(self, item: Any) -> bool:
         if item is None:
@@ -170,11 +174,16 @@ def replace(config: Any, name: str, value: Any) -> Any:
     return dataclasses.replace(config, **{head: changed})
 
 
+def value_of(config: Any, name: str) -> Any:
+    """The value of the setting with this dotted name."""
+    return functools.reduce(getattr, name.split("."), config)
+
+
 def unused_because(config: Any, name: str) -> str:
     """Why a configuration does not use one of its settings: "estimator is reprojection"; "" if it is used."""
     items = {item.name: item for item in declared(type(config))}
     for other, values in items[name].when.items():
-        value = functools.reduce(getattr, other.split("."), config)
+        value = value_of(config, other)
         if value not in values:
             return f"{other} is {as_typed(value)}"
     return ""

@@ -161,6 +161,24 @@ def test_settings_of_earlier_versions_are_read(run: Say, tmp_path: Path) -> None
         assert now["settings"]["filter"]["classes"] == new
 
 
+def test_settings_of_a_config_without_effect_are_told(run: Say, tmp_path: Path) -> None:
+    path = tmp_path / "out" / "config.json"
+    for method, changes, told in (
+        ("viso2", {}, ""),
+        ("viso2", {"sets": 50}, "viso2 does not use selection.sets 50 (since estimator is reprojection)"),
+        ("feature_selection", {"sets": 50}, ""),
+    ):
+        code, said = run("--method", method)
+        assert code == 0
+        data = json.loads(path.read_text(encoding="utf-8"))
+        data["settings"]["selection"] |= changes
+        (tmp_path / "changed.json").write_text(json.dumps(data), encoding="utf-8")
+        code, said = run("--config", str(tmp_path / "changed.json"))
+        assert code == 0
+        assert said.count("does not use") == bool(told)
+        assert told in said
+
+
 @pytest.mark.parametrize(("value", "words"), [(0, "no pixel is masked"), (1, "all pixels are masked")])
 def test_masks_of_nothing_or_everything_are_warnings(
     run: Say, tmp_path: Path, value: int, words: str

@@ -9,7 +9,7 @@ from statistics import median
 from typing import TYPE_CHECKING
 
 from .. import settings
-from ..config import SETTINGS, change
+from ..config import SETTINGS, change, preset
 from ..data.catalogue import KITTI, SYNTHETIC
 from ..detection.settings import DetectorConfig
 from ..errors import DataError
@@ -98,6 +98,7 @@ def _run(options: argparse.Namespace) -> int:
             config = change(config, item.name, item.parse(text))
             given.append(item.name)
     _refuse_unused(options, config, given)
+    _tell_unused(options, config, given)
     common.require_drawing()
     loops = from_options(options, LoopConfig, close_loops.PREFIX)
     calibration = _check(options, config)
@@ -239,13 +240,35 @@ def _refuse_unused(options: argparse.Namespace, config: MethodConfig, given: lis
         if getattr(options, item.name) is not None and not options.loops:
             print_wrapped(f"note: --{item.name} has no effect without --loops")
     for name in given:
-        reason = settings.unused_because(config, name)
-        # Places are compared by the reprojection error, and a film shows the boxes of every rule.
-        also = (options.loops and name.startswith("reprojection.")) or (
-            options.video is not None and name in BOX_SETTINGS
-        )
-        if reason and not also:
+        if reason := _unused_because(options, config, name):
             raise DataError(f"--{name}: {options.method} does not use this setting, since {reason}")
+
+
+def _tell_unused(options: argparse.Namespace, config: MethodConfig, given: list[str]) -> None:
+    """Print a note on settings of --config that are no defaults and have no effect on this run."""
+    if options.config is None:
+        return
+    usual = preset(options.method, variant=config.variant)
+    without_effect = []
+    for item in settings.declared(type(config)):
+        value = settings.value_of(config, item.name)
+        if item.name in given or value in (item.default, settings.value_of(usual, item.name)):
+            continue
+        if reason := _unused_because(options, config, item.name):
+            without_effect.append(f"{item.name} {settings.as_typed(value)} (since {reason})")
+    if without_effect:
+        words = ", ".join(without_effect)
+        print_wrapped(f"note: {options.config}: {options.method} does not use {words}")
+
+
+def _unused_because(options: argparse.Namespace, config: MethodConfig, name: str) -> str:
+    """Why a setting has no effect on this run; "" if it has one."""
+    # Places are compared by the reprojection error, and a film shows the boxes of every rule.
+    if options.loops and name.startswith("reprojection."):
+        return ""
+    if options.video is not None and name in BOX_SETTINGS:
+        return ""
+    return settings.unused_because(config, name)
 
 
 def _refuse_to_replace_input(options: argparse.Namespace) -> None:

@@ -48,6 +48,10 @@ def find_model(name: str | Path, folder: Path | None = None) -> Path:
             command = f"yolo export model={path.name} format=onnx"
             raise DataError(f"is a file of PyTorch, expected ONNX; make it with: {command}", path)
         return path
+    # A word such as "street" is a name, also beside a folder with this name.
+    if path.exists() and path.parent != Path():
+        kind = "a folder" if path.is_dir() else "a pipe or a device"
+        raise DataError(f"is {kind}, expected an ONNX file", path)
     obtainable = path.stem in DOWNLOADABLE or ULTRALYTICS.fullmatch(path.stem)
     if path.suffix.lower() in (".onnx", *PYTORCH) or path.parent != Path():
         how = ""
