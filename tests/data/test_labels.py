@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vo_lib.data.label_files import count_labels, label_files, read_labels, write_labels
+from vo_lib.data.label_files import count_labels, label_files, read_labels, read_rows, write_labels
 from vo_lib.errors import DataError
 from vo_lib.geometry.boxes import Boxes, no_boxes
 
@@ -71,6 +71,63 @@ def test_other_lines_are_refused(tmp_path: Path, line: str, words: str) -> None:
         read_labels(tmp_path / "000000.txt", 100, 50)
 
 
+def test_kittis_object_labels_name_their_conversion(tmp_path: Path) -> None:
+    row = "Car 0.00 0 1.85 387.63 181.54 423.81 203.12 1.67 1.87 3.69 -16.53 2.39 58.49 1.57"
+    for line in (row, f"{row} 0.93", row.replace("Car", "DontCare")):
+        (tmp_path / "000000.txt").write_text(f"{line}\n")
+        with pytest.raises(DataError, match=r"000000\.txt, line 1: .* vo data kitti_to_yolo converts them"):
+            read_labels(tmp_path / "000000.txt", 100, 50)
+
+
+PERSON = "0 0.6 0.5 0.1 0.4"  # x from 0.55 to 0.65, y from 0.3 to 0.7
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        f"{PERSON} 0.58 0.35 0.62 0.6",
+        f"{PERSON} 0.6 0.35 2",
+        f"{PERSON} 0.6 0.35 2 0.58 0.6 1 0 0 0",
+        f"{PERSON} 0.6 0.35 1 0.58 0.6 0",
+        f"{PERSON} 0.6 0.35 0.98 0.58 0.6 0.71",
+        f"{PERSON} 0.6 0.35 0.58 0.6 0.9",  # with a score
+        f"{PERSON} 0.6 0.35 0.98 0.58 0.6 0.71 0.64 0.69 0.4 0.9",
+        f"{PERSON} " + " ".join(f"{0.56 + 0.005 * k:.3f} {0.32 + 0.02 * k:.3f} 2" for k in range(17)),
+        f"{PERSON} " + " ".join(f"{0.56 + 0.005 * k:.3f} {0.32 + 0.02 * k:.3f}" for k in range(17)),
+        "2 0.4 0.5 0.1 0.3 0.38 0.4 0.43 0.6",
+        "2 0.5 0.5 0.2 0.3 0.45 0.4 0.55 0.6 0 0",
+        "2 0.2 0.6 0.1 0.2 0.16 0.52 0.24 0.52 0.16 0.68 0.24 0.68",  # corners of a car's rear
+    ],
+)
+def test_boxes_with_keypoints_are_no_polygons(tmp_path: Path, line: str) -> None:
+    (tmp_path / "000000.txt").write_text(f"2 0.2 0.5 0.2 0.6\n{line}\n")
+    with pytest.raises(DataError, match=r"line 2: .*found a box with keypoints"):
+        read_labels(tmp_path / "000000.txt", 100, 50)
+
+
+def test_polygons_that_may_be_keypoints_are_counted(tmp_path: Path) -> None:
+    lines = [f"{PERSON} 0.6 0.4", "2 0.3 0.5 0.2 0.3 0.25 0.4 0.35 0.6", "2 0.1 0.2 0.3 0.2 0.2 0.8"]
+    lines.append("2 0.3 0.5 0.1 0.3 0.28 0.4 0.33 0.6")
+    (tmp_path / "000000.txt").write_text("\n".join(lines))
+    counts = count_labels([tmp_path / "000000.txt"])
+    assert (counts.polygons, counts.may_be_keypoints) == (4, 3)
+
+
+@pytest.mark.parametrize("count", [3, 4, 5, 8, 30])
+@pytest.mark.parametrize("size", [0.01, 0.1, 0.3])
+def test_polygons_are_not_taken_for_keypoints(tmp_path: Path, count: int, size: float) -> None:
+    generator = np.random.default_rng(0)
+    for _ in range(200):
+        angles = 2 * np.pi / count * (np.arange(count) + generator.uniform(-0.4, 0.4, count))
+        if count == 4:  # a rotated box
+            angles = angles[0] + np.array([0, 0.7, np.pi, np.pi + 0.7])
+        centre = generator.uniform(size, 1 - size, 2)
+        points = centre + size * np.stack([np.cos(angles), np.sin(angles)], axis=1) * [0.9, 0.6]
+        line = " ".join(f"{value:.6f}" for value in points.ravel())
+        (tmp_path / "000000.txt").write_text(f"2 {line}\n")
+        assert read_rows(tmp_path / "000000.txt").polygon.tolist() == [True], line
+
+
 CORNERS = ("2 0.08 0.48 0.24 0.80", "2 0.56 0.45 0.63 0.61")
 
 
@@ -95,7 +152,9 @@ def test_labels_of_a_folder_are_counted(tmp_path: Path) -> None:
     assert counts.boxes == {0: 2, 5: 1}
     assert counts.polygons == 1
     assert not counts.may_be_corners
-    (tmp_path / "000001.txt").write_text(
-        10 * "0 0.4 0.4 0.45 0.45\n"
-    )  # not outside, but each could be corners
-    assert count_labels([tmp_path / "000001.txt"]).may_be_corners
+    corner = "0 0.4 0.4 0.45 0.45\n"  # not outside, but could be corners
+    for text, suspicious in ((10 * corner, True), (corner, True), (f"{corner}0 0.5 0.5 0.1 0.1\n", False)):
+        (tmp_path / "000001.txt").write_text(text)
+        assert count_labels([tmp_path / "000001.txt"]).may_be_corners == suspicious
+    (tmp_path / "000001.txt").write_text("")
+    assert not count_labels([tmp_path / "000001.txt"]).may_be_corners

@@ -19,8 +19,16 @@ MAX_CLASS_ID = 10**6  # no data set has more classes; a larger number belongs to
 SLACK = 1e-3  # values outside 0..1 by at most this are rounding errors of other programs, and are clipped
 POLYGON_FIELDS = 7  # number of fields of the shortest polygon: the class and three points
 OUTSIDE = 0.01  # a box that reaches further out of the image, as a share, may be corners read as a centre
-# With this many boxes, all of which could be corners, a warning is due.
-SUSPICIOUS_BOXES = 10
+KITTI_FIELDS = (15, 16)  # of a line of KITTI's object labels, without and with a score
+KEYPOINT_SIZES = (2, 3)  # numbers of a keypoint: x, y, and perhaps whether or how surely it is visible
+VISIBLE = 2.0  # the largest such number
+# The second pair of numbers is the size of a box, not a point of a polygon, if it lies further outside the
+# other points than this share of their extent: by the first share it may be, by the second it is.
+MAY_BE_SIZE = 0.25
+IS_SIZE = 1.0
+TRIANGLE = 3  # number of points; too few to tell
+SMALLEST_AREA = 1e-6  # of a rotated box, as a share of the image
+SAME = 2e-3  # shares of the image; the sides of rotated boxes are parallel up to the rounding of their points
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,12 +39,14 @@ class LabelRows:
     ----------
     class_id : (N,) numbers. shares : (N, 4) centre x, centre y, width, height. score : (N,) in [0, 1].
     polygon : (N,) whether the row was a polygon or a rotated box, whose bounding box is in `shares`.
+    may_be_keypoints : (N,) whether the polygon may be a box with keypoints instead.
     """
 
     class_id: IntArray
     shares: Array
     score: Array
     polygon: BoolArray
+    may_be_keypoints: BoolArray
 
 
 def read_rows(path: str | Path) -> LabelRows:
@@ -44,14 +54,24 @@ def read_rows(path: str | Path) -> LabelRows:
 
     Values are shares of the image's size. A rotated box is a polygon of four points.
 
-    Raises `DataError` with file and line for a wrong number of fields, a value outside 0..1 or an invalid
-    class number.
+    Raises `DataError` with file and line for a wrong number of fields, a value outside 0..1, an invalid class
+    number, and for rows with keypoints.
     """
     rows: list[tuple[int, list[float], float, bool]] = []
+    unclear = []
     for number, line in enumerate(read_text(path).splitlines(), start=1):
         words = line.split()
         if not words:
             continue
+        _refuse_kitti(words, path, number)
+        keypoints = len(words) >= POLYGON_FIELDS and _have_keypoints(_numbers(words[1:]))
+        if keypoints:
+            raise DataError(
+                "expected class cx cy w h [score], found a box with keypoints, as of a pose model: keep the "
+                "first 5 numbers of each line",
+                path,
+                number,
+            )
         is_polygon = len(words) >= POLYGON_FIELDS and len(words) % 2 == 1
         if len(words) not in (5, 6) and not is_polygon:
             raise DataError(
@@ -78,6 +98,7 @@ def read_rows(path: str | Path) -> LabelRows:
                 number,
             )
         values = [min(max(value, 0.0), 1.0) for value in values]
+        unclear.append(keypoints is None)
         if is_polygon:
             rows.append((int(class_id), _bounding_box(values), 1.0, True))
         else:
@@ -88,7 +109,108 @@ def read_rows(path: str | Path) -> LabelRows:
         np.array([row[1] for row in rows], np.float64).reshape(-1, 4),
         np.array([row[2] for row in rows], np.float64),
         np.array([row[3] for row in rows], np.bool_),
+        np.array(unclear, np.bool_),
     )
+
+
+def _numbers(words: list[str]) -> list[float]:
+    """The numbers of a line; none if a word is not a number."""
+    try:
+        return [float(word) for word in words]
+    except ValueError:
+        return []
+
+
+def _refuse_kitti(words: list[str], path: str | Path, number: int) -> None:
+    """Raise `DataError` for a line of KITTI's object labels."""
+    if len(words) in KITTI_FIELDS and words[0][0].isalpha():
+        raise DataError(
+            "is a line of KITTI's object labels, expected YOLO's: vo data kitti_to_yolo converts them",
+            path,
+            number,
+        )
+
+
+def _have_keypoints(values: list[float]) -> bool | None:
+    """Whether numbers without the class are a box and keypoints in it; None if they may be a polygon, too.
+
+    Perhaps a score follows them. Of a polygon, too, the first two points may look like a box around the
+    others; but then the second point lies near them, which is rarely true for the size of a box.
+    """
+    found: bool | None = False
+    if len(values) < POLYGON_FIELDS - 1 or not _is_box_in_image(values[:4]):
+        return found
+    for rest in (values[4:], values[4:-1]):
+        for size in KEYPOINT_SIZES:
+            if not rest or len(rest) % size:
+                continue
+            points = list(zip(rest[::size], rest[1::size], strict=True))
+            third = rest[2::size] if size == 3 else []
+            if not all(0 <= value <= VISIBLE for value in third) or not _are_in_box(values[:4], points):
+                continue
+            # No polygon has an odd count of numbers, nor a number above 1.
+            if len(values) % 2 == 1 or max(rest) > 1.0 + SLACK:
+                return True
+            is_size = _is_size([(values[0], values[1]), (values[2], values[3]), *points])
+            if is_size:
+                return True
+            found = None if is_size is None else found
+    return found
+
+
+def _is_size(points: list[tuple[float, float]]) -> bool | None:
+    """Whether the second pair of numbers cannot be a point of a polygon; None if it may be one."""
+    if len(points) == 4 and _is_parallelogram(np.array(points)):
+        return False  # a rotated box
+    second_x, second_y = points[1]
+    others = [point for point in (points[0], *points[2:]) if point != (0.0, 0.0)]
+    xs = [point[0] for point in others]
+    ys = [point[1] for point in others]
+    left = min(xs)
+    right = max(xs)
+    top = min(ys)
+    bottom = max(ys)
+    outside = max(left - second_x, second_x - right, top - second_y, second_y - bottom)
+    extent = max(right - left, bottom - top)
+    if outside > IS_SIZE * extent and len(points) > TRIANGLE:
+        return True
+    return None if outside > MAY_BE_SIZE * extent else False
+
+
+def _is_parallelogram(points: Array) -> bool:
+    """Whether four points (4, 2) are the corners of a parallelogram, as of a rotated box, in their order."""
+    side = points[1] - points[0]
+    other_side = points[3] - points[0]
+    area = abs(side[0] * other_side[1] - side[1] * other_side[0])
+    closes = np.allclose(points[0] + points[2], points[1] + points[3], rtol=0, atol=SAME)
+    return bool(closes and area > SMALLEST_AREA)
+
+
+def _is_box_in_image(box: list[float]) -> bool:
+    """Whether four numbers are the centre and the size of a box in the image."""
+    x, y, width, height = box
+    if width <= 0 or height <= 0:
+        return False
+    ends = (x - width / 2, x + width / 2, y - height / 2, y + height / 2)
+    return min(ends) >= -OUTSIDE and max(ends) <= 1.0 + OUTSIDE
+
+
+def _are_in_box(box: list[float], points: Iterable[tuple[float, float]]) -> bool:
+    """Whether a box (centre, size) contains keypoints; one at (0, 0) is not there.
+
+    Plain numbers, since arrays would take longer: this is done for every polygon of every frame.
+    """
+    centre_x, centre_y, width, height = box
+    half_width = width / 2 + OUTSIDE
+    half_height = height / 2 + OUTSIDE
+    count = 0
+    for x, y in points:
+        if x == 0 and y == 0:
+            continue
+        if abs(x - centre_x) > half_width or abs(y - centre_y) > half_height:
+            return False
+        count += 1
+    return count > 0
 
 
 def _bounding_box(values: list[float]) -> list[float]:
@@ -152,11 +274,13 @@ class LabelCounts:
     Attributes
     ----------
     boxes : number of boxes of each class. polygons : number of polygons and rotated boxes among them.
-    may_be_corners : whether each of many boxes could be corners instead of centre and size.
+    may_be_keypoints : number of polygons that may be boxes with keypoints.
+    may_be_corners : whether each box could be corners instead of centre and size.
     """
 
     boxes: Counter[int]
     polygons: int
+    may_be_keypoints: int
     may_be_corners: bool
 
 
@@ -164,14 +288,16 @@ def count_labels(files: Iterable[Path]) -> LabelCounts:
     """Contents of label files; raises `DataError` as `read_rows` does."""
     boxes = Counter[int]()
     polygons = 0
+    keypoints = 0
     corners = True
     for path in files:
         rows = read_rows(path)
         boxes.update(rows.class_id.tolist())
         polygons += int(np.count_nonzero(rows.polygon))
+        keypoints += int(np.count_nonzero(rows.may_be_keypoints))
         corners = corners and _are_corners(rows)
     plain = boxes.total() - polygons
-    return LabelCounts(boxes, polygons, corners and plain >= SUSPICIOUS_BOXES)
+    return LabelCounts(boxes, polygons, keypoints, corners and plain > 0)
 
 
 def write_labels(path: str | Path, boxes: Boxes, width: int, height: int, scores: bool = True) -> None:

@@ -104,6 +104,11 @@ def _shape_remarks(counts: LabelCounts) -> list[str]:
         remarks.append(
             f"{counts.polygons} labels are polygons or rotated boxes: their bounding boxes are used"
         )
+    if counts.may_be_keypoints:
+        remarks.append(
+            f"{counts.may_be_keypoints} of the polygons may be boxes with keypoints, class cx cy w h x y …: "
+            "if so, keep the first 5 numbers of each line"
+        )
     if counts.may_be_corners:
         remarks.append(
             "every box is higher and wider than its centre's distance from the corner of the image: are the "
