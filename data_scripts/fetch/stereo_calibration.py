@@ -54,7 +54,7 @@ class Calibration:
         Raises `DataError` if the files name another size, or as `rig_from_matrices`.
         """
         if self.size is not None and self.size != size:
-            raise DataError(_other_size(self.size, size), self.path)
+            raise DataError(other_size(self.size, size), self.path)
         metres = unit or self.unit or 1.0
         return rig_from_matrices(self.matrices, size, self.path, rectified, metres, self.lenses)
 
@@ -96,8 +96,8 @@ class Rig:
         return rectified[0], rectified[1]
 
 
-def _other_size(named: Size, actual: Size) -> str:
-    """Error for images of another size than the calibration; a remedy if they are only scaled."""
+def other_size(named: Size, actual: Size) -> str:
+    """The sentence for images of another size than the calibration; a remedy if they are only scaled."""
     text = f"the calibration is for images of {named[0]}×{named[1]}, but these are {actual[0]}×{actual[1]}"
     scale = actual[0] / named[0]
     if abs(actual[1] / named[1] - scale) < 1.0 / named[1]:  # the height is rounded to whole pixels

@@ -632,7 +632,8 @@ UNKNOWN = {
         "537.2 --unit mm",
     ),
     "middlebury": (
-        "cam0=[718.856 0 607.1928; 0 718.856 185.2157; 0 0 1]\ndoffs=0\nbaseline=193.001\nwidth=1241\n",
+        "cam0=[718.856 0 607.1928; 0 718.856 185.2157; 0 0 1]\n"
+        "cam1=[718.856 0 607.1928; 0 718.856 185.2157; 0 0 1]\ndoffs=0\nbaseline=193.001\nwidth=1241\n",
         "193.001 --unit cm \\(or --unit mm\\)",
     ),
     "prose": ("fx: 718.856 px, cx: 607.1928 px, cy: 185.2157 px; baseline (cm): 54\n", "54 --unit cm"),
@@ -655,7 +656,85 @@ def test_an_unknown_file_is_answered_with_the_options(tmp_path: Path, name: str)
     with pytest.raises(
         DataError, match=f"if the images are rectified, replace --calibration by {LINE}{baseline}"
     ):
-        read(path)
+        read(path, size=(1241, 376))
+
+
+NUMBERS = "fx: 539.1\nfy: 539.1\ncx: 455.4\ncy: 138.9\nbaseline: 0.537\n"
+
+
+@pytest.mark.parametrize(
+    "named",
+    [
+        "Camera.width: 931\nCamera.height: 281\n",
+        "width=931\nheight=281\n",
+        "width=931\n",
+        "image_height: 281\n",
+        "resolution: [931, 281]\n",
+        "resolution:\n  - 931\n  - 281\n",
+        "image_size = (931, 281)\n",
+        "ImageSize: [281 931]\n",
+        "image shape: 281, 931\n",
+        "image size [px]: 931 281\n",
+        "# image size (w, h) = (931, 281)\n",
+        "S_00: 931 281\n",
+        "sensor 931 by 281\n",
+        "images of 931x281 pixels\n",
+        "resolution: 931 × 281\n",
+        "left_width: 931\nleft_height: 281\n",
+        "[left]\nimage width\n931\nimage height\n281\n",
+        "<image_width>931</image_width><image_height>281</image_height>\n",
+        '"cols": 931, "rows": 281\n',
+        "w: 931.0\nh: 281.0\nscale width: 1e999\nwidth: 931\n",
+        "Width:      \t931\nHeight:     \t281\n",
+    ],
+)
+def test_the_options_are_not_given_for_images_of_another_size(tmp_path: Path, named: str) -> None:
+    path = write(tmp_path / "rig.txt", NUMBERS + named)
+    with pytest.raises(
+        DataError, match=r"the calibration is for images of .*(931|281).*multiply f, cx and cy.* 1.33"
+    ) as caught:
+        read(path, size=(1242, 375))
+    assert "--focal" not in str(caught.value)
+    with pytest.raises(DataError, match=r"--focal 539.1 --centre 455.4,138.9 --baseline 0.537"):
+        read(path, size=(931, 281))
+
+
+def test_sizes_of_other_things_are_not_those_of_images(tmp_path: Path) -> None:
+    path = write(
+        tmp_path / "rig.txt", NUMBERS + "rows: 9\ncols: 6\nboard: 300 x 200 mm\nsquare_size: 100\nrows: 3\n"
+    )
+    with pytest.raises(DataError, match=r"--focal 539.1"):
+        read(path, size=(1242, 375))
+
+
+@pytest.mark.parametrize(
+    ("text", "difference"),
+    [
+        (
+            "cam0=[539.1 0 455.4; 0 539.1 138.9; 0 0 1]\ncam1=[539.1 0 586.511; 0 539.1 138.9; 0 0 1]\n"
+            "doffs=131.111\nbaseline=193.001\nwidth=931\nheight=281\n",
+            "doffs 131.111",
+        ),
+        (
+            "cam0=[539.1 0 455.4; 0 539.1 138.9; 0 0 1]\ncam1=[539.1 0 586.511; 0 539.1 138.9; 0 0 1]\n"
+            "baseline=193.001\n",
+            "cx 455.4 and 586.511",
+        ),
+        (NUMBERS + "doffs: -12.5\n", "doffs -12.5"),
+        (NUMBERS + "cx_right: 460.1\n", "cx 455.4 and 460.1"),
+        (NUMBERS + "right.cx = 460.1\n", "cx 455.4 and 460.1"),
+        (NUMBERS + "cx2: 460.1\n", "cx 455.4 and 460.1"),
+        (NUMBERS + "[right]\nfx: 539.1\nfy: 539.1\ncx: 455.4\ncy: 141\n", "cy 138.9 and 141"),
+        (NUMBERS + "Camera2.fx: 541\nCamera2.cx: 455.4\n", "fx 539.1 and 541"),
+    ],
+)
+def test_the_options_are_not_given_for_cameras_that_differ(
+    tmp_path: Path, text: str, difference: str
+) -> None:
+    path = write(tmp_path / "rig.txt", text)
+    with pytest.raises(DataError, match=f"its cameras differ \\({difference}\\)") as caught:
+        read(path, size=(931, 281))
+    assert "--focal 5" not in str(caught.value)
 
 
 def test_a_file_without_numbers_lists_the_tools(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from fetch.calibrations import kalibr, kitti, opencv, realsense, ros, zed
-from fetch.calibrations.numbers_in_text import numbers_in
+from fetch.calibrations.numbers_in_text import differing_cameras, numbers_in, other_size_in
 from fetch.calibrations.values import UnknownFile, side_of, too_deep, yaml_mapping
 from fetch.rectification import FISHEYE, RADTAN, Lens
 from fetch.stereo_calibration import Calibration
@@ -61,7 +61,7 @@ def read_calibration(
     try:
         return _with_lens(opencv.read_matrices(entries, size), fisheye)
     except UnknownFile as error:
-        raise _unknown(error, entries[0].path) from None
+        raise _unknown(error, entries[0].path, size) from None
 
 
 def _files_of(folder: Path) -> list[Path]:
@@ -111,7 +111,7 @@ def _read_file(
     try:
         return opencv.read_storage(path)
     except UnknownFile as error:
-        raise _unknown(error, path) from None
+        raise _unknown(error, path, size) from None
 
 
 def _json(text: str) -> dict[str, Any]:
@@ -137,14 +137,29 @@ def _with_lens(calibration: Calibration, fisheye: bool) -> Calibration:
     return calibration
 
 
-def _unknown(error: UnknownFile, path: Path) -> DataError:
-    """The error for a file without known matrices; with the options if its text has the numbers."""
+def _unknown(error: UnknownFile, path: Path, size: tuple[int, int]) -> DataError:
+    """The error for a file without known matrices; with the options if its text has the numbers.
+
+    The options have no size, and one principal point for both cameras: a text that names another size than
+    `size`, that of the images, or cameras that differ, gets no options.
+    """
     try:
-        numbers = numbers_in(read_text(path))
+        text = read_text(path)
     except DataError:  # an archive
-        numbers = None
+        text = ""
+    numbers = numbers_in(text)
     if numbers is None:
         return DataError(f"{error}; files that are read: {KNOWN}; for rectified images: {OPTIONS}")
+    fault = other_size_in(text, size)
+    if fault:
+        return DataError(f"is of an unknown form; {fault}", path)
+    difference = differing_cameras(text)
+    if difference:
+        return DataError(
+            f"is of an unknown form, and its cameras differ ({difference}), but {OPTIONS} are one camera's: "
+            "write K1, D1, K2, D2, R and T of both cameras into a file of OpenCV",
+            path,
+        )
     condition = "if the images are rectified"
     if abs(numbers.fx - numbers.fy) > UNEQUAL * numbers.fx:
         condition += f" (then fx and fy are equal; here they are {numbers.fx:g} and {numbers.fy:g})"

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 
-from fetch.stereo_calibration import UNITS, usual_units
+from fetch.calibrations.values import MAX_SIDE_PX
+from fetch.rectification import Size
+from fetch.stereo_calibration import UNITS, other_size, usual_units
 
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 BETWEEN = r"[\"']?\s*(?:[\[(]\s*(?P<unit>m|cm|mm|px|pixels?)\s*[\])])?\s*[:=>,]?\s*[\[\"(]?\s*"
@@ -23,6 +26,28 @@ MATRIX = re.compile(
     rf"({NUMBER})[\s,;\[\]]+0\.?0*[\s,;\[\]]+({NUMBER})[\s,;\[\]]+0\.?0*[\s,;\[\]]+({NUMBER})[\s,;\[\]]+({NUMBER})"
     r"[\s,;\[\]]+0\.?0*[\s,;\[\]]+0\.?0*[\s,;\[\]]+1"
 )
+
+# Names of numbers that both cameras have, also with the camera before or after them: right_cx, cx_r, cx1.
+OF_BOTH = {"fx": r"fx|f_x|fu|focal(?:_?length)?_?x", "cx": NAMES["cx"], "cy": NAMES["cy"]}
+CAMERA = r"left|right|l|r|cam(?:era)?_?\d?|\d"
+SAME_PX = 0.01  # rectified cameras have equal numbers; files round them
+DISPARITY_OFFSET = r"doffs?|d_?offsets?|disp(?:arity)?_?off(?:s|sets?)?"
+# Sizes of images. MATLAB and NumPy give the height first.
+OF_IMAGES = rf"(?:(?:{CAMERA}|images?|img|im|frame|colou?r|raw|calib(?:ration)?)[_. ]?)*"
+PIXELS = r"(?:_?(?:px|pix|pixels))?"
+WIDTH = rf"{OF_IMAGES}(?:width|cols|columns|w|nx|x_?res|res(?:olution)?_?x|size_?x){PIXELS}"
+HEIGHT = rf"{OF_IMAGES}(?:height|rows|h|ny|y_?res|res(?:olution)?_?y|size_?y){PIXELS}"
+PAIR = re.compile(
+    rf"(?<![A-Za-z0-9_]){OF_IMAGES}"
+    rf"(?:size|resolution|res|shape|dims?|dimensions?|sensor|S(?:_rect)?_\d+){PIXELS}"
+    r"(?:\s*[\[(][A-Za-z, ]+[\])])?"
+    rf"[\"'\s:=>,({{\[-]*(?P<first>{NUMBER})(?:[\s,;x×*-]+|\s+by\s+)(?P<second>{NUMBER})(?![\w.])",
+    re.IGNORECASE,
+)
+CROSS = re.compile(
+    r"(?<![\w.])(?P<first>\d+)\s*[x×*]\s*(?P<second>\d+)(?![\w.])(?!\s*(?:mm|cm|m)\b)", re.IGNORECASE
+)
+SMALLEST_SIDE_PX = 64  # smaller numbers are rows and columns of matrices and chessboards
 
 
 @dataclass(frozen=True)
@@ -67,3 +92,65 @@ def numbers_in(text: str) -> TextNumbers | None:
     fy = values.get("fy", values["fx"])
     unit = unit if unit in UNITS else None
     return TextNumbers(values["fx"], fy, values["cx"], values["cy"], abs(values["baseline"]), unit)
+
+
+def other_size_in(text: str, size: Size) -> str:
+    """A sentence if a text names a size of images other than `size`, width and height in pixels; or ""."""
+    for pattern in (PAIR, CROSS):
+        for match in pattern.finditer(text):
+            first = _side(match["first"])
+            second = _side(match["second"])
+            if first is None or second is None or size in ((first, second), (second, first)):
+                continue
+            is_height_first = (first < second) != (size[0] < size[1])
+            return other_size((second, first) if is_height_first else (first, second), size)
+    widths = [side for side in map(_side, _values(text, WIDTH)) if side is not None]
+    heights = [side for side in map(_side, _values(text, HEIGHT)) if side is not None]
+    for named in zip(widths, heights, strict=False):
+        if named != size:
+            return other_size(named, size)
+    for name, values, actual in (("width", widths, size[0]), ("height", heights, size[1])):
+        for value in values:
+            if value != actual:
+                return (
+                    f"the calibration is for images of {name} {value}, but these are {size[0]}×{size[1]}: "
+                    "use images of the calibration's size or, if they are only scaled, multiply f, cx and cy "
+                    f"by {actual / value:.4g}"
+                )
+    return ""
+
+
+def differing_cameras(text: str) -> str:
+    """What the cameras in a text do not share, as `cx 311.193 and 442.304` or `doffs 131.111`; "" if nothing.
+
+    The options of `from_folder` have one focal length and one principal point for both cameras.
+    """
+    for value in _values(text, DISPARITY_OFFSET):
+        if abs(float(value)) > SAME_PX:
+            return f"doffs {float(value):g}"
+    matrices = [
+        dict(zip(("fx", "cx", "fy", "cy"), map(float, found), strict=True)) for found in MATRIX.findall(text)
+    ]
+    for key, names in OF_BOTH.items():
+        values = [
+            float(value)
+            for value in _values(text, rf"(?:(?:{CAMERA})[_. ]?)?(?:{names})(?:[_. ]?(?:{CAMERA}))?")
+        ]
+        values += [matrix[key] for matrix in matrices]
+        other = next((value for value in values if abs(value - values[0]) > SAME_PX), None)
+        if other is not None:
+            return f"{key} {values[0]:g} and {other:g}"
+    return ""
+
+
+def _values(text: str, names: str) -> Iterator[str]:
+    """All numbers that stand behind one of these names."""
+    pattern = rf"(?<![A-Za-z0-9_])(?:{names}){BETWEEN}(?P<value>{NUMBER}){AFTER}"
+    for match in re.finditer(pattern, text, re.IGNORECASE):
+        yield match["value"]
+
+
+def _side(number: str) -> int | None:
+    """The side of an image in a number, pixels; None for every other number."""
+    value = float(number)
+    return int(value) if SMALLEST_SIDE_PX <= value <= MAX_SIDE_PX and value.is_integer() else None
