@@ -18,6 +18,7 @@ from vo_lib.evaluation.ate_rpe import (
     absolute_error,
     align,
     orientations_disagree,
+    quaternions_disagree,
     relative_error,
 )
 from vo_lib.evaluation.kitti_errors import (
@@ -350,3 +351,59 @@ def test_orientations_in_another_order_or_of_another_sensor_are_found() -> None:
     imu = drift.copy()
     imu[:, :3, :3] = drift[:, :3, :3] @ camera_in_body
     assert orientations_disagree(truth, imu)
+
+
+def gentle_path(forward: int, yaw: float, pitch: float) -> Array:
+    """Poses (200, 4, 4) of 199 m along an axis of the pose, with slow bends of these angles in degrees."""
+    poses = np.tile(np.eye(4), (200, 1, 1))
+    up = np.zeros(3)
+    up[2 if forward == 0 else 1] = 1.0
+    side = np.zeros(3)
+    side[1 if forward == 0 else 0] = 1.0
+    for k in range(200):
+        yaw_now = np.radians(yaw) * np.sin(2 * np.pi * k / 100)
+        pitch_now = np.radians(pitch) * np.sin(2 * np.pi * k / 70)
+        poses[k, :3, :3] = rotation_from_vector(up * yaw_now) @ rotation_from_vector(side * pitch_now)
+        if k:
+            poses[k, :3, 3] = poses[k - 1, :3, 3] + poses[k - 1, :3, forward]
+    return poses
+
+
+def reordered(poses: Array, order: list[int]) -> Array:
+    """Poses (N, 4, 4) whose quaternions x y z w are read from the numbers in these places."""
+    result = poses.copy()
+    for k, pose in enumerate(poses):
+        result[k, :3, :3] = rotation_from_quaternion(quaternion_from_rotation(pose[:3, :3])[order])
+    return result
+
+
+@pytest.mark.parametrize(("yaw", "pitch"), [(12, 6), (5, 2), (1, 0.3), (30, 10)])
+@pytest.mark.parametrize("forward", [0, 2])
+def test_quaternions_in_another_order_are_found(forward: int, yaw: float, pitch: float) -> None:
+    truth = gentle_path(forward, yaw, pitch)
+    estimate = truth.copy()
+    estimate[:, :3, 3] *= 1.01
+    assert not quaternions_disagree(truth, estimate)
+    for order in ([3, 0, 1, 2], [1, 2, 3, 0]):
+        assert quaternions_disagree(truth, reordered(estimate, order))
+        assert quaternions_disagree(reordered(truth, order), estimate)
+        assert quaternions_disagree(truth, reordered(random_rigid(4) @ estimate, order))
+    result = evaluate(truth, {"a": reordered(estimate, [3, 0, 1, 2]), "b": estimate})
+    assert [path.other_quaternions for path in result.paths] == [True, False]
+
+
+def test_drift_and_axes_of_other_sensors_are_not_another_order_of_quaternions() -> None:
+    for seed in range(20):
+        truth, drift = random_pair(seed, 200)
+        assert not quaternions_disagree(truth, drift)
+        sensor = drift @ random_rigid(seed)
+        assert not quaternions_disagree(truth, sensor)
+    assert not quaternions_disagree(straight(50), straight(50, 3.0))
+    assert not quaternions_disagree(straight(50, 0.0), straight(50, 0.0))
+    for forward in (0, 2):
+        truth = gentle_path(forward, 12, 6)
+        for axis in np.eye(3):
+            for quarters in (1, 2, 3):
+                sensor = truth.copy()
+                sensor[:, :3, :3] = truth[:, :3, :3] @ rotation_from_vector(axis * quarters * np.pi / 2)
+                assert not quaternions_disagree(truth, sensor)

@@ -304,6 +304,24 @@ def test_times_in_other_units_are_refused_with_both_ranges(
     assert numbers(capsys, tmp_path / "named.tum", "--truth", tmp_path / "s.tum")["named"]["frames"] == 150
 
 
+@pytest.mark.parametrize("header", ["timestamp,tx,ty,tz,qw,qx,qy,qz\n", ""])
+def test_a_lie_about_the_order_of_quaternions_is_told_on_a_gentle_path(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], header: str
+) -> None:
+    truth = winding_road(200, 0.02, 1.0)
+    times = 0.1 * np.arange(200.0)
+    rows = format_tum(times, truth).splitlines()
+    (tmp_path / "truth.tum").write_text("\n".join(rows))
+    # Nanoseconds and commas are EuRoC's, whose order without a header has qw first.
+    cells = [row.split() for row in rows]
+    lines = [",".join([str(round(1e9 * float(row[0]))) if not header else row[0], *row[1:]]) for row in cells]
+    (tmp_path / "est.csv").write_text(header + "\n".join(lines))
+    text = printed(capsys, tmp_path / "est.csv", "--truth", tmp_path / "truth.tum")
+    assert "agree only with the quaternions of one file in another order" in text
+    (tmp_path / "est.csv").write_text("timestamp,tx,ty,tz,qx,qy,qz,qw\n" + "\n".join(map(",".join, cells)))
+    assert "another order" not in printed(capsys, tmp_path / "est.csv", "--truth", tmp_path / "truth.tum")
+
+
 def test_paths_that_do_not_fit_the_truth_are_doubted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

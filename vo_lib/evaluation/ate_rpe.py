@@ -12,12 +12,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..errors import DataError
-from ..geometry.motion import rotation_angle
+from ..geometry.motion import quaternion_from_rotation, rotation_angle, rotation_from_quaternion
 from ..geometry.types import Array, Index
 
 DISPLACEMENTS = 20  # number of parts of a path over which displacements are compared
 MAX_DISAGREEMENT = 0.25  # of displacements as seen from the poses, relative: 14° between the axes
-DISAGREEMENT_RATIO = 4.0  # to the disagreement as seen from the world
+DISAGREEMENT_RATIO = 4.0  # to the disagreement as seen from the world, or in the other order of quaternions
+MIN_ROTATION_ERROR = np.radians(0.1)  # mean over the parts; on a straight path every order agrees
+# Places of x, y, z, w in a quaternion whose numbers were read as if w came last, and as if it came first.
+OTHER_ORDERS = [1, 2, 3, 0], [3, 0, 1, 2]
 
 
 class Alignment(Enum):
@@ -186,20 +189,75 @@ def orientations_disagree(truth: Array, estimate: Array) -> bool:
     although the ATE is small. A displacement, seen from the world and seen from the pose before it, differs
     between the paths by the drift of an odometry in both cases; here, it differs only as seen from the pose.
     """
-    path = np.concatenate([np.zeros(1), np.cumsum(np.linalg.norm(np.diff(truth[:, :3, 3], axis=0), axis=1))])
-    if not path[-1] > 0:
+    parts = _parts(truth)
+    if parts is None:
         return False
-    first, last = _pairs_by_length(path, float(path[-1]) / DISPLACEMENTS)
+    first, last = parts
     moved = truth[last, :3, 3] - truth[first, :3, 3]
-    length = np.linalg.norm(moved, axis=1)
-    if len(first) < 2 or not length.all():
-        return False
     aligned, scale = align(truth, estimate, Alignment.SIM3)
     by_world = aligned[last, :3, 3] - aligned[first, :3, 3] - moved
-    error = np.linalg.norm(_seen_from(estimate, first, last) * scale - _seen_from(truth, first, last), axis=1)
-    from_pose = float(np.median(error / length))
-    from_world = float(np.median(np.linalg.norm(by_world, axis=1) / length))
+    from_pose = _displacement_error(truth, estimate, scale, first, last)
+    from_world = float(np.median(np.linalg.norm(by_world, axis=1) / np.linalg.norm(moved, axis=1)))
     return from_pose > MAX_DISAGREEMENT and from_pose > DISAGREEMENT_RATIO * from_world
+
+
+def quaternions_disagree(truth: Array, estimate: Array) -> bool:
+    """Whether two paths (N, 4, 4) agree far better with the quaternions of one of them in the other order.
+
+    One of the files then has qw first where its header or its format has it last, or the reverse. The
+    rotations in the parts of the path decide: another order keeps their angles, but changes their axes. On a
+    path with gentle bends, displacements as seen from the poses may still agree.
+    """
+    parts = _parts(truth)
+    if parts is None:
+        return False
+    _, scale = align(truth, estimate, Alignment.SIM3)
+    first, last = parts
+    error = _rotation_error(truth, estimate, first, last)
+    if error < MIN_ROTATION_ERROR:
+        return False
+    ends = np.union1d(first, last)
+    for order in OTHER_ORDERS:
+        for of_truth in (False, True):
+            true_poses = _reordered(truth, order, ends) if of_truth else truth
+            poses = estimate if of_truth else _reordered(estimate, order, ends)
+            if (
+                error > DISAGREEMENT_RATIO * _rotation_error(true_poses, poses, first, last)
+                and _displacement_error(true_poses, poses, scale, first, last) < MAX_DISAGREEMENT
+            ):
+                return True
+    return False
+
+
+def _parts(truth: Array) -> tuple[Index, Index] | None:
+    """First and last poses of the parts of a true path (N, 4, 4); None without a path of several parts."""
+    steps = np.linalg.norm(np.diff(truth[:, :3, 3], axis=0), axis=1)
+    path = np.concatenate([np.zeros(1), np.cumsum(steps)])
+    if not path[-1] > 0:
+        return None
+    first, last = _pairs_by_length(path, float(path[-1]) / DISPLACEMENTS)
+    length = np.linalg.norm(truth[last, :3, 3] - truth[first, :3, 3], axis=1)
+    return (first, last) if len(first) >= 2 and length.all() else None
+
+
+def _displacement_error(truth: Array, estimate: Array, scale: float, first: Index, last: Index) -> float:
+    """Median error, relative, of displacements as seen from the poses `first`."""
+    true = _seen_from(truth, first, last)
+    error = np.linalg.norm(_seen_from(estimate, first, last) * scale - true, axis=1)
+    return float(np.median(error / np.linalg.norm(true, axis=1)))
+
+
+def _rotation_error(truth: Array, estimate: Array, first: Index, last: Index) -> float:
+    """Mean angle, radians, between the rotations of two paths from the poses `first` to the poses `last`."""
+    return float(np.mean(rotation_angle(motion_error(truth, estimate, first, last)[:, :3, :3])))
+
+
+def _reordered(poses: Array, order: list[int], chosen: Index) -> Array:
+    """Poses (N, 4, 4), the `chosen` ones with the numbers of their quaternions in another order."""
+    result = poses.copy()
+    for k in chosen:
+        result[k, :3, :3] = rotation_from_quaternion(quaternion_from_rotation(poses[k, :3, :3])[order])
+    return result
 
 
 def _seen_from(poses: Array, first: Index, last: Index) -> Array:

@@ -17,6 +17,7 @@ from .ate_rpe import (
     absolute_error,
     check_pair,
     orientations_disagree,
+    quaternions_disagree,
     relative_error,
 )
 from .kitti_errors import (
@@ -45,6 +46,7 @@ class PathErrors:
         if the truth does not move.
     kitti, ate, rpe : the errors.
     other_orientations : whether the orientations have another convention than those of the truth.
+    other_quaternions : whether the quaternions of the path or of the truth were read in another order.
     """
 
     name: str
@@ -55,6 +57,7 @@ class PathErrors:
     ate: AbsoluteError
     rpe: RelativeError
     other_orientations: bool
+    other_quaternions: bool
 
 
 @dataclass(frozen=True)
@@ -103,6 +106,7 @@ class Evaluation:
                 | path.kitti.to_tables(lengths)
                 | {"ate": path.ate.to_dict(), "rpe": path.rpe.to_dict()}
                 | {"other_orientations": path.other_orientations}
+                | {"other_quaternions": path.other_quaternions}
                 for path in self.paths
             ],
         }
@@ -145,6 +149,7 @@ def evaluate(
                 ate=absolute_error(truth[compared], estimate, alignment),
                 rpe=relative_error(truth, estimate, delta.size, by_length, compared),
                 other_orientations=orientations_disagree(truth[compared], estimate),
+                other_quaternions=quaternions_disagree(truth[compared], estimate),
             )
         )
     return Evaluation(

@@ -313,7 +313,13 @@ def _doubts(system: PathErrors) -> list[str]:
             f"warning: the path of {name} is {system.length_ratio:.3g} times as long as the truth: other "
             "frames, another unit, or a path without scale (--alignment sim3)."
         )
-    if system.other_orientations:
+    if system.other_quaternions:
+        doubts.append(
+            f"warning: orientations of {name} and of the truth agree only with the quaternions of one "
+            "file in another order (qw first, or last), so TE, RE and RPE are meaningless: name the columns in "
+            "the first line of that file in their true order."
+        )
+    elif system.other_orientations:
         doubts.append(
             f"warning: positions of {name} and of the truth agree, but orientations do not, so TE, RE and "
             "RPE are meaningless: one file may have qw first, or axes of another sensor (IMU, not camera)."
