@@ -306,3 +306,66 @@ def test_the_header_of_a_euroc_folder_decides_too(tmp_path: Path) -> None:
     path.write_text(text_of("#tx,ty,tz,qx,qy,qz,qw", lambda k: row(k)[1:]), encoding="utf-8")
     with pytest.raises(DataError, match="line 1: the header names no time"):
         read_euroc(path)
+
+
+ROWS = "\n".join(f"{k * 0.1:.1f} {k} 0 0 0 0 0 1" for k in range(FRAMES))
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "timestamp t_cw_x t_cw_y t_cw_z q_cw_x q_cw_y q_cw_z q_cw_w",
+        "# time tcw_x tcw_y tcw_z qcw_x qcw_y qcw_z qcw_w",
+        "# time t_c_w_x t_c_w_y t_c_w_z q_c_w_x q_c_w_y q_c_w_z q_c_w_w",
+        "t tx_cw ty_cw tz_cw qx_cw qy_cw qz_cw qw_cw",
+        "# t Tcw.x Tcw.y Tcw.z Qcw.x Qcw.y Qcw.z Qcw.w",
+        "# time Tcw: tx ty tz qx qy qz qw",
+        "# world to camera: timestamp tx ty tz qx qy qz qw",
+        "# poses from world to camera\n# timestamp tx ty tz qx qy qz qw",
+        "# Tcw",
+        "t w2c_tx w2c_ty w2c_tz w2c_qx w2c_qy w2c_qz w2c_qw",
+        "t cam_from_world.x cam_from_world.y cam_from_world.z qx qy qz qw",
+        "# time p_BW_x p_BW_y p_BW_z q_BW_x q_BW_y q_BW_z q_BW_w",
+    ],
+)
+def test_poses_from_the_world_to_the_camera_are_refused(tmp_path: Path, header: str) -> None:
+    path = tmp_path / "est.txt"
+    path.write_text(f"{header}\n{ROWS}\n")
+    with pytest.raises(DataError, match="poses from the world to the camera: write the inverse poses below"):
+        read_path(path)
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "timestamp t_wc_x t_wc_y t_wc_z q_wc_x q_wc_y q_wc_z q_wc_w",
+        "# Twc, the inverse of Tcw\n# timestamp tx ty tz qx qy qz qw",
+        "# camera to world\n# timestamp tx ty tz qx qy qz qw",
+        "t c2w_tx c2w_ty c2w_tz c2w_qx c2w_qy c2w_qz c2w_qw",
+    ],
+)
+def test_poses_from_the_camera_to_the_world_are_read(tmp_path: Path, header: str) -> None:
+    path = tmp_path / "est.txt"
+    path.write_text(f"{header}\n{ROWS}\n")
+    assert read_path(path).poses.shape == (FRAMES, 4, 4)
+
+
+@pytest.mark.parametrize(
+    "name", ["time[min]", "time [h]", "time_min", "timestamp (ticks)", "t [days]", "time[ft]"]
+)
+def test_an_unknown_unit_of_time_is_refused(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "est.csv"
+    path.write_text(f"{name},tx,ty,tz,qx,qy,qz,qw\n" + ROWS.replace(" ", ","))
+    with pytest.raises(DataError, match="expected s, ms, us or ns"):
+        read_path(path)
+
+
+@pytest.mark.parametrize(
+    "name", ["time [s]", "timestamp [UTC]", "time [s since start]", "time (Unix)", "time [sec]"]
+)
+def test_a_clock_in_brackets_is_no_unit(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "est.csv"
+    path.write_text(f"{name},tx,ty,tz,qx,qy,qz,qw\n" + ROWS.replace(" ", ","))
+    times = read_path(path).times
+    assert times is not None
+    np.testing.assert_allclose(times, 0.1 * np.arange(FRAMES), atol=1e-12)

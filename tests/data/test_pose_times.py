@@ -56,3 +56,27 @@ def test_other_clocks_and_shifts_are_told() -> None:
     # Two hundred frames per second in milliseconds have intervals of 5, which could be seconds.
     fast = 0.005 * np.arange(400.0)
     assert "its times are probably milliseconds" in time_mismatch(1e3 * fast + 1.0, fast, "gt", 0.0001)
+
+
+@pytest.mark.parametrize("factor", [1e3, 1e6, 1e9])
+@pytest.mark.parametrize("start", [0.0, 1403636579.75])
+def test_seconds_under_a_header_with_a_smaller_unit_are_blamed_on_their_own_file(
+    factor: float, start: float
+) -> None:
+    true_times = start + 0.1 * np.arange(150.0)
+    words = f"are probably {factor:.0f} times too small: correct the unit in the header of that file"
+    message = time_mismatch(true_times / factor, true_times, "gt", 0.01)
+    assert f"; its times {words}" in message
+    assert "those of gt are" not in message
+    message = time_mismatch(true_times, true_times / factor, "gt", 0.01)
+    assert f"; those of gt {words}" in message
+    assert "its times are probably" not in message
+    with pytest.raises(DataError, match=f"expected 0.001 to 10 s; they {words}"):
+        refuse_intervals(true_times / factor, Path("est.csv"), as_column=True)
+
+
+def test_an_impossible_interval_is_not_blamed_on_the_other_file() -> None:
+    seconds = 0.1 * np.arange(150.0)
+    message = time_mismatch(1e-13 * seconds + 2.0, seconds, "gt", 1e-6)
+    assert "the median interval of the times is" in message
+    assert "probably" not in message

@@ -41,6 +41,8 @@ _WHOLE_SECONDS = ("sec", "secs")
 _REST_NANOSECONDS = ("nsec", "nsecs", "nanosec", "nanosecs")
 
 _TIME_WORDS = {"time", "times", "timestamp", "timestamps", "stamp", "t", "ts"}
+_CLOCKS = {"utc", "unix", "epoch", "posix", "gps", "ros"}  # in brackets, but no unit
+_LONG_UNITS = {"min", "mins", "minute", "minutes", "h", "hr", "hrs", "hour", "hours", "day", "days"}
 _FRAME_WORDS = {"frame", "frames", "id", "idx", "index", "num", "number", "image", "seq"}
 _POSITION_WORDS = {"p", "t", "pos", "position", "trans", "translation", "loc", "location", "pose"}
 _QUATERNION_WORDS = {"q", "quat", "quaternion", "orientation", "ori", "rotation", "rot"}
@@ -56,6 +58,15 @@ _JOINED = re.compile(
     r"(?:(?P<q>q|quat|quaternion|orientation|ori|rotation|rot)(?P<of_q>[xyzw])"
     r"|(?P<p>t|p|pos|position|trans|translation|loc|location)(?P<of_p>[xyz]))"
 )
+# Words of names such as t_cw_x, Tcw, qw_cw, w2c or cam_from_world: the world seen from camera, body or IMU.
+_PART = r"(?:t|p|q|r|rot|rotation|trans|translation|pos|position|pose|quat|quaternion|orientation|ori)"
+_WORLD_TO_CAMERA = re.compile(
+    rf"\b{_PART} ?[cbi] ?w\b|\b(?:q[xyzw]|[tp]?[xyz]) [cbi]w\b"
+    r"|\b(?:world|w|map) ?(?:to|2) ?(?:cam|camera|c|body|b|imu|i|sensor)\b"
+    r"|\b(?:cam|camera|body|imu|sensor) (?:\d )?(?:from )?world\b|\bextrinsics?\b|\bview ?matrix\b"
+)
+_STATED_WORLD_TO_CAMERA = re.compile(r"\b(?:world (?:to|2) (?:the )?cam(?:era)?|w 2 c|t ?cw)\b")
+_CAMERA_TO_WORLD = re.compile(r"\b(?:cam(?:era)? (?:to|2) (?:the )?world|c 2 w|t ?wc)\b")
 _AXES = set("xyzw")
 _COMMENT = re.compile(r"\s*[\"']?\s*[#%]+")
 _UNIT = re.compile(r"[\[(]([^\])]*)[\])]")
@@ -109,6 +120,8 @@ def find_header(lines: Sequence[str]) -> int | None:
     for number, line in enumerate(lines, start=1):
         if not line.strip():
             continue
+        if _world_to_camera(_columns(line, None)):
+            return number  # whatever a later line names, the poses are refused
         if _names_a_pose(line):
             header = number
         if not _COMMENT.match(line):
@@ -142,6 +155,7 @@ def read_columns(line: str, number: int, path: str | Path, separator: str | None
     """
     columns = _columns(line, separator)
     _refuse_colmap(columns, path, number)
+    _refuse_world_to_camera(columns, path, number)
     candidates: dict[str, list[Column]] = {}
     for column in columns:
         role = _role(column)
@@ -218,6 +232,8 @@ def _names_a_pose(line: str) -> bool:
         roles = {_role(column) for column in columns}
         if roles.issuperset(POSITION) or not roles.isdisjoint(QUATERNION) or _is_colmap(columns):
             return True
+        if _world_to_camera(columns):
+            return True
     return False
 
 
@@ -288,9 +304,11 @@ def _time(columns: list[Column], path: str | Path, number: int) -> tuple[tuple[i
             c.words == column.words and c.unit in _WHOLE_SECONDS for c in named
         ):
             continue  # the second part of a time
-        if column.unit in TIME_UNITS:
-            return ((column.place, TIME_UNITS[column.unit]),)
-        if column.unit in LENGTH_UNITS:
+        unit = column.unit.split(" ")[0]  # "s since the start"
+        if unit in TIME_UNITS:
+            return ((column.place, TIME_UNITS[unit]),)
+        is_other_unit = bool(column.unit) and _CLOCKS.isdisjoint(column.unit.split())
+        if is_other_unit or _LONG_UNITS.intersection(column.words):
             raise DataError(f"unit of {column.name}: expected s, ms, us or ns", path, number)
         nanoseconds = column.name.startswith("field.") or _is_rostopic(columns) or _is_euroc(columns)
         return ((column.place, NANOSECONDS if nanoseconds else None),)
@@ -327,6 +345,28 @@ def _refuse_colmap(columns: list[Column], path: str | Path, number: int) -> None
         raise DataError(
             "COLMAP's images.txt has poses from the world to the camera, and two lines for each image: write "
             f"the inverse poses, one line each, below {HEADER_EXAMPLE!r}",
+            path,
+            number,
+        )
+
+
+def _world_to_camera(columns: list[Column]) -> list[str]:
+    """Names that say that poses are from the world to the camera: of three columns, or in the whole line."""
+    names = [column.name for column in columns if _WORLD_TO_CAMERA.search(" ".join(column.words))]
+    if len(names) >= len(POSITION):
+        return names
+    line = " ".join(word for column in columns for word in column.words)
+    stated = _STATED_WORLD_TO_CAMERA.search(line)
+    return [stated[0]] if stated and not _CAMERA_TO_WORLD.search(line) else []
+
+
+def _refuse_world_to_camera(columns: list[Column], path: str | Path, number: int) -> None:
+    """Raise `DataError` for names such as t_cw_x, whose poses are not those of the camera in the world."""
+    names = _world_to_camera(columns)
+    if names:
+        raise DataError(
+            f"{', '.join(names[:3])} name poses from the world to the camera: write the inverse poses below "
+            f"{HEADER_EXAMPLE!r}",
             path,
             number,
         )

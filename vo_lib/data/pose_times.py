@@ -15,6 +15,7 @@ ROUNDING = 0.01  # times since 1970 in seconds have steps of 2e-7 s, so an inter
 USUAL_INTERVAL_S = 0.1
 UNIT_NAMES = {1e-3: "milliseconds", 1e-6: "microseconds", 1e-9: "nanoseconds"}
 UNIT_SYMBOLS = {1e-3: "ms", 1e-6: "us", 1e-9: "ns"}
+TOO_SMALL = (1e3, 1e6, 1e9)  # seconds under a header with ms, us or ns are smaller by these
 _FACTORS = {1e-3: "1e3", 1e-6: "1e6", 1e-9: "1e9"}
 # Numbers of seconds since 1970 in the years 1973 to 5138; in another unit they are as many times larger.
 EPOCH_SECONDS = 1e8, 1e11
@@ -34,8 +35,13 @@ def is_plausible(seconds: float) -> bool:
 
 def likely_unit(interval: float) -> float | None:
     """The unit, seconds, in which an interval would be plausible and nearest to that of a camera."""
-    units = [unit for unit in (1.0, *UNIT_NAMES) if is_plausible(unit * interval)]
-    return min(units, key=lambda unit: abs(np.log(unit * interval / USUAL_INTERVAL_S)), default=None)
+    return _nearest_unit(interval, (1.0, *UNIT_NAMES))
+
+
+def _nearest_unit(interval: float, units: tuple[float, ...]) -> float | None:
+    """The one of `units`, seconds, in which an interval is plausible and nearest to that of a camera."""
+    plausible = [unit for unit in units if is_plausible(unit * interval)]
+    return min(plausible, key=lambda unit: abs(np.log(unit * interval / USUAL_INTERVAL_S)), default=None)
 
 
 def epoch_unit(times: Array) -> float:
@@ -63,7 +69,8 @@ def refuse_intervals(times: Array, path: str | Path, as_column: bool = False) ->
     """
     fault = interval_fault(times)
     if fault:
-        unit = likely_unit(median_interval(times) or 1.0)
+        interval = median_interval(times) or 1.0
+        unit = likely_unit(interval) or _nearest_unit(interval, TOO_SMALL)
         raise DataError(fault + _unit_words(unit, "they", as_column), path)
 
 
@@ -88,6 +95,11 @@ def time_mismatch(times: Array, true_times: Array, truth_name: str, tolerance: f
     own_unit = _unit_of(times)
     true_unit = _unit_of(true_times)
     if own_unit == true_unit == 1.0:
+        # A file whose own interval is impossible says nothing about the unit of the other file.
+        own_fault = interval_fault(times)
+        true_fault = interval_fault(true_times).replace("the times", theirs)
+        if own_fault or true_fault:
+            return "; ".join(filter(None, (start, own_fault, true_fault)))
         own_unit = _common_unit(times, true_times) or 1.0
         true_unit = _common_unit(true_times, times) or 1.0
     words = _unit_words(own_unit, "its times", as_column=True)
@@ -113,7 +125,7 @@ def _unit_of(times: Array) -> float:
     interval = median_interval(times)
     if unit != 1.0 or interval is None or is_plausible(interval):
         return unit
-    return likely_unit(interval) or 1.0
+    return likely_unit(interval) or _nearest_unit(interval, TOO_SMALL) or 1.0
 
 
 def _common_unit(times: Array, true_times: Array) -> float | None:
@@ -140,9 +152,13 @@ def _nearest(sorted_times: Array, times: Array) -> Index:
 
 
 def _unit_words(unit: float | None, whose: str, as_column: bool) -> str:
-    """What times probably are, and the remedy; "" for seconds or an unknown unit."""
+    """What times probably are, and the remedy; "" for seconds or an unknown unit. `unit` : seconds."""
     if unit is None or unit == 1.0:
         return ""
+    if unit > 1.0:
+        return (
+            f"; {whose} are probably {unit:.0f} times too small: correct the unit in the header of that file"
+        )
     words = f"; {whose} are probably {UNIT_NAMES[unit]}: divide them by {_FACTORS[unit]}"
     if not as_column:
         return words

@@ -316,8 +316,8 @@ def _doubts(system: PathErrors) -> list[str]:
     if system.other_quaternions:
         doubts.append(
             f"warning: orientations of {name} and of the truth agree only with the quaternions of one "
-            "file in another order (qw first, or last), so TE, RE and RPE are meaningless: name the columns in "
-            "the first line of that file in their true order."
+            "file in another order (qw first, or last), so TE, RE and RPE are meaningless: name the columns "
+            "in the first line of that file in their true order."
         )
     elif system.other_orientations:
         doubts.append(
