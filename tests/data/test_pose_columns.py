@@ -369,3 +369,12 @@ def test_a_clock_in_brackets_is_no_unit(tmp_path: Path, name: str) -> None:
     times = read_path(path).times
     assert times is not None
     np.testing.assert_allclose(times, 0.1 * np.arange(FRAMES), atol=1e-12)
+
+
+def test_decimal_commas_are_refused_with_the_remedy(tmp_path: Path) -> None:
+    path = tmp_path / "est.csv"
+    path.write_text("t;tx;ty;tz;qx;qy;qz;qw\n0,1;1,5;0;0;0;0;0;1\n")
+    with pytest.raises(
+        DataError, match="'0,1', with a decimal comma instead of a point, is not a finite number"
+    ):
+        read_path(path)

@@ -178,6 +178,13 @@ def test_other_shapes_are_refused(shape_p: tuple[int, ...], shape_c: tuple[int, 
         five_point(np.ones(shape_p), np.ones(shape_c))
 
 
+@pytest.mark.parametrize("dtype", [complex, str, bytes, object, bool])
+def test_other_types_than_real_numbers_are_refused(dtype: type) -> None:
+    simulated = problems("general", 4)
+    with pytest.raises(ValueError, match=r"x_c of shape \(4, 5, 2\) has the type .*, expected real numbers"):
+        five_point(simulated.x_p, simulated.x_c.astype(dtype))
+
+
 @pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
 def test_numbers_that_are_not_finite_are_refused(number: float) -> None:
     simulated = problems("general", 4)

@@ -37,6 +37,7 @@ EUROC_ROW = "8 or more numbers separated by commas, t in ns, x y z, qw qx qy qz"
 SMALLEST_ROW = 7  # numbers of a position and a quaternion
 SEPARATOR_NAMES = {",": "commas", ";": "semicolons", "\t": "tabulators"}
 _WHOLE_NUMBER = re.compile(r"\s*\d+(\.0*)?\s*,")  # the time in nanoseconds at the beginning of a row
+_DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+(?:[eE][-+]?\d+)?\s*")
 # Time and pose; with the velocity, as VINS writes them; with velocity and biases, as EuRoC does.
 EUROC_COLUMNS = (8, 11, 17)
 # Large enough for files with three digits, small enough to detect rows in another format.
@@ -349,5 +350,6 @@ def finite_number(word: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise ValueError(f"{word[:20]!r} is not a finite number")
+        comma = ", with a decimal comma instead of a point," if _DECIMAL_COMMA.fullmatch(word) else ""
+        raise ValueError(f"{word[:20]!r}{comma} is not a finite number")
     return value

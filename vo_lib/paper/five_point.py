@@ -79,7 +79,7 @@ def five_point(x_p: Array, x_c: Array) -> Candidates:
 
     Raises
     ------
-    ValueError : the arrays have other shapes, or a coordinate is not finite.
+    ValueError : the arrays have other shapes or no real numbers, or a coordinate is not finite.
     """
     x_p, x_c = _checked_points(x_p, x_c)
     basis, independent = null_space(epipolar_rows(x_p, x_c))
@@ -118,7 +118,12 @@ def _checked_points(x_p: Array, x_c: Array) -> tuple[Array, Array]:
     """The points as arrays of double precision; `ValueError` unless there are finite sets of five matches."""
     checked = []
     for name, points in (("x_p", x_p), ("x_c", x_c)):
-        array = np.asarray(points, np.float64)
+        given = np.asarray(points)
+        if given.dtype.kind not in "fiu":  # NumPy would read words as numbers, and drop imaginary parts
+            raise ValueError(
+                f"{name} of shape {given.shape} has the type {given.dtype}, expected real numbers"
+            )
+        array = given.astype(np.float64)
         if array.ndim != 3 or array.shape[1:] != (5, 2):
             raise ValueError(f"{name} has the shape {array.shape}, expected (S, 5, 2): S sets of five points")
         finite = np.isfinite(array).all(axis=(1, 2))
