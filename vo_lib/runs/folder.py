@@ -281,10 +281,18 @@ def read_run(folder: Path, sequence: Sequence) -> Run:
     Raises `DataError` if a file is missing, invalid or not as the run wrote it, or does not have one row per
     frame.
     """
-    result = _parse_run(folder, sequence)
-    changed = changed_files(folder)  # after the parsing, whose messages say what is wrong in a damaged file
+    changed = changed_files(folder)
+    fault = ""
+    try:
+        result = _parse_run(folder, sequence)
+    except DataError as error:
+        if not changed:
+            raise
+        fault = f" ({str(error).removeprefix(f'{folder}/')})"
     if changed:
-        raise DataError("is missing or is not as the run wrote it: repeat the run", folder / changed[0])
+        raise DataError(
+            f"is missing or is not as the run wrote it: repeat the run{fault}", folder / changed[0]
+        )
     return result
 
 
