@@ -133,6 +133,16 @@ def test_kalibr_chain(tmp_path: Path, name: str) -> None:
         assert calibration.rig(SIZE).f == pytest.approx(400, rel=0.25)
 
 
+def test_kalibr_chain_without_a_size_is_read(tmp_path: Path) -> None:
+    truth = TrueRig("radtan", RADTAN, T_R_L)
+    cameras = chain(truth, "pinhole", "radtan")
+    for camera in cameras.values():
+        del camera["resolution"]
+    calibration = read(write(tmp_path / "camchain.yaml", cameras))
+    require_true(calibration, truth)
+    assert calibration.size is None
+
+
 def test_kalibr_chain_whose_first_camera_is_the_right_one(tmp_path: Path) -> None:
     truth = TrueRig("radtan", RADTAN, T_R_L)
     cameras = chain(truth, "pinhole", "radtan")

@@ -54,14 +54,20 @@ def read_chain(content: dict[Any, Any], path: Path, folders: tuple[str, ...] = (
     for number, name in (("1", left), ("2", right)):
         matrices[f"K{number}"], matrices[f"D{number}"], lens = _camera(cameras[name], name, path)
         lenses.append(lens)
-        sizes.append(image_size(cameras[name].get("resolution"), f"{name}: resolution", path))
+        if "resolution" in cameras[name]:
+            sizes.append(image_size(cameras[name]["resolution"], f"{name}: resolution", path))
     notes = []
     if len(cameras) > 2 or left != next(iter(cameras)):
         notes.append(
             f"{left} is the left camera and {right} the right one, of {', '.join(cameras)} in {path}"
         )
     return Calibration(
-        matrices, path, common_size(sizes, path), 1.0, (lenses[0], lenses[1]), notes=tuple(notes)
+        matrices,
+        path,
+        common_size(sizes, path) if sizes else None,
+        1.0,
+        (lenses[0], lenses[1]),
+        notes=tuple(notes),
     )
 
 
