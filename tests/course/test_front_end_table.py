@@ -69,5 +69,12 @@ def test_the_kits_front_end_is_robust_and_faster_but_not_more_accurate() -> None
         assert flicker.kit[3] == 0
         assert flicker.paper[3] > 20
         assert flicker.paper[2] > 2 * flicker.kit[2]
+        blurred = compared[f"{name}: blurred"]
+        assert blurred.kit[3] == 0
+        assert blurred.paper[3] > 10
+        assert blurred.paper[2] < blurred.kit[2]
+        assert compared[f"{name}: unequal"].paper[2] > compared[f"{name}: unequal"].kit[2]
+    backwards = compared["kitti/01: reversed"]
+    assert all(backwards.paper[error] > backwards.kit[error] for error in (0, 1))
     assert all(each.kit[3] <= each.paper[3] for each in compared.values())
     assert saved_ms() > 4.0
