@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from vo_lib.data.catalogue import KITTI
 from vo_lib.data.poses import from_first
 from vo_lib.evaluation.kitti_errors import trajectory_distances
-from vo_lib.evaluation.statistics import SPREADS
+from vo_lib.evaluation.statistics import CONFIDENCE, t_quantile
 from vo_lib.files import read_csv
 from vo_lib.geometry.types import Array
 from vo_lib.report import table1
@@ -64,8 +64,8 @@ def verdicts(folder: Path, paper: table1.PaperTable) -> list[ReportTable]:
     """A verdict on each printed TE and RE that has a result in a report of `vo reproduce` in `folder`.
 
     The paper's number counts as one more run. Let s be the standard deviation of our n seeds. The number is
-    within the spread if it differs from the mean of the seeds by at most `SPREADS` s √(1 + 1/n) plus half a
-    unit of the last printed digit.
+    within the spread if it differs from the mean of the seeds by at most t s √(1 + 1/n), the prediction
+    interval of one more run with Student's t for n - 1, plus half a unit of the last printed digit.
     """
     path = folder / "table1.csv"
     tables = []
@@ -86,7 +86,8 @@ def verdicts(folder: Path, paper: table1.PaperTable) -> list[ReportTable]:
                 n = int(ours["seeds"])
                 deviation = float(ours[f"{kind}_std"] or "nan")
                 less = float(ours[kind]) - float(printed or "nan")
-                most = SPREADS * deviation * np.sqrt(1 + 1 / n) + 0.5 * 10**-digits
+                t = t_quantile(0.5 + 0.5 * CONFIDENCE, n - 1) if n > 1 else np.nan
+                most = t * deviation * np.sqrt(1 + 1 / n) + 0.5 * 10**-digits
                 cells[1:] = format_number(float(ours[kind])), signed(less, digits), format_number(most)
                 verdict = "reproduced" if abs(less) <= most else "not reproduced"
                 if n < FEWEST:
