@@ -151,7 +151,7 @@ def example(bands: Path) -> Example:
 def test_what_is_wrong_is_shown_and_the_panel_goes_on(example: Example) -> None:
     typed, good = example.knobs["filter.classes"].widget, example.picture.value
     typed.value = "-2"
-    assert example.error == "classes: ('-2',) is not a comma-separated list of class names"
+    assert example.error == "classes: '-2' is not a comma-separated list of class names"
     typed.value = "2, big truck"
     assert example.error == ""
     assert example.state().config.filter.classes == ("2", "big truck")
@@ -586,11 +586,11 @@ def test_choices_and_ends_are_those_of_the_state(street: Sequence) -> None:
     ("kind", "name", "typed", "says"),
     [
         (ch02.FivePointPanel, "view.points", "1,2,x", "your five matches: '1,2,x' is not"),
-        (ch02.FivePointPanel, "view.points", "-1,2,3,4,5", "your five matches: (-1, 2, 3, 4, 5) is not"),
+        (ch02.FivePointPanel, "view.points", "-1,2,3,4,5", "your five matches: '-1,2,3,4,5' is not"),
         (ch02.FivePointPanel, "view.points", "1,2,3,4,4", "your five matches: expected five different"),
         (ch05.FilteringPanel, "filter.classes", "car,flying saucer", "classes: there is no class 'flying"),
-        (ch05.FilteringPanel, "filter.classes", "car,-3", "classes: ('car', '-3') is not"),
-        (ch06.EvaluationPanel, "view.lengths", "10,0", "lengths: (10.0, 0.0) is not"),
+        (ch05.FilteringPanel, "filter.classes", "car,-3", "classes: 'car,-3' is not"),
+        (ch06.EvaluationPanel, "view.lengths", "10,0", "lengths: '10.0,0.0' is not"),
         (ch06.EvaluationPanel, "view.file", "no_such_file.txt", "no_such_file.txt"),
         (ch07.ReproducePanel, "view.methods", "viso", "unknown method 'viso'"),
     ],
