@@ -2,7 +2,8 @@
 
 `panel` has the base class of all panels, and `controls` makes controls from declared settings. `frames` has
 frames and their matches. `drawing` has the style of the pictures. `progress` has threads for work of more
-than a second. `checker` checks answers to exercises, and `keep` saves answers that passed.
+than a second. `checker` checks answers to exercises, `stored_answers` saves answers that passed, and
+`own_functions` runs them on frames beside the library's.
 """
 
 from .drawing import figure as figure
@@ -16,3 +17,5 @@ from .frames import load as load
 from .frames import real_pair as real_pair
 from .frames import stereo as stereo
 from .frames import truth as truth
+from .own_functions import apart as apart
+from .own_functions import own_or_library as own_or_library

@@ -26,12 +26,15 @@ from vo_lib.commands.console import ENDINGS, OneLineParser, exit_code
 from vo_lib.errors import DataError
 from vo_lib.files import write_atomic
 
+from .minutes import FOLDED
+
 NOTEBOOKS = Path(__file__).resolve().parents[1]
 WIDGETS = "application/vnd.jupyter.widget-state+json"
 VIEW = "application/vnd.jupyter.widget-view+json"
 CELL_TIMEOUT_S = 1200
 REFERENCE = "IPY_MODEL_"
 PARTS = ("HTMLModel", "ImageModel", "VBoxModel", "HBoxModel")  # parts of a panel that a page can show
+OPTIONAL = re.compile(r"^(#+ .*)", re.MULTILINE)  # the heading of a section that JupyterLab shows folded
 PANEL_ALT = 'alt="the panel"'
 FORMULA = re.compile(r"(```.*?```|`[^`\n]*`)|\$\$(.+?)\$\$|\$(.+?)\$", re.DOTALL)
 PAGE = """<!DOCTYPE html>
@@ -107,6 +110,8 @@ def page(notebook: Any, path: Path) -> str:
     state = notebook.metadata.pop("widgets", {}).get(WIDGETS, {}).get("state", {})
     words = ""
     for cell in notebook.cells:
+        if cell.metadata.get(FOLDED):
+            cell.source = OPTIONAL.sub(r"\1 *(optional)*", cell.source, count=1)
         if cell.cell_type == "markdown":
             words = _announced(cell.source) or words
             cell.source = with_mathml(

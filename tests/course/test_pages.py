@@ -11,6 +11,7 @@ import nbformat
 import pytest
 
 from course import pages
+from course.minutes import FOLDED
 from course.pages import FORMULA, NOTEBOOKS, read, with_mathml
 
 PANEL = """import ipywidgets as w
@@ -42,6 +43,7 @@ def test_pages_need_no_network_and_name_broken_notebooks(
     cells = [nbformat.v4.new_code_cell(lines) for lines in (PANEL, "1 / 0", PICTURE)]  # type: ignore[no-untyped-call]
     cells.insert(2, nbformat.v4.new_markdown_cell("# [A *part*](x.ipynb)\nText. So it *looks*:"))  # type: ignore[no-untyped-call]
     cells.append(nbformat.v4.new_markdown_cell("$x_c$ and [next](01_two.ipynb#part)"))  # type: ignore[no-untyped-call]
+    cells.append(nbformat.v4.new_markdown_cell("### A proof\nWhy.", metadata={FOLDED: True}))  # type: ignore[no-untyped-call]
     nbformat.write(nbformat.v4.new_notebook(cells=cells), tmp_path / "00_one.ipynb")  # type: ignore[no-untyped-call]
     (tmp_path / "table.csv").write_text("a,b\n", encoding="utf-8")
     assert pages.main() == 1
@@ -51,6 +53,7 @@ def test_pages_need_no_network_and_name_broken_notebooks(
     assert "<msub>" in written
     assert 'href="01_two.html#part"' in written
     assert "<b>told</b>" in written
+    assert "A proof <em>(optional)</em>" in written
     assert "its caption" not in written.split('class="panel"')[1]
     assert 'src="data:image/jpeg;base64,YWJj' in written
     assert re.findall('alt="(.*?)"', written) == ["Panel: told", "So it looks"]

@@ -1,0 +1,86 @@
+"""Cells that run the student's function on a frame: with a wrong answer their picture and numbers change."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import nbformat
+import pytest
+from test_notebooks import CHAPTERS, complaints, execute, name, read
+
+from course.marks import tasks
+
+CALL = re.compile(r"own_or_library\(\s*(\w+),")
+PICTURES = "image/png", "image/jpeg", "text/html"
+# Wrong answers that show in the cell; for other functions, the first mistake that its check knows.
+WRONG: dict[str, str] = {}
+
+
+def own_functions(source: str) -> list[str]:
+    """The functions that a cell takes from the student."""
+    return CALL.findall(source)
+
+
+def other_answer(function: str, wrong: bool) -> str:
+    """Code that replaces a function of the notebook by a right or by a wrong answer."""
+    if wrong and function in WRONG:
+        return f"{function} = {WRONG[function]}"
+    which = "[*exercise.answers.values()][0][0]" if wrong else "exercise.right"
+    return f"from course.marks import tasks\nexercise = tasks()[{function!r}][1]\n{function} = {which}"
+
+
+def with_answers(path: Path, folder: Path) -> tuple[Path, list[str]]:
+    """A copy of a chapter in which each own cell runs again with right and wrong answers; its functions."""
+    notebook = read(path)
+    cells = []
+    names = []
+    for cell in notebook.cells:
+        cells.append(cell)
+        functions = own_functions(cell.source) if cell.cell_type == "code" else []
+        if not functions:
+            continue
+        names.append(", ".join(functions))
+        for wrong in (False, True):
+            given = "\n".join(other_answer(each, wrong) for each in functions)
+            cells.append(nbformat.v4.new_code_cell(f"{given}\n# again\n{cell.source}"))  # type: ignore[no-untyped-call]
+        # What follows uses no answer, as in a fresh notebook.
+        empty = "\n".join(f"def {each}(*inputs): ..." for each in functions)
+        cells.append(nbformat.v4.new_code_cell(empty))  # type: ignore[no-untyped-call]
+    notebook.cells = cells
+    copy = folder / path.name
+    nbformat.write(notebook, copy)  # type: ignore[no-untyped-call]
+    return copy, names
+
+
+def printed(cell: Any) -> str:
+    return "".join(output.text for output in cell.outputs if output.output_type == "stream")
+
+
+def drawn(cell: Any) -> list[str]:
+    data = [output.get("data", {}) for output in cell.outputs]
+    return [each[kind] for each in data for kind in PICTURES if kind in each]
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("street")
+@pytest.mark.parametrize("path", CHAPTERS, ids=name)
+def test_a_wrong_function_changes_the_picture_and_the_numbers_of_its_cell(path: Path, tmp_path: Path) -> None:
+    copy, names = with_answers(path, tmp_path)
+    if not names:
+        pytest.skip("no cell of this chapter runs a function of the student")
+    notebook = execute(copy, tmp_path, short=True)
+    assert complaints(notebook) == []
+    again = [cell for cell in notebook.cells if "\n# again\n" in cell.source]
+    for functions, right, wrong in zip(names, again[::2], again[1::2], strict=True):
+        assert "library's function runs here" not in printed(right), functions
+        assert printed(wrong) != printed(right), f"{functions}: the numbers are the same"
+        assert not drawn(right) or drawn(wrong) != drawn(right), f"{functions}: the picture is the same"
+
+
+def test_functions_of_own_cells_are_exercises() -> None:
+    for path in CHAPTERS:
+        for cell in read(path).cells:
+            for function in own_functions(cell.source):
+                assert function in tasks(), f"{path.name}: {function} has no check"

@@ -1,0 +1,86 @@
+"""A student's function on a frame: it runs wherever it can, and the library's result never passes for it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from course.own_functions import apart, own_or_library
+
+
+def double(values: Any) -> Any:
+    return 2.0 * values
+
+
+def positive(values: Any) -> Any:
+    return values > 0
+
+
+VALUES = np.array([-1.0, 2.0, 3.0])
+
+
+def test_a_right_and_a_wrong_answer_run_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
+    triple = own_or_library(lambda values: 3.0 * values, double)
+    np.testing.assert_array_equal(triple(VALUES), 3.0 * VALUES)
+    assert triple.whose == "yours"
+    assert capsys.readouterr().out == ""
+
+
+def test_an_answer_that_is_still_missing_is_told_once(capsys: pytest.CaptureFixture[str]) -> None:
+    def mine(values: Any) -> Any: ...
+
+    function = own_or_library(mine, double)
+    for _ in range(3):
+        np.testing.assert_array_equal(function(VALUES), 2.0 * VALUES)
+    assert function.whose == "the library's"
+    assert capsys.readouterr().out == "mine has no answer yet, so the library's function runs here.\n"
+
+
+@pytest.mark.parametrize(
+    ("answer", "library", "words"),
+    [
+        (lambda values: None, double, "returns None"),
+        (lambda values: 1 / 0, double, "ZeroDivisionError"),
+        (lambda values: values[:, None], double, "returns the shape (3, 1), not (3,)"),
+        (lambda values: positive(values)[:2], positive, "returns the shape (2,), not (3,)"),
+        (lambda values: np.flatnonzero(values > 0), positive, "returns the shape (2,), not (3,)"),
+        (lambda values: (values > 0).astype(int), positive, "returns no mask"),
+        (lambda values: "2", double, "returns"),
+        (lambda values: [[1.0], [1.0, 2.0]], double, "different lengths"),
+        (lambda values: values, lambda values: (values, values), "does not return 2 results"),
+    ],
+)
+def test_an_answer_that_cannot_be_drawn_is_told(
+    answer: Any, library: Any, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    function = own_or_library(answer, library)
+    np.testing.assert_equal(function(VALUES), library(VALUES))
+    assert function.whose == "the library's"
+    assert words in capsys.readouterr().out
+
+
+def test_an_answer_cannot_change_the_data_of_the_cell() -> None:
+    def spoils(values: Any) -> Any:
+        values *= 0
+        return values
+
+    given = VALUES.copy()
+    own_or_library(spoils, double)(given)
+    np.testing.assert_array_equal(given, VALUES)
+
+
+@pytest.mark.parametrize(
+    ("own", "library", "words"),
+    [
+        (VALUES, VALUES, "equal, within 0e+00"),
+        (VALUES + 0.25, VALUES, "apart by up to 0.25 px"),
+        (VALUES > 0, VALUES > 2, "1 of 3 differ"),
+        (np.array([1, 2, 5]), np.array([1, 2]), "1 of 3 differ"),
+        (np.zeros((2, 3, 3)), np.zeros((4, 3, 3)), "2 results against 4 results"),
+        (VALUES * np.nan, VALUES, "3 of 3 numbers are not finite"),
+    ],
+)
+def test_how_far_results_are_apart(own: Any, library: Any, words: str) -> None:
+    assert apart(own, library, "px") == words
