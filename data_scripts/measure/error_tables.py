@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from vo_lib.evaluation.statistics import NO_CHANGE, change_limit
+from vo_lib.evaluation.statistics import NO_CHANGE, one_run_shows
 from vo_lib.geometry.types import Array
 from vo_lib.report.page import NO_NUMBER, ReportTable, format_number
 
@@ -14,7 +14,8 @@ from vo_lib.report.page import NO_NUMBER, ReportTable, format_number
 Cell = Array | None
 Cells = Mapping[str, Mapping[str, Cell]]  # by row and column
 KINDS = "TE, %", "RE, deg/100 m"
-SAME, LEAST_SPREAD = "=", 0.0005  # text of a repeated cell; smallest spread that is not printed as 0.000
+SAME = "="  # text of a repeated cell
+LEAST_SPREAD = 0.0005  # smallest spread that is not printed as 0.000
 
 
 def tables(title: str, cells: Cells, sentences: list[str], name: str = "sequence") -> list[ReportTable]:
@@ -54,10 +55,14 @@ def _repeats(cell: Cell, other: Cell) -> bool:
 
 
 def compared(cells: Cells, before: str, after: str, subject: str) -> list[str]:
-    """Texts, for TE and for RE, that list the rows with `after` clearly below or above `before`."""
+    """Sentences, for TE and for RE, on the rows where one run would show that `after` is lower or higher.
+
+    subject : what leads from `before` to `after`, as the subject of the sentence.
+    """
     sentences = []
     for kind, unit in enumerate(KINDS):
-        sides: dict[bool, list[str]] = {True: [], False: []}
+        lower = []
+        higher = []
         count = 0
         for label, row in cells.items():
             old = row.get(before)
@@ -67,13 +72,15 @@ def compared(cells: Cells, before: str, after: str, subject: str) -> list[str]:
             count += 1
             (was, deviation) = old[kind]
             (now, new_deviation) = new[kind]
-            if abs(now - was) > change_limit(was, deviation, new_deviation):
-                sides[bool(now < was)].append(f"{label} ({format_number(was)} → {format_number(now)})")
-        lower, higher = ("; ".join(sides[side]) or "no row" for side in (True, False))
-        rest = count - sum(map(len, sides.values()))
+            if one_run_shows(was, deviation, now, new_deviation):
+                side = lower if now < was else higher
+                side.append(f"{label} ({format_number(was)} → {format_number(now)})")
+        name = unit.split(",")[0]
+        rest = count - len(lower) - len(higher)
         sentences.append(
-            f"{subject} lowers {unit.split(',')[0]} on {lower}. {unit.split(',')[0]} is higher on {higher}. "
-            f"In {rest} of {count} rows, the change is {NO_CHANGE}."
+            f"Would one run show it? {subject} lowers {name} on {'; '.join(lower) or 'no row'}. "
+            f"{name} is higher on {'; '.join(higher) or 'no row'}. In {rest} of {count} rows, one run would "
+            f"not show the change: it is {NO_CHANGE}."
         )
     return sentences
 

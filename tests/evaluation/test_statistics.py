@@ -11,8 +11,12 @@ import pytest
 from vo_lib.evaluation.statistics import (
     change_limit,
     mean_and_deviation,
+    mean_half_width,
     mean_interval,
+    means_without_each,
+    one_run_shows,
     paired_change,
+    prediction_half_width,
     prediction_interval,
     sign_flip_share,
     standard_deviation,
@@ -86,8 +90,27 @@ def test_intervals_of_a_known_sample() -> None:
     assert one_more.mean - one_more.low == pytest.approx(2.776 * math.sqrt(2.5) * math.sqrt(1.2), abs=1e-3)
     assert one_more.contains(7.8)
     assert not one_more.contains(7.9)
-    single = prediction_interval([3.0])
-    assert not single.contains(3.0)
+    assert one_more.excludes(7.9)
+    assert not one_more.excludes(7.8)
+    # A table has the deviation and the number of seeds, not the runs.
+    assert prediction_half_width(math.sqrt(2.5), 5) == one_more.high - one_more.mean
+    assert mean_half_width(math.sqrt(2.5), 5) == pytest.approx(mean.high - mean.mean)
+
+
+@pytest.mark.parametrize("values", [[], [3.0]])
+def test_a_single_run_proves_nothing(values: list[float]) -> None:
+    for interval in (mean_interval(values), prediction_interval(values), paired_change(values, values)):
+        assert not interval.contains(0.0)
+        assert not interval.excludes(0.0)
+        assert math.isnan(interval.low)
+    assert one_run_shows(2.0, math.nan, 1.0, 0.1) is None
+    assert one_run_shows(2.0, 0.1, 1.0, math.nan) is None
+
+
+def test_a_drive_that_decides_the_mean_is_found() -> None:
+    changes = [-0.1, 0.2, -0.2, -3.0]
+    assert means_without_each(changes) == pytest.approx([-1.0, -1.1, -2.9 / 3, -0.1 / 3])
+    assert np.isnan(means_without_each([1.0])).all()
 
 
 def test_pairs_remove_what_both_have_in_common() -> None:
@@ -95,7 +118,7 @@ def test_pairs_remove_what_both_have_in_common() -> None:
     change = paired_change(common, common + np.array([1.0, 2.0, 1.5]))
     assert change.mean == pytest.approx(1.5)
     assert change.deviation == pytest.approx(0.5)
-    assert not change.contains(0.0)
+    assert change.excludes(0.0)
     with pytest.raises(ValueError, match="same seeds"):
         paired_change([1.0, 2.0], [1.0])
 
@@ -118,6 +141,8 @@ def test_sign_flips_are_counted() -> None:
     # By hand: |± 3 ± 2 ± 1| >= 4 for 6, 4 and their opposites.
     assert sign_flip_share([3.0, 2.0, -1.0]) == 4 / 8
     assert math.isnan(sign_flip_share([]))
+    # A drive that lost the path has no error: no share, least of all one of 0.
+    assert math.isnan(sign_flip_share([0.5, math.nan, 0.2]))
     changes = [0.3, 0.1, 0.2, -0.1, 0.4]
     shares = {sign_flip_share(each) for each in itertools.permutations(changes)}
     assert len(shares) == 1
@@ -136,3 +161,10 @@ def test_change_limit_is_two_deviations_and_two_per_cent() -> None:
     assert change_limit(1.0, 0.3, 0.4) == pytest.approx(1.0)
     assert change_limit(10.0, 0.03, 0.04) == pytest.approx(0.2)
     assert math.isnan(change_limit(1.0, math.nan, math.nan))
+
+
+def test_one_run_shows_a_change_beyond_both_limits() -> None:
+    assert one_run_shows(3.0, 0.1, 2.7, 0.1) is True  # 0.3 > 2 √0.02
+    assert one_run_shows(3.0, 0.1, 2.8, 0.1) is False
+    assert one_run_shows(3.0, 0.0, 2.95, 0.0) is False  # less than 2 %
+    assert one_run_shows(3.0, 0.0, 3.07, 0.0) is True

@@ -3,10 +3,13 @@
 Two questions are asked of a change, and they have different answers:
 
 - *Would one run show it?* A run has one seed. The change counts if it exceeds two standard deviations over
-  the seeds, and 2 % of the error: `change_limit`. Tables and reports answer this question.
+  the seeds, and 2 % of the error: `one_run_shows`. Tables and reports answer this question.
 - *Is the mean change chance?* The mean over n seeds is more certain than one run, by √n. The change is paired
   over the seeds, and its mean has a confidence interval: `paired_change`. `sign_flip_share` answers the same
   question without the assumption of a normal distribution.
+
+A third question is whether a single number, such as one that the paper prints, could be one more run of ours:
+`prediction_interval`.
 
 Every standard deviation is that of a sample, over n - 1.
 """
@@ -63,6 +66,18 @@ def change_limit(error: float, *deviations: float) -> float:
     return max(SPREADS * math.hypot(*deviations), SHARE * error)
 
 
+def one_run_shows(before: float, deviation: float, after: float, new_deviation: float) -> bool | None:
+    """Whether one run would show the change from a mean `before` to a mean `after`, by `change_limit`.
+
+    Each mean comes with its standard deviation over the seeds. None if a deviation is NaN: a single seed does
+    not tell how much another run would differ.
+    """
+    limit = change_limit(before, deviation, new_deviation)
+    if math.isnan(limit):
+        return None
+    return bool(abs(after - before) > limit)
+
+
 def t_quantile(probability: float, freedom: float) -> float:
     """Quantile of Student's distribution for `freedom` degrees of freedom, a whole number or infinity.
 
@@ -102,9 +117,36 @@ def _central_probability(angle: float, freedom: int) -> float:
     return sine * total
 
 
+def mean_half_width(deviation: float, count: int, probability: float = CONFIDENCE) -> float:
+    """Half the width of the confidence interval of a mean of n = `count` values: t(n - 1) s / √n.
+
+    deviation : standard deviation s of the values, over n - 1. NaN for fewer than two values.
+    """
+    return _half_width(deviation, count, probability, further_runs=0)
+
+
+def prediction_half_width(deviation: float, count: int, probability: float = CONFIDENCE) -> float:
+    """How far one more run may lie from the mean of n = `count` runs: t(n - 1) s √(1 + 1/n).
+
+    deviation : standard deviation s of the runs, over n - 1. NaN for fewer than two runs.
+    """
+    return _half_width(deviation, count, probability, further_runs=1)
+
+
+def _half_width(deviation: float, count: int, probability: float, further_runs: int) -> float:
+    """The quantile times the deviation of the difference: a mean has the variance s²/n, a further run s²."""
+    if count < 2:
+        return math.nan
+    t = t_quantile(0.5 + 0.5 * probability, count - 1)
+    return t * deviation * math.sqrt(further_runs + 1.0 / count)
+
+
 @dataclass(frozen=True)
 class Interval:
-    """A mean with its standard deviation over n - 1, and an interval [low, high] around the mean."""
+    """A mean with its standard deviation over n - 1, and an interval [low, high] around the mean.
+
+    The bounds of fewer than two values are NaN; such an interval neither contains nor excludes a number.
+    """
 
     mean: float
     deviation: float
@@ -112,30 +154,26 @@ class Interval:
     high: float
 
     def contains(self, value: float) -> bool:
-        """Whether the value is in the interval; no value is in an interval of a single run."""
+        """Whether the value is in the interval."""
         return self.low <= value <= self.high
 
-
-def _interval(values: ArrayLike, width: float, probability: float) -> Interval:
-    """The interval of a sample (S,): mean ± t(S - 1) s width; bounds are NaN for fewer than two values."""
-    sample = np.asarray(values, np.float64)
-    mean, deviation = mean_and_deviation(sample)
-    if len(sample) < 2:
-        return Interval(mean, deviation, math.nan, math.nan)
-    half = t_quantile(0.5 + 0.5 * probability, len(sample) - 1) * deviation * width
-    return Interval(mean, deviation, mean - half, mean + half)
+    def excludes(self, value: float) -> bool:
+        """Whether the value is outside the interval."""
+        return value < self.low or value > self.high
 
 
 def mean_interval(values: ArrayLike, probability: float = CONFIDENCE) -> Interval:
-    """Confidence interval of the mean of n values: mean ± t(n - 1) s / √n."""
-    return _interval(values, 1.0 / math.sqrt(max(np.size(values), 1)), probability)
+    """Confidence interval of the mean of values (S,): mean ± `mean_half_width`."""
+    mean, deviation = mean_and_deviation(values)
+    half = mean_half_width(deviation, np.size(values), probability)
+    return Interval(mean, deviation, mean - half, mean + half)
 
 
 def paired_change(before: ArrayLike, after: ArrayLike, probability: float = CONFIDENCE) -> Interval:
     """Mean of the changes of the same seeds, `after` minus `before`, both (S,), with its confidence interval.
 
-    The mean change is more than chance if the interval does not contain 0. The deviation is that of the
-    changes, not of the errors.
+    The mean change is more than chance if the interval excludes 0. The deviation is that of the changes, not
+    of the errors.
     """
     old = np.asarray(before, np.float64)
     new = np.asarray(after, np.float64)
@@ -145,8 +183,21 @@ def paired_change(before: ArrayLike, after: ArrayLike, probability: float = CONF
 
 
 def prediction_interval(values: ArrayLike, probability: float = CONFIDENCE) -> Interval:
-    """Interval in which one more run would lie, from n runs: mean ± t(n - 1) s √(1 + 1/n)."""
-    return _interval(values, math.sqrt(1.0 + 1.0 / max(np.size(values), 1)), probability)
+    """Interval in which one more run would lie, from runs (S,): mean ± `prediction_half_width`."""
+    mean, deviation = mean_and_deviation(values)
+    half = prediction_half_width(deviation, np.size(values), probability)
+    return Interval(mean, deviation, mean - half, mean + half)
+
+
+def means_without_each(values: ArrayLike) -> Array:
+    """For each of n values, the mean of the others, (n,); NaN for a single value.
+
+    If one of these means has another sign than the mean of all changes, one drive decides the result.
+    """
+    sample = np.asarray(values, np.float64)
+    if len(sample) < 2:
+        return np.full(len(sample), np.nan)
+    return np.array([np.delete(sample, place).mean() for place in range(len(sample))])
 
 
 def sign_flip_share(changes: ArrayLike) -> float:
@@ -154,10 +205,10 @@ def sign_flip_share(changes: ArrayLike) -> float:
 
     If the changes were chance, each could as well have the other sign. All 2ⁿ choices are tried for up to
     `MAX_EXACT_FLIPS` changes, else random choices, the same in every call. A small share speaks against
-    chance; with n changes it is 2 / 2ⁿ or more.
+    chance; with n changes it is 2 / 2ⁿ or more. NaN without changes, and if a change is not a number.
     """
     sample = np.asarray(changes, np.float64)
-    if len(sample) == 0:
+    if len(sample) == 0 or not np.isfinite(sample).all():
         return math.nan
     if len(sample) <= MAX_EXACT_FLIPS:
         signs = np.array([*itertools.product((1.0, -1.0), repeat=len(sample))])

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..data.catalogue import KITTI
 from ..evaluation.kitti_errors import FEW_SUBSEQUENCES, KITTI_PROTOCOL, count_words
-from ..evaluation.statistics import COUNTED, NO_CHANGE, change_limit, mean_and_deviation
+from ..evaluation.statistics import COUNTED, NO_CHANGE, mean_and_deviation, one_run_shows
 from ..files import write_atomic, written_together
 from ..geometry.types import Array
 from .film import FILM_ENDING
@@ -172,7 +172,8 @@ def caveats(group: Group) -> list[str]:
 def results(groups: list[Group]) -> list[str]:
     """Sentences that compare the proposal with other methods, for each group.
 
-    The other method is `solution_selection` and, in a group with the paper's sequences, also `mesvo_f`.
+    They answer one question: would one run show the change? The other method is `solution_selection` and, in
+    a group with the paper's sequences, also `mesvo_f`.
     """
     sentences = []
     for group in groups:
@@ -205,14 +206,18 @@ def _comparison(group: Group, other: str) -> list[str]:
     count = sum(entry.subsequences for entry in group.of_method(PROPOSAL) if entry.sequence in rows)
     if count < FEW_SUBSEQUENCES:
         sentence += f", from {count_words(count)}"
-    few = {1: "one seed", 2: "two seeds"}.get(errors_of_proposal.shape[1])
-    if few:
-        sentence += f"; with {few}, a change may be due to chance"
+    seeds = min(errors_of_other.shape[1], errors_of_proposal.shape[1])
+    if seeds == 1:
+        sentence += "; one seed does not tell whether another run would show this"
+    elif seeds == 2:
+        sentence += "; with two seeds, a change may be due to chance"
     return [f"{sentence}."]
 
 
 def _change(unit: str, before: Array, after: Array, claim: float | None) -> str:
     """Words on the change of an error (S,) over seeds, such as "lowers TE from 1.6 to 0.5 % (−69.2 %)".
+
+    An error is lowered or raised only if one run would show it; otherwise it "changes".
 
     unit : name and unit of the error; claim : the paper's gain in %. Empty for equal means.
     """
@@ -222,12 +227,14 @@ def _change(unit: str, before: Array, after: Array, claim: float | None) -> str:
     if mean == new_mean:
         return ""
     less = float(gain(mean, new_mean))
-    if abs(new_mean - mean) <= change_limit(mean, deviation, new_deviation):
-        verb = "changes"
-        change = NO_CHANGE
-    else:
+    change = f"{signed(-less, 1)} %"
+    shown = one_run_shows(mean, deviation, new_mean, new_deviation)
+    if shown:
         verb = "lowers" if less > 0 else "raises"
-        change = f"{signed(-less, 1)} %"
+    else:
+        verb = "changes"
+    if shown is False:
+        change = f"which one run would not show: {NO_CHANGE}"
     if claim is not None:
         change += f", in the paper −{claim:g} %"
     return f"{verb} {name} from {format_number(mean)} to {format_number(new_mean)} {sign} ({change})"

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from vo_lib.data.catalogue import KITTI
 from vo_lib.data.poses import from_first
 from vo_lib.evaluation.kitti_errors import trajectory_distances
-from vo_lib.evaluation.statistics import CONFIDENCE, t_quantile
+from vo_lib.evaluation.statistics import prediction_half_width
 from vo_lib.files import read_csv
 from vo_lib.geometry.types import Array
 from vo_lib.report import table1
@@ -86,8 +86,7 @@ def verdicts(folder: Path, paper: table1.PaperTable) -> list[ReportTable]:
                 n = int(ours["seeds"])
                 deviation = float(ours[f"{kind}_std"] or "nan")
                 less = float(ours[kind]) - float(printed or "nan")
-                t = t_quantile(0.5 + 0.5 * CONFIDENCE, n - 1) if n > 1 else np.nan
-                most = t * deviation * np.sqrt(1 + 1 / n) + 0.5 * 10**-digits
+                most = prediction_half_width(deviation, n) + 0.5 * 10**-digits
                 cells[1:] = format_number(float(ours[kind])), signed(less, digits), format_number(most)
                 verdict = "reproduced" if abs(less) <= most else "not reproduced"
                 if n < FEWEST:
