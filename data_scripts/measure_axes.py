@@ -41,7 +41,8 @@ def run(options: argparse.Namespace) -> int:
     """Print the errors without a correction, and after a rotation by the angles that minimise TE."""
     lengths = parse_lengths(options.lengths)
     step = parse_whole("--step", options.step)
-    truth, estimate = (read_kitti_poses(path) for path in (options.truth, options.estimate))
+    truth = read_kitti_poses(options.truth)
+    estimate = read_kitti_poses(options.estimate)
     if len(truth) != len(estimate):
         counts = f"has {len(estimate)} rows, {options.truth} has {len(truth)}"
         raise DataError(f"{counts}: both need a pose for the same frames", options.estimate)

@@ -50,10 +50,11 @@ def run(options: argparse.Namespace) -> int:
     machine = describe_machine()
     camera = sequence.camera
     print_lines(", ".join(f"{name} {value}" for name, value in machine.items()))
-    wall, processor, decoding = (figures[f"{name}_ms_a_frame"] for name in ("wall", "processor", "decoding"))
+    decoding = figures["decoding_ms_a_frame"]
     rows = [[name, f"{ms:.2f} ms"] for name, ms in figures["stages_ms_a_frame"].items()]
     rows.append(["decoding the images in one thread", f"{decoding:.2f} ms"])
-    for name, ms in (("wall", wall), ("processor", processor)):
+    for name in ("wall", "processor"):
+        ms = figures[f"{name}_ms_a_frame"]
         rows.append([f"whole run, {name} time", f"{ms:.2f} ms, {ms / decoding:.1f} times the decoding"])
     size = f"{camera.width}×{camera.height} px"
     print_lines(f"{sequence.name}, {len(sequence)} frames, {size}, {METHOD}, {config.variant}")

@@ -21,10 +21,11 @@ from vo_lib.geometry.types import Array
 
 MAX_ANGLE_DEG = 1.0
 AT_LIMIT_DEG = 1e-6  # an angle that is nearer to the limit than this is at the limit
-GRID_SHRINK, GRIDS = 0.6, 40  # the last grid is 1e-9° wide
+GRID_SHRINK = 0.6  # width of a grid as a share of the width of the grid before
+GRIDS = 40  # the last grid is 1e-9° wide
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class TurnedErrors:
     """KITTI errors of an estimated path after a rotation of its axes by `pitch` and `yaw`, degrees.
 
@@ -70,9 +71,10 @@ def fit_axes(
     errors = kitti_errors(truth, estimate, lengths, step)
     if not len(errors):
         return TurnedErrors(0.0, 0.0, errors)
-    motions = (np.linalg.inv(poses[errors.first]) @ poses[errors.last] for poses in (truth, estimate))
-    t_gt, t_est = (motion[:, :3, 3] for motion in motions)
-    grid = np.stack(np.meshgrid(*2 * [np.linspace(-1.0, 1.0, 5)]), axis=-1).reshape(-1, 2)
+    t_gt = (np.linalg.inv(truth[errors.first]) @ truth[errors.last])[:, :3, 3]
+    t_est = (np.linalg.inv(estimate[errors.first]) @ estimate[errors.last])[:, :3, 3]
+    side = np.linspace(-1.0, 1.0, 5)
+    grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
     grid = grid[np.argsort(np.linalg.norm(grid, axis=1), kind="stable")]  # the nearest of equally good points
     best = np.zeros(2)
     width = MAX_ANGLE_DEG
@@ -103,8 +105,9 @@ def te_and_re(
     sequence: Sequence, poses: Array, measure: SubsequenceProtocol, turned: bool
 ) -> tuple[float, float]:
     """TE (%) and RE (deg/100 m), NaN for a short path; if `turned`, TE is computed after `fit_axes`."""
-    assert sequence.truth is not None
-    errors = kitti_errors(sequence.truth, poses, measure.lengths, measure.step)
-    of_te = fit_axes(sequence.truth, poses, measure.lengths, measure.step).kitti if turned else errors
-    te, re = (np.nan if value is None else value for value in (of_te.te, errors.re))
-    return te, re
+    errors = kitti_errors(sequence.true_poses, poses, measure.lengths, measure.step)
+    te = errors.te
+    re = errors.re
+    if turned:
+        te = fit_axes(sequence.true_poses, poses, measure.lengths, measure.step).kitti.te
+    return np.nan if te is None else te, np.nan if re is None else re

@@ -128,32 +128,34 @@ def disturb(sequence: Sequence, kind: Disturbance, folder: Path) -> Sequence:
     # The clock runs forward in a drive that is played back, too.
     times = sequence.times[rows]
     times = times if times[-1] >= times[0] else times[0] - times
+    images = sequence.folder
+    if kind.light is not None:
+        images = _changed_images(sequence, kind.name, kind.light, folder)
     return dataclasses.replace(
         sequence,
         name=f"{sequence.name}: {kind.name}",
-        folder=sequence.folder if kind.light is None else _changed_images(sequence, kind, folder),
+        folder=images,
         frames=tuple(sequence.frames[row] for row in rows),
         times=times,
         truth=None if sequence.truth is None else sequence.truth[rows],
     )
 
 
-def _changed_images(sequence: Sequence, kind: Disturbance, folder: Path) -> Path:
-    """The folder of a sequence's changed images, which appears when all images are written."""
-    assert kind.light is not None
-    inputs = [VERSION, kind.name, images_digest(sequence), library_versions()]
+def _changed_images(sequence: Sequence, name: str, light: LightChange, folder: Path) -> Path:
+    """The folder of a sequence's images after a change of the light; it appears when all are written."""
+    inputs = [VERSION, name, images_digest(sequence), library_versions()]
     digest = hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()[:12]
-    target = folder / f"{kind.name}-{digest}"
+    target = folder / f"{name}-{digest}"
     if target.is_dir():
         return target
     folder.mkdir(parents=True, exist_ok=True)
     draft = Path(tempfile.mkdtemp(prefix=".", dir=folder))
     try:
-        for name in ("image_0", "image_1"):
-            (draft / name).mkdir()
+        for side in (0, 1):
+            (draft / f"image_{side}").mkdir()
         for index, frame in enumerate(sequence.frames):
             for side, image in enumerate(sequence.stereo(index)):
-                changed = np.clip(np.rint(kind.light(image, index, side)), 0, 255).astype(np.uint8)
+                changed = np.clip(np.rint(light(image, index, side)), 0, 255).astype(np.uint8)
                 path = draft / f"image_{side}" / f"{frame}.png"
                 if not cv2.imwrite(str(path), changed, [cv2.IMWRITE_PNG_COMPRESSION, 1]):
                     raise DataError("the image cannot be written", path)

@@ -61,8 +61,8 @@ def compared(cells: Cells, before: str, after: str, subject: str) -> list[str]:
     """
     sentences = []
     for kind, unit in enumerate(KINDS):
-        lower = []
-        higher = []
+        lower = list[str]()
+        higher = list[str]()
         count = 0
         for label, row in cells.items():
             old = row.get(before)

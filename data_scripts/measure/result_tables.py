@@ -72,11 +72,10 @@ def jobs_of(sequence: Sequence, folder: Path) -> Iterable[tuple[tuple[Key, int],
 
 def _measures(sequence: Sequence) -> list[tuple[str, SubsequenceProtocol]]:
     """Label and measure of each table row of a sequence: KITTI's measure, or one measure per short length."""
-    assert sequence.truth is not None
-    whole = sequence.name.startswith(SYNTHETIC) and suitable_protocol(sequence.truth) == KITTI_PROTOCOL
-    if whole:
+    truth = sequence.true_poses
+    if sequence.name.startswith(SYNTHETIC) and suitable_protocol(truth) == KITTI_PROTOCOL:
         return [(sequence.name, KITTI_PROTOCOL)]
-    lengths = [L for L in SHORT_LENGTHS if len(kitti_errors(sequence.truth, sequence.truth, [L], 1))]
+    lengths = [L for L in SHORT_LENGTHS if len(kitti_errors(truth, truth, [L], 1))]
     axes = ", axes removed" if is_raw_drive(sequence) else ""
     return [(f"{sequence.name}, {length:g} m{axes}", SubsequenceProtocol((length,), 1)) for length in lengths]
 
@@ -112,8 +111,11 @@ def claim_table(cells: Cells) -> ReportTable:
     methods = ("solution_selection", "feature_selection")
     rows = []
     for label in {label.partition(",")[0]: label for label in cells}.values():
-        errors = (cells[label][method] for method in methods)
-        rows.append([label, *("" if e is None else f"{e[0, 0]:.2f} / {e[1, 0]:.2f}" for e in errors)])
+        row = [label]
+        for method in methods:
+            cell = cells[label][method]
+            row.append("" if cell is None else f"{cell[0, 0]:.2f} / {cell[1, 0]:.2f}")
+        rows.append(row)
     title = "The paper's claim, variant published: TE % / RE deg/100 m, means over the seeds"
     return ReportTable(title, ["sequence", *methods], rows, [])
 
@@ -139,19 +141,19 @@ def result_tables(
                 rule: None if each is None else 100 * each[0].removed_share for rule, each in results.items()
             }
         method = _judged(sequence)
-        learnt, off = (runs[sequence.name, "kit", name] for name in (method, f"{method} off"))
+        learnt = runs[sequence.name, "kit", method]
+        off = runs[sequence.name, "kit", f"{method} off"]
         for label, measure in _measures(sequence)[-1:] if drawn else _measures(sequence):
             label = f"{label}, {method}"
             learning[label] = {"off": _cell(off, measure), "learnt": _cell(learnt, measure)}
             axes[label] = {"length %, learnt": _length(sequence, learnt)}
             for name, each in (("off", off), ("learnt", learnt)):
                 values: list[float | None] = [None] * 3
-                if not drawn and sequence.truth is not None:
-                    turned = fit_axes(sequence.truth, each[0].poses, measure.lengths, measure.step)
+                if not drawn:
+                    turned = fit_axes(sequence.true_poses, each[0].poses, measure.lengths, measure.step)
                     values = [turned.kitti.te, turned.pitch, turned.yaw]
-                axes[label] |= dict(
-                    zip((f"{x}, {name}" for x in ("TE %", "pitch °", "yaw °")), values, strict=True)
-                )
+                columns = [f"TE %, {name}", f"pitch °, {name}", f"yaw °, {name}"]
+                axes[label] |= dict(zip(columns, values, strict=True))
     return page_tables(systems, rules, removed, learning, axes)
 
 
@@ -231,6 +233,6 @@ def _judged(sequence: Sequence) -> str:
 
 def _length(sequence: Sequence, runs: list[Run]) -> float:
     """Excess length of the path in % of the true length, mean over the seeds."""
-    assert sequence.truth is not None
-    true, *results = (trajectory_distances(T)[-1] for T in (sequence.truth, *(run.poses for run in runs)))
-    return 100 * (float(np.mean(results)) / float(true) - 1)
+    true = float(trajectory_distances(sequence.true_poses)[-1])
+    lengths = [float(trajectory_distances(run.poses)[-1]) for run in runs]
+    return 100 * (float(np.mean(lengths)) / true - 1)

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from concurrent.futures import as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from vo_lib.data.label_files import write_labels
 from vo_lib.data.scenes import KITTI_F, SCENES, TABLE_SCENES, SceneConfig, scene_config
 from vo_lib.files import read_text, refuse_foreign, write_atomic
 from vo_lib.geometry.types import Progress
@@ -32,7 +33,9 @@ TRAIN_SEED = 100_000
 VALID_SEED = 200_000
 TEST_SEED = 300_000
 TEST_SEEDS = 2  # seeds per named scene
-MIN_PIXELS, MIN_HEIGHT = 40, 8  # smallest visible vehicle with a label
+# The smallest visible vehicle with a label.
+MIN_PIXELS = 40
+MIN_HEIGHT = 8
 JPEG_QUALITY = 92
 
 
@@ -130,12 +133,13 @@ def draw_street(street: Street, folder: Path) -> int:
         view = renderer.view(frame)
         light = smear(world, frame, view, right=False)
         image = expose(light, street.scene, float(exposure[frame]), frame, right=False)
-        visible = visible_boxes(world, frame, view, MIN_PIXELS, MIN_HEIGHT)
+        boxes = visible_boxes(world, frame, view, MIN_PIXELS, MIN_HEIGHT)
+        own_class = np.array([CLASS_OF[kind] for kind in boxes.class_id.tolist()], np.int64)
         data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1]
         write_atomic(root / "images" / f"{street.stem(k)}.jpg", data.tobytes())
-        lines = [(box.kind, box.yolo(street.scene.camera).partition(" ")[2]) for box in visible]
-        text = "".join(f"{CLASS_OF[kind]} {shares}\n" for kind, shares in lines)
-        write_atomic(root / "labels" / f"{street.stem(k)}.txt", text)
+        label = root / "labels" / f"{street.stem(k)}.txt"
+        height, width = image.shape[:2]
+        write_labels(label, replace(boxes, class_id=own_class), width, height, scores=False)
     return street.frames
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vo_lib.data.kitti import calibration_text
+from vo_lib.data.label_files import write_labels
 from vo_lib.data.poses import write_kitti_poses
 from vo_lib.data.scenes import SceneConfig
 from vo_lib.errors import DataError
@@ -84,8 +85,8 @@ def _write_frame(config: SceneConfig, folder: Path, frame: int) -> None:
             few = 2 * len(renderer.world.vehicles) < 256
             codes = view.instance.astype(np.uint8) if few else view.instance.astype(np.uint16)
             _write_png(folder / "truth" / "instance" / name, codes)
-            lines = "".join(box.yolo(config.camera) + "\n" for box in boxes)
-            _write_text(folder / "labels" / f"{frame:06d}.txt", lines)
+            label = folder / "labels" / f"{frame:06d}.txt"
+            write_labels(label, boxes, config.camera.width, config.camera.height, scores=False)
 
 
 def _write_png(path: Path, image: NDArray[np.uint8] | NDArray[np.uint16], noisy: bool = False) -> None:

@@ -1,4 +1,4 @@
-"""Files of the truth: depth, instances, objects and labels, and their formats.
+"""The truth of a drawn street: depth, instances, objects and boxes, and the formats of their files.
 
 Depth is a 16-bit PNG with the rounded code 1 + 65534 · ln(z / 0.25 m) / ln(3000 m / 0.25 m), or 0 for the
 sky; a code step is 1.4e-4 of the depth. Instances are an 8-bit PNG (16-bit for many instances): 0 for street
@@ -7,21 +7,21 @@ and sky, k + 1 for vehicle k, K + k + 1 for its shadow.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vo_lib.geometry.camera import StereoCamera
+from vo_lib.geometry.boxes import Boxes
 from vo_lib.geometry.motion import inverse, transform
 from vo_lib.geometry.types import Array
 
 from .render import NEAR, View
 from .world import World
 
-MIN_CODED_DEPTH_M, MAX_CODED_DEPTH_M = 0.25, 3000.0  # of the first and the last code
+MIN_CODED_DEPTH_M = 0.25  # of the first code
+MAX_CODED_DEPTH_M = 3000.0  # of the last code
 LOG_DEPTH_RANGE = np.log(MAX_CODED_DEPTH_M / MIN_CODED_DEPTH_M)
 MIN_PIXELS = 100
 MIN_HEIGHT = 12
@@ -42,41 +42,22 @@ def decode_depth(code: NDArray[np.uint16]) -> Array:
     return np.asarray(np.where(code > 0, z, np.inf))
 
 
-@dataclass(frozen=True)
-class Box:
-    """Box of a vehicle's visible part in the left image, pixels, with column `right` and row `bottom`."""
-
-    vehicle: int
-    kind: int
-    left: int
-    top: int
-    right: int
-    bottom: int
-
-    def yolo(self, camera: StereoCamera) -> str:
-        """Line of a YOLO label file: class, centre and size in units of the image size."""
-        w = self.right - self.left + 1
-        h = self.bottom - self.top + 1
-        x = self.left + w / 2
-        y = self.top + h / 2
-        shares = (x / camera.width, y / camera.height, w / camera.width, h / camera.height)
-        return f"{self.kind} " + " ".join(f"{share:.6f}" for share in shares)
-
-
 def visible_boxes(
     world: World,
     frame: int,
     view: View,
     min_pixels: int = MIN_PIXELS,
     min_height: int = MIN_HEIGHT,
-) -> list[Box]:
-    """Boxes around the visible part of each vehicle in the left image.
+) -> Boxes:
+    """Boxes around the visible part of each vehicle in the left image, with COCO's class numbers.
 
-    A vehicle is skipped if it has fewer than `min_pixels` visible pixels, if the height of its box is under
-    `min_height` pixels, or if less than `MIN_SHARE` of its outline within the image is visible.
+    A box ends at the outer borders of its first and its last pixel. A vehicle is skipped if it has fewer than
+    `min_pixels` visible pixels, if the height of its box is under `min_height` pixels, or if less than
+    `MIN_SHARE` of its outline within the image is visible.
     """
     count = len(world.vehicles)
-    boxes = []
+    corners = []
+    kinds = []
     pixels = np.bincount(view.instance.ravel(), minlength=count + 1)
     for number in range(1, count + 1):
         area = int(pixels[number])
@@ -85,12 +66,12 @@ def visible_boxes(
         mask = view.instance == number
         rows = np.flatnonzero(mask.any(axis=1))
         columns = np.flatnonzero(mask.any(axis=0))
-        kind = world.vehicles[number - 1].model.shape.kind
-        box = Box(number - 1, kind, *map(int, (columns[0], rows[0], columns[-1], rows[-1])))
-        tall_enough = box.bottom - box.top + 1 >= min_height
+        tall_enough = rows[-1] - rows[0] + 1 >= min_height
         if tall_enough and area >= MIN_SHARE * outline_area(world, number - 1, frame):
-            boxes.append(box)
-    return boxes
+            corners.append((columns[0] - 0.5, rows[0] - 0.5, columns[-1] + 0.5, rows[-1] + 0.5))
+            kinds.append(world.vehicles[number - 1].model.shape.kind)
+    xyxy = np.array(corners, np.float64).reshape(-1, 4)
+    return Boxes(xyxy, np.array(kinds, np.int64), np.ones(len(kinds)))
 
 
 def outline_area(world: World, vehicle: int, frame: int) -> float:

@@ -264,6 +264,8 @@ def test_growth_is_reported_for_every_drive() -> None:
     assert ablation.removed == ["an old idea"]
     worth, te, *_, end, lost = tables(ablation)
     assert ["lens", "–", "2", "a: dark, end × 5", "the appendix"] in worth.rows
+    assert ["an old idea", "–", "–", "–", "–"] in worth.rows  # it was not measured on "a: dark"
+    assert "out of the same 2 drives for every idea, clean and disturbed ones" in worth.head[0]
     assert te.rows[0] == ["lens", "+5.0"]
     assert end.rows == [
         ["all ideas", "3.00", "1.00"],
@@ -271,6 +273,18 @@ def test_growth_is_reported_for_every_drive() -> None:
         ["an old idea", "+0.00", "–"],
     ]
     assert lost.rows == [["all ideas", "0", "0"]]
+
+
+def test_drives_are_counted_only_if_all_ideas_were_measured_on_them() -> None:
+    drives = ("a", "a: dark", "b")
+    rows = [made("", drive, 1.0) for drive in drives] + [made("lens", drive, 0.5) for drive in drives]
+    rows += [made("prior", "a", 0.5), made("prior", "b", 0.001)]
+    ablation = Ablation(rows)
+    assert ablation.counted == ["a", "b"]
+    worth = tables(ablation)[0]
+    assert [row[:3] for row in worth.rows] == [["prior", "–", "1"], ["lens", "–", "2"]]
+    assert "out of the same 2 drives for every idea, without 1 on which" in worth.head[0]
+    assert "(a: dark)" in worth.head[0]
 
 
 def test_rows_are_read_as_they_are_written() -> None:

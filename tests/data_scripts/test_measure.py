@@ -97,7 +97,8 @@ def test_result_tables_compare_two_methods() -> None:
     cells = {"a": row(0.5, 0.1, 1.0), "b": row(1.5, 0.1, 2.0), "c": row(0.8, 0.1, 2.0)}
     sentences = compared(cells, "solution_selection", "feature_selection", "It")
     assert sentences[0].startswith(
-        "Would one run show it? It lowers TE on a (1.000 → 0.500). TE is higher on b (1.000 → 1.500). In 1 of 3"
+        "Would one run show it? It lowers TE on a (1.000 → 0.500). TE is higher on b (1.000 → 1.500). "
+        "In 1 of 3 rows, one run would not show the change"
     )
     assert "lowers RE on no row" in sentences[1]
     (row_a,) = claim_table({"a": cells["b"], "a, 5 m": cells["a"]}).rows

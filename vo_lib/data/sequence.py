@@ -75,6 +75,13 @@ class Sequence:
     def __len__(self) -> int:
         return len(self.frames)
 
+    @property
+    def true_poses(self) -> Array:
+        """`truth`, for what is nothing without it; raises `DataError` if the sequence has none."""
+        if self.truth is None:
+            raise DataError(f"{self.name} has no ground truth: choose a sequence with a ground truth")
+        return self.truth
+
     def stereo(self, index: int) -> tuple[Image, Image]:
         """Left and right image of a frame, (H, W) uint8; a `DataError` names an unusable image."""
         left, right = (self.folder / side / f"{self.frames[index]}.png" for side in self.sides)

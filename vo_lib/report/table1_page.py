@@ -227,13 +227,12 @@ def _change(unit: str, before: Array, after: Array, claim: float | None) -> str:
     if mean == new_mean:
         return ""
     less = float(gain(mean, new_mean))
+    verb = "changes"
     change = f"{signed(-less, 1)} %"
     shown = one_run_shows(mean, deviation, new_mean, new_deviation)
     if shown:
         verb = "lowers" if less > 0 else "raises"
-    else:
-        verb = "changes"
-    if shown is False:
+    elif shown is False:
         change = f"which one run would not show: {NO_CHANGE}"
     if claim is not None:
         change += f", in the paper −{claim:g} %"
