@@ -101,7 +101,7 @@ def _check_sequence(root: Path, folder: Path, deep: bool) -> SequenceReport:
             problems.append(f"{side}: {len(missing)} images missing, the first is {missing[0]:06d}")
         if surplus := images.keys() - set(numbers):
             problems.append(f"{side}: {len(surplus)} images have wrong numbers, such as {min(surplus):06d}")
-        size, wrong = _look_at_images(folder / side, images) if deep else ("", [])
+        size, wrong = _check_images(folder / side, images) if deep else ("", [])
         problems += [f"{side}/{words}" for words in wrong]
         if images and not missing:
             complete.append(f"{side}: {len(numbers)} images{size}")
@@ -128,10 +128,10 @@ def _by_number(folder: Path) -> dict[int, str]:
     return {int(path.stem): path.name for path in sorted(folder.glob("*.png")) if path.stem.isdecimal()}
 
 
-def _look_at_images(folder: Path, images: dict[int, str]) -> tuple[str, list[str]]:
+def _check_images(folder: Path, images: dict[int, str]) -> tuple[str, list[str]]:
     """The most frequent image size as text, and problems of single images."""
 
-    def look(name: str) -> tuple[str, str]:
+    def size_or_damage(name: str) -> tuple[str, str]:
         try:
             height, width = kitti.read_image(folder / name).shape
         except DataError as error:
@@ -139,12 +139,12 @@ def _look_at_images(folder: Path, images: dict[int, str]) -> tuple[str, list[str
         return f"{width}×{height}", ""
 
     with ThreadPoolExecutor(max_workers=os.cpu_count() or 1) as pool:
-        looks = dict(zip(images.values(), pool.map(look, images.values()), strict=True))
-    sizes = Counter(size for size, _ in looks.values() if size)
+        found = dict(zip(images.values(), pool.map(size_or_damage, images.values()), strict=True))
+    sizes = Counter(size for size, _ in found.values() if size)
     usual = max(sizes, key=sizes.__getitem__, default="")
     problems = [
         f"{name}: {damage or f'{size}, the others are {usual}'}"
-        for name, (size, damage) in looks.items()
+        for name, (size, damage) in found.items()
         if damage or size != usual
     ]
     return f", {usual}, all decoded" if usual else "", problems

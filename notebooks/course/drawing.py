@@ -127,8 +127,8 @@ def round_limits(*sides: Axis) -> None:
             axes.margins(y=0.0)
 
 
-def say(axis: Axes, words: str) -> None:
-    """Show text in place of a chart."""
+def write_instead(axis: Axes, words: str) -> None:
+    """Write text in place of a chart."""
     axis.text(0.5, 0.5, words, ha="center", transform=axis.transAxes)
     axis.set_axis_off()
 

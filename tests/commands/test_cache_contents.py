@@ -65,7 +65,9 @@ def test_draft_of_a_killed_drawing_is_deleted(tmp_path: Path, cleans: bool) -> N
 @pytest.mark.parametrize("cleans", [False, True], ids=["next start", "clean_cache"])
 def test_draft_of_killed_matching_is_deleted(bands: Path, tmp_path: Path, cleans: bool) -> None:
     cache = tmp_path / "cache"
-    kill_with_draft(["run", str(bands), "--cache", str(cache), "--out", str(tmp_path / "out")], cache)
+    kill_with_draft(
+        ["run", str(bands), "--keep-matches", "--cache", str(cache), "--out", str(tmp_path / "out")], cache
+    )
     if cleans:
         assert load("clean_cache")(["--cache", str(cache)]) == 0
     else:
@@ -166,11 +168,16 @@ def test_files_of_somebody_else_in_the_cache_are_kept(bands: Path, user_cache: P
     assert left == set(names)
 
 
-def test_value_of_cache_is_never_taken_for_the_sequence(
+def test_cache_takes_a_folder_and_never_the_sequence(
     bands: Path, tmp_path: Path, user_cache: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["run", "--cache", str(bands), "--out", str(tmp_path / "out")]) == 0
+    for words in (["--cache", str(bands)], ["--cache", "kitti/98"]):
+        assert main(["run", *words, "--out", str(tmp_path / "out")]) == 2
+        assert f"missing: a sequence (`vo list`); --cache takes a folder, here {words[1]}" in " ".join(
+            capsys.readouterr().err.split()
+        )
+    assert not (tmp_path / "out").exists()
+    # The flag for the matches has no value, so the next word is the sequence.
+    assert main(["run", "--keep-matches", str(bands), "--out", str(tmp_path / "out")]) == 0
     assert len(list(user_cache.rglob("*.npz"))) == 1
     assert not list(bands.rglob("*.npz"))
-    assert main(["run", "--cache", "kitti/98", "--out", str(tmp_path / "other")]) == 2
-    assert "there is no sequence kitti/98" in capsys.readouterr().err

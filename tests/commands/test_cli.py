@@ -97,12 +97,13 @@ def test_run_on_frames_with_a_label_folder(bands: Path, done: Callable[..., str]
     assert int(rows[0]["removed_by_boxes"]) > 0
 
 
-def test_cache_option_reuses_matches(
+def test_kept_matches_are_used_again(
     bands: Path, done: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("vo_lib.runs.match_cache.cache_folder", lambda: bands.parent / "user" / "synthetic")
-    for name, cache in (("filled", []), ("used", []), ("elsewhere", [str(bands.parent / "mine")])):
-        done(name, "--cache", *cache)
+    for name, cache in (("filled", []), ("used", []), ("elsewhere", ["--cache", str(bands.parent / "mine")])):
+        done(name, "--keep-matches", *cache)
+    done("without", "--cache", str(bands.parent / "empty"))
     kept = {path.relative_to(bands.parent).parts[:2] for path in bands.parent.rglob("*.npz")}
     assert kept == {("user", "matches"), ("mine", "matches")}
     row = read_log(bands.parent / "used")[0]

@@ -48,13 +48,8 @@ MASKS_MEASURED = 20  # a mask takes 2.5 ms; a KITTI sequence may have thousands 
 
 def add_cache(parser: argparse.ArgumentParser) -> None:
     """Add the option for the cache folder."""
-    parser.add_argument("--cache", type=Path, metavar="DIR", help=cache_help())
-
-
-def cache_help() -> str:
-    """The help of --cache."""
-    text = f"folder of drawn scenes, matches and detected boxes; by default in {cache_folder().parent}"
-    return text.replace("%", "%%")
+    text = f"folder of drawn scenes, matches and detected boxes; default {cache_folder().parent}"
+    parser.add_argument("--cache", type=Path, metavar="DIR", help=text.replace("%", "%%"))
 
 
 def add_method(parser: argparse.ArgumentParser) -> None:
@@ -119,11 +114,11 @@ def open_with_bar(name: str, cache: Path | None, part: argparse.Namespace | None
     if part.frames:
         sequence = sequence.part(*parse_frames(part.frames, len(sequence)))
     if part.masks is not None:
-        _tell_masks(sequence, part.masks)
+        _note_masked_share(sequence, part.masks)
     return sequence
 
 
-def _tell_masks(sequence: Sequence, path: Path) -> None:
+def _note_masked_share(sequence: Sequence, path: Path) -> None:
     """Print the share of the image that is masked, from some masks; a warning if it is 0 or 100 % in all."""
     masks = zip(sequence.mask_files(), sequence.mask_images(), strict=False)
     share = fmean(np.count_nonzero(mask) / mask.size for _, mask in islice(masks, MASKS_MEASURED))
@@ -252,7 +247,7 @@ def changed_words(names: Iterable[str]) -> str:
     return f"{', '.join(files)} {'was' if len(files) == 1 else 'were'} missing or changed"
 
 
-def tell_repeated_runs(outcomes: Iterable[Outcome]) -> None:
+def note_repeated_runs(outcomes: Iterable[Outcome]) -> None:
     """Print a note on finished runs that were computed again, since their files had changed."""
     for outcome in outcomes:
         if outcome.changed:
@@ -270,7 +265,7 @@ def naming_classes(option: str) -> Iterator[None]:
         raise DataError(f"{error.problem} {typed}{error.condition}") from None
 
 
-def tell_labels(
+def note_label_remarks(
     runs: Iterable[tuple[Sequence, MethodConfig]], option: str, with_name: bool = False
 ) -> list[str]:
     """Print and return remarks on the label folders of runs that remove features in boxes, each once.

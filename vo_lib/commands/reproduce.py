@@ -94,7 +94,7 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
         jobs = plan_jobs(sequences, methods, seeds, folder, config)
         workers = common.parse_jobs(options.jobs, len(jobs))
         runs = [(job.sequence, job.config) for job in jobs]
-        remarks = (*remarks, *common.tell_labels(runs, TYPED_CLASSES, with_name=True))
+        remarks = (*remarks, *common.note_label_remarks(runs, TYPED_CLASSES, with_name=True))
         without_boxes = common.warn_without_boxes(runs)
         with reporting(f"{len(jobs)} runs") as report:
             outcomes = run_jobs(jobs, workers, report, options.cache, fresh=options.fresh)
@@ -112,7 +112,7 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
     for table in tables:
         show_report_table(table)
     print_wrapped("", *result.problems, *conclusions)
-    common.tell_repeated_runs(outcomes)
+    common.note_repeated_runs(outcomes)
     print_lines(f"Report with figures: {folder / REPORT}")
     return 1 if result.failed else 0
 

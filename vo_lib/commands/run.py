@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 from .. import settings
 from ..config import SETTINGS, change, preset
-from ..data.catalogue import KITTI, SYNTHETIC
 from ..detection.settings import DetectorConfig
 from ..errors import DataError
 from ..evaluation.kitti_errors import suitable_protocol
@@ -51,6 +50,7 @@ from .console import (
 )
 
 if TYPE_CHECKING:
+    from ..data.sequence import Sequence
     from ..kit.calibration import Calibration
     from ..paper.settings import MethodConfig
     from ..runs.drive import Run
@@ -75,8 +75,9 @@ def add(parser: argparse.ArgumentParser) -> None:
     option("--fresh", action="store_true", help="ignore a finished run in the folder")
     text = "calibration.json with initial errors (variant kit); --calibration.estimate off keeps these errors"
     option("--calibration", type=Path, metavar="FILE", help=text)
-    text = f"{common.cache_help()}; with this option, the matches of the run are stored and reused"
-    option("--cache", nargs="?", const="", metavar="DIR", help=text)
+    common.add_cache(parser)
+    text = "store the matches in the cache, and use those that are there"
+    option("--keep-matches", action="store_true", help=text)
     text = f"film ({FILM_ENDING}) of features, boxes and path; a report includes the films of its runs"
     option("--video", type=Path, metavar="FILE", help=text)
     close_loops.add_loops(parser)
@@ -88,37 +89,25 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    _return_sequence(options)
-    config = common.read_settings(options)
+    base = common.read_settings(options)
     if options.help_settings:
-        return _help_settings(config)
-    given = []
-    for item in (SETTINGS | {item.name: item for item in settings.declared(type(config))}).values():
-        if (text := getattr(options, item.name)) is not None:
-            config = change(config, item.name, item.parse(text))
-            given.append(item.name)
+        return _help_settings(base)
+    config, given = _with_typed_settings(base, options)
     _refuse_unused(options, config, given)
-    _tell_unused(options, config, given)
+    _note_unused(options, config, given)
     common.require_drawing()
     loops = from_options(options, LoopConfig, close_loops.PREFIX)
     calibration = _check(options, config)
-    cache = Path(options.cache) if options.cache else None
     detection = from_options(options, DetectorConfig, DETECTOR)
-    sequence = common.open_with_bar(options.sequence, cache, options)
+    sequence = common.open_with_bar(options.sequence, options.cache, options)
     label = f"{sequence.name}, {options.method}, {config.variant}"
     with run_folder(options.out) as folder:
         refuse_foreign_files(folder, options.fresh)
         changed = [] if options.fresh else changed_files(folder)
         if options.fresh or changed or not is_finished(folder):
             _refuse_to_replace_input(options)
-        if options.detector is not None and config.filter.rule == "none":
-            print_wrapped(
-                f"note: {options.method} does not use the boxes of --detector; only a film shows the boxes"
-            )
-        sequence = common.labelled(sequence, options, cache, detection, config.filter.classes)
-        common.warn_without_boxes([(sequence, config)])
-        common.tell_labels([(sequence, config)], common.TYPED_CLASSES)
-        matches = None if options.cache is None else CachedMatches(sequence, config, cache)
+        sequence = _with_boxes(sequence, options, config, detection)
+        matches = CachedMatches(sequence, config, options.cache) if options.keep_matches else None
         with reporting(label) as report:
             result, read_back = run_once(
                 folder,
@@ -152,6 +141,32 @@ def _run(options: argparse.Namespace) -> int:
     elif changed:
         print_wrapped(f"note: {common.changed_words(changed)} in {folder}, so the run was computed again")
     return 0
+
+
+def _with_typed_settings(base: MethodConfig, options: argparse.Namespace) -> tuple[MethodConfig, list[str]]:
+    """The settings with those that were typed as options, and the names of the latter."""
+    config = base
+    given = []
+    for item in (SETTINGS | {item.name: item for item in settings.declared(type(base))}).values():
+        text = getattr(options, item.name)
+        if text is not None:
+            config = change(config, item.name, item.parse(text))
+            given.append(item.name)
+    return config, given
+
+
+def _with_boxes(
+    sequence: Sequence, options: argparse.Namespace, config: MethodConfig, detection: DetectorConfig
+) -> Sequence:
+    """The sequence with the boxes of --detector if the option is present, and notes on its boxes."""
+    if options.detector is not None and config.filter.rule == "none":
+        print_wrapped(
+            f"note: {options.method} does not use the boxes of --detector; only a film shows the boxes"
+        )
+    sequence = common.labelled(sequence, options, options.cache, detection, config.filter.classes)
+    common.warn_without_boxes([(sequence, config)])
+    common.note_label_remarks([(sequence, config)], common.TYPED_CLASSES)
+    return sequence
 
 
 def _show(result: Run, method: str, estimates: dict[str, Array]) -> None:
@@ -202,7 +217,8 @@ def _check(options: argparse.Namespace, config: MethodConfig) -> Calibration | N
     """The calibration of --calibration, or None; `DataError` for options that contradict each other."""
     given = {"a sequence (`vo list`)": options.sequence, "--out DIR": options.out}
     if missing := [name for name, value in given.items() if value is None]:
-        raise DataError(f"missing: {' and '.join(missing)}")
+        taken = "" if options.cache is None else f"; --cache takes a folder, here {options.cache}"
+        raise DataError(f"missing: {' and '.join(missing)}{taken}")
     if getattr(options, FORMER_CLASSES.strip("-")) is not None:
         raise DataError(f"{FORMER_CLASSES}: filter.classes chooses the classes: --filter.classes NAME,NAME,…")
     if options.detector is not None and options.labels is not None:
@@ -222,15 +238,6 @@ def _check(options: argparse.Namespace, config: MethodConfig) -> Calibration | N
     return read_learnt_calibration(options.calibration)
 
 
-def _return_sequence(options: argparse.Namespace) -> None:
-    """Take the value of --cache as the sequence in `vo run --cache kitti/00`: the folder may be omitted."""
-    if options.sequence is None and options.cache:
-        value = options.cache
-        if value.startswith((KITTI, SYNTHETIC)) or (Path(value) / "image_0").is_dir():
-            options.sequence = value
-            options.cache = ""
-
-
 def _refuse_unused(options: argparse.Namespace, config: MethodConfig, given: list[str]) -> None:
     """Raise `DataError` for a setting on the command line that has no effect on this run."""
     for item in DETECTOR_SETTINGS:
@@ -244,7 +251,7 @@ def _refuse_unused(options: argparse.Namespace, config: MethodConfig, given: lis
             raise DataError(f"--{name}: {options.method} does not use this setting, since {reason}")
 
 
-def _tell_unused(options: argparse.Namespace, config: MethodConfig, given: list[str]) -> None:
+def _note_unused(options: argparse.Namespace, config: MethodConfig, given: list[str]) -> None:
     """Print a note on settings of --config that are no defaults and have no effect on this run."""
     if options.config is None:
         return

@@ -63,7 +63,7 @@ def _sweep(options: argparse.Namespace) -> int:
     remedy = "For boxes, call `vo data write_labels`, then add `--labels DIR`."
     runs = [(sequence, config) for _, config in grid_of(base, axes)]
     common.warn_without_boxes(runs, remedy)
-    common.tell_labels(runs, "--set filter.classes={}")
+    common.note_label_remarks(runs, "--set filter.classes={}")
     with ExitStack() as stack:
         folder = stack.enter_context(run_folder(options.out))
         own = is_own_table(folder / TABLE) or has_runs(folder / CELLS)
@@ -82,6 +82,6 @@ def _sweep(options: argparse.Namespace) -> int:
             if sweep.has_errors:
                 write_atomic(draft / HEAT_MAP, heat_map(sweep))
     show_report_table(sweep_table(sweep))
-    common.tell_repeated_runs(sweep.outcomes)
+    common.note_repeated_runs(sweep.outcomes)
     print_lines(f"written to {folder}: {TABLE}{f', {HEAT_MAP}' if sweep.has_errors else ''}")
     return int(any(record["failed"] for record in sweep.records))

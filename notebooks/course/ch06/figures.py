@@ -14,7 +14,7 @@ from vo_lib.evaluation.kitti_errors import KittiErrors, kitti_errors, trajectory
 from vo_lib.geometry.types import Array
 
 from ..colours import BAD, CYCLE, DARK, FIFTH, GOOD, PALE, THIRD
-from ..drawing import SMALL_SIZE, figure, finish, room, round_limits, say
+from ..drawing import SMALL_SIZE, figure, finish, room, round_limits, write_instead
 
 
 def paths_chart(
@@ -73,7 +73,7 @@ def length_chart(axis: Axes, errors: KittiErrors, others: Mapping[str, KittiErro
     highest = max(float(np.max(line.get_ydata(), initial=0.0)) for line in axis.get_lines())
     axis.set_ylim(0, room(1.05 * highest, least=1e-3))
     if not lengths:
-        say(axis, "the path is too short for these lengths")
+        write_instead(axis, "the path is too short for these lengths")
     axis.set_xticks(lengths[:8])
     kind, unit = ("rotation", "RE [deg/100 m]") if rotation else ("translation", "TE [%]")
     finish(axis, f"{kind} error by length", "length [m]", unit)

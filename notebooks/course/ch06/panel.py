@@ -17,7 +17,7 @@ from vo_lib.geometry.types import Array, Progress
 from vo_lib.report.table1 import te_and_re
 from vo_lib.settings import Checked, setting
 
-from ..drawing import figure, say
+from ..drawing import figure, write_instead
 from ..frames import true_poses
 from ..kept_runs import has_run, poses_of
 from ..panel import Control, Drawing, Fact, Panel, State
@@ -128,7 +128,7 @@ class EvaluationPanel(Panel):
             drift_chart(piece, truth, estimate, first, last)
         else:
             paths_chart(whole, truth, aligned, title)
-            say(piece, f"the path after frame {state.frame} is too short")
+            write_instead(piece, f"the path after frame {state.frame} is too short")
         others = {}
         for name in PUBLISHED:
             config = preset(name)

@@ -27,7 +27,7 @@ from vo_lib.report.table1_page import layout_tables
 from ..ch05.claim import CHOICES, THRESHOLD_AND_BOXES
 from ..ch05.claim import results_table as results_table
 from ..colours import CYCLE, DARK, PALE
-from ..drawing import SMALL_SIZE, figure, finish, log_axis, say
+from ..drawing import SMALL_SIZE, figure, finish, log_axis, write_instead
 
 PATHS_HEIGHT = 340
 FEWEST = 3  # seeds that a verdict needs
@@ -45,7 +45,7 @@ def paths_figure(title: str, truth: Array, runs: dict[str, Array], frame: int = 
     paths.plot(*place, "o", color=DARK, markersize=7, markerfacecolor="none")
     finish(paths, title, "x, right [m]", "z, forward [m]")
     if not runs:
-        say(drift, words)
+        write_instead(drift, words)
         return made
     draw_drift(drift, truth, runs)
     drift.axvline(float(trajectory_distances(truth)[frame]), color=PALE, linewidth=1)
