@@ -106,7 +106,11 @@ def _other_form(got: Any, right: Any) -> str:
     if got is None:
         return "" if right is None else "returns None"
     if isinstance(right, tuple):
-        if not isinstance(got, (tuple, list)) or len(got) != len(right):
+        if (
+            not isinstance(got, (tuple, list, np.ndarray))
+            or (isinstance(got, np.ndarray) and got.ndim == 0)
+            or len(got) != len(right)
+        ):
             return f"does not return {len(right)} results"
         faults = [_other_form(*pair) for pair in zip(got, right, strict=True)]
         return next(filter(None, faults), "")

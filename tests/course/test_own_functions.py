@@ -61,6 +61,12 @@ def test_an_answer_that_cannot_be_drawn_is_told(
     assert words in capsys.readouterr().out
 
 
+def test_several_results_may_be_an_array(capsys: pytest.CaptureFixture[str]) -> None:
+    both = own_or_library(lambda values: np.array([1.0, 2.0]), lambda values: (3.0, 4.0))
+    assert list(both(VALUES)) == [1.0, 2.0]
+    assert capsys.readouterr().out == ""
+
+
 def test_an_answer_cannot_change_the_data_of_the_cell() -> None:
     def spoils(values: Any) -> Any:
         values *= 0

@@ -207,9 +207,10 @@ def test_made_up_errors_have_the_size_that_is_said(look: Look) -> None:
     now, _, numbers = look("06", text, **NONE_MADE_UP | {"view__scale": 2.0, "view__alignment": "sim3"})
     assert numbers == [round(now["TE"], 1), round(now["RE"], 1)]
     assert now["ATE"] < 0.01
-    text = r"\*Noise\* of (\d+) mm alone: RPE is (\d+) mm a frame, TE ([.\d]+) %"
+    text = r"\*Noise\* of (\d+) mm alone: RPE is (\d+) mm and ([.\d]+)° a frame, TE ([.\d]+) %"
     now, _, numbers = look("06", text, **NONE_MADE_UP | {"view__noise": 50.0})
-    assert numbers == [50, round(now["RPE"]), round(now["TE"], 2)]
-    text = r"\*Jitter\* of ([.\d]+)° alone: RPE is ([.\d]+) mm, but TE is ([.\d]+) %"
+    turn = "RPE, rotation"
+    assert numbers == [50, round(now["RPE"]), round(now[turn], 2), round(now["TE"], 2)]
+    text = r"\*Jitter\* of ([.\d]+)° alone: RPE is ([.\d]+) mm and ([.\d]+)° a frame, TE ([.\d]+) %"
     now, _, numbers = look("06", text, **NONE_MADE_UP | {"view__jitter": 0.1})
-    assert numbers == [0.1, round(now["RPE"], 2), round(now["TE"], 2)]
+    assert numbers == [0.1, round(now["RPE"], 2), round(now[turn], 2), round(now["TE"], 2)]

@@ -1,4 +1,4 @@
-"""Exercises of chapter 6: end and errors of a sub-sequence, all errors, a yaw error, two averages, ATE."""
+"""Exercises of chapter 6: pieces and their errors, a yaw error, two averages, a mean change, ATE."""
 
 from __future__ import annotations
 
@@ -125,6 +125,27 @@ def plain(errors: list[Array]) -> float:
     return float(np.mean([each.mean() for each in errors if len(each)]))
 
 
+def pairs() -> list[Case]:
+    """Errors of the same seeds before and after, and Student's factor for 95 %."""
+    hand = np.array([1.0, 1.2, 0.9, 1.1, 1.3]), np.array([0.9, 1.15, 0.8, 1.05, 1.2])
+    worse = np.array([2.0, 2.5, 2.2]), np.array([2.6, 2.4, 2.9])
+    return [(*hand, 2.776), (*worse, 4.303), (hand[1][:4], hand[0][:4], 3.182)]
+
+
+def change_and_half(before: Array, after: Array, t: float, over: int = 1, root: bool = True) -> Array:
+    """Mean change and half width t s / √n of its interval, (2,); s over n - `over`, without √n if not `root`."""
+    change = after - before
+    deviation = np.std(change, ddof=over)
+    half = t * deviation / (np.sqrt(len(change)) if root else 1.0)
+    return np.array([change.mean(), half])
+
+
+def unpaired(before: Array, after: Array, t: float) -> Array:
+    """As `change_and_half`, with the spreads of the errors in place of the spread of the changes."""
+    spread = np.hypot(np.std(before, ddof=1), np.std(after, ddof=1))
+    return np.array([np.mean(after) - np.mean(before), t * spread / np.sqrt(len(before))])
+
+
 end_frame = Exercise(
     end,
     paths,
@@ -148,6 +169,12 @@ end_frame = Exercise(
         ),
         "the path ends after 12 m, but for 100 m the result is {got:.0f}: argmax of an array of False is 0.": (
             lambda path, i, far: np.argmax(path > path[i] + far)
+        ),
+        "this is the last frame inside the length; KITTI takes the first frame beyond it.": (
+            lambda path, i, far: (last := end(path, i, far)) and last - 1
+        ),
+        "frame `first` plus a length in metres is no frame: look for the place in `path`.": lambda path, i, far: (
+            i + int(far)
         ),
         "a path that is too short raises IndexError; return None there.": lambda path, i, far: np.flatnonzero(
             path > path[i] + far
@@ -173,6 +200,9 @@ part_errors = Exercise(
         "this compares end positions without equal starts.": partial(errors, motion=lambda T, i, j: T[j]),
         "these are motions in the world: the inverse of the first pose belongs on the left.": partial(
             errors, motion=lambda T, i, j: T[j] @ np.linalg.inv(T[i])
+        ),
+        "RE is in deg/m; in deg/100 m the number is a hundred times as large.": lambda *x: (
+            errors(*x) * [1, 0.01]
         ),
         "RE is the angle in degrees, not divided by the length.": lambda *x: errors(*x) * [1, x[4] / 100],
         "TE is right; RE has the yaw alone, and this rotation is about all three axes.": partial(
@@ -274,9 +304,38 @@ averages = Exercise(
     },
 )
 
+mean_change = Exercise(
+    change_and_half,
+    pairs,
+    parts=("mean", "half"),
+    praise="the mean change is {got[0]:.3f} ± {got[1]:.3f}: it does not contain 0.",
+    hint="take the changes after - before first; then their mean, and t times their standard deviation over √n.",
+    line="change = after - before; change.mean(), t * np.std(change, ddof=1) / np.sqrt(len(change))",
+    library=("paired_change", "mean_interval"),
+    mistakes={
+        "the standard deviation is over n; a sample has n - 1 (`ddof=1`).": partial(change_and_half, over=0),
+        "this is the interval of one more run; the mean of n changes scatters less, by √n.": (
+            partial(change_and_half, root=False),
+            partial(change_and_half, root=False, over=0),
+        ),
+        "the half width has the spread of the errors. The pairs are the point: take the spread of the changes.": (
+            unpaired
+        ),
+        "this is before - after: a change is the new value minus the old one.": lambda before, after, t: (
+            change_and_half(after, before, t)
+        ),
+        "the half width lacks Student's factor `t`.": lambda before, after, t: change_and_half(
+            before, after, 1.0
+        ),
+        "these are the two ends of the interval; return the mean and the half width.": lambda *x: (
+            change_and_half(*x)[0] + np.array([-1, 1]) * change_and_half(*x)[1]
+        ),
+    },
+)
+
 blind_ate = Exercise(
     {"TE": 4.0, "RE": 0.0, "ATE": 0.05},
-    praise="TE {TE:.1f} %, RE {RE:.2f} deg/100 m, ATE {ATE:.2f} m. Every step is too long by the same share. The "
+    praise="TE {TE:.1f} %, RE {RE:.2f} deg/100 m, ATE {ATE:.2f} m. Every step is wrong by the same share. The "
     "alignment sim3 scales the estimate before ATE is computed, so ATE does not contain this error.",
     mistakes={
         "the panel shows no TE: choose a sequence with a ground truth, and press Run for a method.": (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -147,4 +147,66 @@ def distances_figure(errors: Mapping[str, AbsoluteError]) -> Figure:
     axis.set_ylim(0, 1.3 * max(float(each.distance.max()) for each in errors.values()))
     finish(axis, "distance from the truth", "frame", "distance [m]")
     axis.legend(loc="upper left", fontsize=SMALL_SIZE, frameon=False, ncols=len(errors))
+    return made
+
+
+PAPERS_OWN = (
+    "mesvo_f",
+    "solution_selection",
+    "feature_selection",
+)  # columns of Table 1 that the paper computed
+
+
+def values_figure(
+    own: Mapping[float, float],
+    library: Mapping[float, float],
+    title: str,
+    y: str,
+    unit: str = "frame",
+    from_zero: bool = True,
+) -> Figure:
+    """Values by first frame or by length: those of the student's function as dots, the library's as a line."""
+    made, (axis,) = figure(200)
+    axis.plot([*own], [*own.values()], "o", color=GOOD, markersize=6, label="your function")
+    axis.plot([*library], [*library.values()], "-", color=DARK, linewidth=1.0, label="the library's")
+    if from_zero:
+        highest = max(float(np.max([*each.values()])) for each in (own, library))
+        lowest = min(0.0, *own.values())
+        axis.set_ylim(1.2 * lowest, 1.2 * highest)
+    round_limits(axis.yaxis)
+    finish(axis, title, "first frame of the piece" if unit == "frame" else f"length [{unit}]", y, "above")
+    return made
+
+
+def pairs_figure(
+    title: str,
+    before: tuple[str, Array],
+    after: tuple[str, Array],
+    interval: tuple[float, float],
+    points: Sequence[str] = (),
+) -> Figure:
+    """Errors of two methods joined by seed or sequence, and their changes with mean and interval.
+
+    interval : mean change and half width. points : names of the pairs; by default the seeds.
+    """
+    made, (errors, changes) = figure(240, 2)
+    one, old = before
+    other, new = after
+    names = [*points] or [str(seed) for seed in range(len(old))]
+    for start, end in zip(old, new, strict=True):
+        colour = GOOD if end <= start else BAD
+        errors.plot([0, 1], [start, end], "-o", color=colour, linewidth=1.2, markersize=5)
+    errors.set_xlim(-0.25, 1.25)
+    errors.set_xticks([0, 1], [one, other])
+    finish(errors, f"{title}: a line for each {'sequence' if points else 'seed'}", "", "TE [%]", "none")
+    mean, half = interval
+    places = np.arange(len(names))
+    changes.axhspan(mean - half, mean + half, color=PALE, alpha=0.5, label="95 % interval of the mean")
+    changes.axhline(mean, color=DARK, linewidth=1.5, label="mean change")
+    changes.axhline(0.0, color=BAD, linewidth=1.0, linestyle="--", label="no change")
+    changes.plot(places, new - old, "o", color=GOOD, markersize=6)
+    changes.set_xticks(places, names)
+    highest = float(np.max(np.abs([*(new - old), mean - half, mean + half])))
+    changes.set_ylim(-1.5 * highest - 1e-6, 1.5 * highest + 1e-6)
+    finish(changes, "change of each pair", "sequence" if points else "seed", "change of TE [%]", "best")
     return made

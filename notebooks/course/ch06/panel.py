@@ -117,7 +117,9 @@ class EvaluationPanel(Panel):
         part = longest_from(truth, estimate, lengths, state.frame)
         aligned, scale = align(truth, estimate, alignment)
         ate = rmse(absolute_error(truth, estimate, alignment).distance)
-        rpe = rmse(relative_error(truth, estimate).translation)
+        step = relative_error(truth, estimate)
+        rpe = rmse(step.translation)
+        rpe_turn = rmse(step.rotation)
 
         paths, (whole, piece) = figure(PATH_HEIGHT, 2)
         title = f"{sequence.name}, alignment {view.alignment}"
@@ -145,6 +147,7 @@ class EvaluationPanel(Panel):
             Fact("sub-sequences", len(errors)),
             Fact("ATE", np.nan if ate is None else ate, "m", 3),
             Fact("RPE", np.nan if rpe is None else 1e3 * rpe, "mm", 2),
+            Fact("RPE, rotation", np.nan if rpe_turn is None else np.degrees(rpe_turn), "°", 2),
             Fact("scale", scale, "", 4),
         )
         return Drawing([paths, by_length], _sentence(errors, part), facts)
