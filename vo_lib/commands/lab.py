@@ -102,7 +102,8 @@ def copy_course(source: Path, target: Path, teacher: bool) -> None:
         copied = read_mapping(digests_file, "digests of copied files by name")
     left_out = NOT_COPIED if teacher else NOT_COPIED | FOR_TEACHERS
     for path in sorted(source.rglob("*")):
-        name = place = path.relative_to(source).as_posix()
+        name = path.relative_to(source).as_posix()
+        place = name
         if not path.is_file() or left_out & {*path.relative_to(source).parts}:
             continue
         original = path.read_bytes()
@@ -120,7 +121,8 @@ def copy_course(source: Path, target: Path, teacher: bool) -> None:
         if not file.exists() or present != new:
             file.parent.mkdir(parents=True, exist_ok=True)
             write_atomic(file, content)
-        copied[name] = copied[place] = new
+        copied[name] = new
+        copied[place] = new
     write_atomic(digests_file, json.dumps(copied, indent=1) + "\n")
 
 

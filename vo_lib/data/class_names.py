@@ -24,7 +24,10 @@ _COCO = """
     toothbrush
 """
 COCO = tuple(" ".join(name.split()) for name in _COCO.split(","))
-CAR, BUS, TRUCK = 2, 5, 7  # COCO's numbers of the vehicles that count without names
+# COCO's numbers of the vehicles that count without names.
+CAR = 2
+BUS = 5
+TRUCK = 7
 COCO_VEHICLES = (CAR, BUS, TRUCK)
 
 # The last noun of a vehicle's name, by the COCO number of the vehicle that it resembles most.

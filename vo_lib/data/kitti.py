@@ -29,7 +29,8 @@ PART = "part.txt"  # in a folder with part of a sequence: the options of `vo dat
 _MARK = re.compile(r"(?:--sequences \d\d|--raw [0-9_]+_drive_\d{4}) --frames (\d{1,6}):(\d{1,6})", re.ASCII)
 
 MAX_FOCAL_PX = 1e6  # also for the principal point; larger numbers overflow in later computations
-MIN_BASELINE_M, MAX_BASELINE_M = 1e-5, 10.0  # a longer baseline is probably in millimetres
+MIN_BASELINE_M = 1e-5
+MAX_BASELINE_M = 10.0  # a longer baseline is probably in millimetres
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 PNG_DEPTH_AT = 24  # place of the number of bits, in the chunk IHDR
@@ -53,8 +54,8 @@ def has_images(folder: Path) -> bool:
 
 def camera_names(sides: tuple[str, str]) -> tuple[str, str]:
     """Names of the matrices in calib.txt for these image folders: P0 and P1, or P2 and P3."""
-    left, right = (f"P{side.removeprefix('image_')}" for side in sides)
-    return left, right
+    left, right = sides
+    return f"P{left.removeprefix('image_')}", f"P{right.removeprefix('image_')}"
 
 
 def read_calibration(
@@ -193,8 +194,10 @@ def wanted_frames(folder: Path) -> range | None:
 
 def count_pairs(folder: Path) -> int:
     """Number of stereo pairs in a sequence's folder, from the file names only."""
-    left, right = ({p.name for p in (folder / side).glob("*.png")} for side in image_folders(folder))
-    return len(left & right)
+    left, right = image_folders(folder)
+    left_names = {path.name for path in (folder / left).glob("*.png")}
+    right_names = {path.name for path in (folder / right).glob("*.png")}
+    return len(left_names & right_names)
 
 
 def read_stored(path: Path) -> NDArray[np.uint8] | NDArray[np.uint16]:

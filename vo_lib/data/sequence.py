@@ -84,8 +84,9 @@ class Sequence:
 
     def stereo(self, index: int) -> tuple[Image, Image]:
         """Left and right image of a frame, (H, W) uint8; a `DataError` names an unusable image."""
-        left, right = (self.folder / side / f"{self.frames[index]}.png" for side in self.sides)
-        return self._image(left), self._image(right)
+        left, right = self.sides
+        name = f"{self.frames[index]}.png"
+        return self._image(self.folder / left / name), self._image(self.folder / right / name)
 
     def left_file(self, frame: str) -> Path:
         """The left image of a frame, by the frame's file stem."""

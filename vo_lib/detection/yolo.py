@@ -148,7 +148,8 @@ class YoloDetector:
         """
         longer = self.config.size or self._default_size
         if self._layout.placement == "stretched" or self._sizes_input is not None:
-            width = height = longer
+            width = longer
+            height = longer
         free_width, free_height = layout.fit_size(width, height, longer)
         return self._width or free_width, self._height or free_height
 

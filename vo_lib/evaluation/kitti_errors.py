@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -74,8 +73,11 @@ class KittiErrors(Rows):
         self, by: str, lengths: Sequence[float] = KITTI_LENGTHS
     ) -> list[tuple[float, float | None, float | None]]:
         """Points (bin centre, TE, RE) of the devkit's curve by "length", metres, or by "speed", km/h."""
-        bins = self.by_length(lengths) if by == "length" else {3.6 * v: e for v, e in self.by_speed().items()}
-        return [(at, e.te, e.re) for at, e in bins.items() if len(e) >= KITTI_BIN_MINIMUM]
+        if by == "length":
+            bins = self.by_length(lengths)
+        else:
+            bins = {3.6 * speed: part for speed, part in self.by_speed().items()}
+        return [(at, part.te, part.re) for at, part in bins.items() if len(part) >= KITTI_BIN_MINIMUM]
 
     def to_dict(self) -> dict[str, Any]:
         """Count and means, for JSON; None without sub-sequences."""
@@ -100,8 +102,10 @@ def _devkit_distances(T: Array) -> NDArray[np.float32]:
 
     Squares, their sum and each total have single precision; the root and each addition have double precision.
     """
-    steps = _norm(np.diff(T[:, :3, 3], axis=0).astype(np.float32)).tolist()
-    return np.array([*accumulate(steps, lambda a, b: float(np.float32(a + b)), initial=0.0)], np.float32)
+    totals = [0.0]
+    for step in _norm(np.diff(T[:, :3, 3], axis=0).astype(np.float32)).tolist():
+        totals.append(float(np.float32(totals[-1] + step)))
+    return np.array(totals, np.float32)
 
 
 def _norm(t: NDArray[Any]) -> Array:
@@ -115,13 +119,13 @@ def _sizes(error: Array, length: Array, dtype: type[np.floating[Any]]) -> tuple[
 
     `dtype` : precision of the variables that have single precision in the devkit.
     """
-    a, b, c = (error[:, axis, axis].astype(dtype) for axis in range(3))
-    cosine = (0.5 * ((a + b + c).astype(np.float64) - 1.0)).astype(dtype)
-    angle = np.arccos(np.clip(cosine, -1.0, 1.0).astype(np.float64))
-    t_err, r_err = (
-        size.astype(dtype) / length.astype(dtype) for size in (_norm(error[:, :3, 3].astype(dtype)), angle)
-    )
-    return t_err.astype(np.float64), r_err.astype(np.float64)
+    rotation = error[:, :3, :3].astype(dtype)
+    trace = rotation[:, 0, 0] + rotation[:, 1, 1] + rotation[:, 2, 2]
+    cosine = (0.5 * (trace.astype(np.float64) - 1.0)).astype(dtype)
+    angle = np.arccos(np.clip(cosine, -1.0, 1.0).astype(np.float64)).astype(dtype)
+    distance = _norm(error[:, :3, 3].astype(dtype)).astype(dtype)
+    divisor = length.astype(dtype)
+    return (distance / divisor).astype(np.float64), (angle / divisor).astype(np.float64)
 
 
 def kitti_errors(
@@ -166,17 +170,22 @@ def kitti_errors(
     starts = _first_matches(frames, np.arange(0, len(truth), step), step)
     limits = path[frames[starts], None] + nominal
     ends = np.searchsorted(path[frames], limits, side="right")
+    # Each sub-sequence has a start and a length, and ends inside the path.
     start, which = np.nonzero(ends < len(frames))
     start_at = starts[start]
     end_at = ends[start, which]
     first = frames[start_at]
     last = frames[end_at]
     length = np.asarray(lengths, dtype=np.float64)[which]
-    exact = last == np.searchsorted(path, limits, side="right")[start, which]
-    covered = np.where(exact, length, path[last].astype(np.float64) - path[first])
+    # Without a pose at the right frame, the sub-sequence ends later and is longer.
+    ends_exactly = last == np.searchsorted(path, limits, side="right")[start, which]
+    covered = np.where(ends_exactly, length, path[last].astype(np.float64) - path[first])
     error = motion_error(truth[frames], estimate, start_at, end_at)
-    single, double = (_sizes(error, covered, dtype) for dtype in (np.float32, np.float64))
-    t_err, r_err = np.where(np.isin(length, KITTI_LENGTHS), single, double)
+    single_t, single_r = _sizes(error, covered, np.float32)
+    double_t, double_r = _sizes(error, covered, np.float64)
+    as_devkit = np.isin(length, KITTI_LENGTHS)
+    t_err = np.where(as_devkit, single_t, double_t)
+    r_err = np.where(as_devkit, single_r, double_r)
     seconds = KITTI_FRAME_TIME * (last - first + 1) if times is None else times[last] - times[first]
     speed = covered / np.maximum(seconds, 1e-9)  # all times may be equal
     # The devkit's rounding, so that a speed on the edge of a bin falls on the same side.

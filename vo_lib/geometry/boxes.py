@@ -9,7 +9,11 @@ import numpy as np
 from .rows import Rows
 from .types import Array, IntArray
 
-PARKED, UNKNOWN, MOVING = 0, 1, 2  # state of the vehicle in a box
+# State of the vehicle in a box.
+PARKED = 0
+UNKNOWN = 1
+MOVING = 2
+
 VEHICLES = "vehicles"  # in a choice of classes: all classes with the name of a vehicle
 CLASS_WORD = r"[^\s,-][^,\n]{0,99}"  # a name or number in a choice of classes, as a regular expression
 

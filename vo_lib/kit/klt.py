@@ -116,7 +116,8 @@ class KltMatcher:
             # search again, starting at the previous positions.
             lit = before
             if "equal-exposure" not in without:
-                left, right = map(lit_like, before.images, pair.images)
+                left = lit_like(before.images[0], pair.images[0])
+                right = lit_like(before.images[1], pair.images[1])
                 lit = replace(before, images=(left, right))
             start = (features.left, features.right)
             second = self._close_loop(lit, pair, features, start, self.config.search_levels, motion)

@@ -253,7 +253,9 @@ def prior_covariance(without: Sequence[str] = ()) -> Array:
     """
     left_out = tuple(start for group in without for start in FAULTS_OF_GROUP.get(group, ()))
     faults = [fault for name, fault in RIG_FAULTS.items() if not name.startswith(left_out)]
-    covariance = np.diag([FREE_DEVIATION_PX] * FIELD + [prior for prior, _ in LENS_PX.values()]) ** 2
+    field = np.full(FIELD, FREE_DEVIATION_PX)
+    lens = np.array([deviation for deviation, _ in LENS_PX.values()])
+    covariance = np.diag(np.concatenate([field, lens])) ** 2
     for columns, rows, deviation in faults:
         shape = np.array(
             [columns.get(k, 0.0) for k in DISPARITY_TERMS] + [rows.get(k, 0.0) for k in ROW_TERMS]

@@ -21,8 +21,10 @@ BLOB = np.full((5, 5), -1, np.float32)
 BLOB[1:4, 1:4] = 1
 BLOB[2, 2] = 8
 CORNER = np.zeros((5, 5), np.float32)
-CORNER[:2, :2] = CORNER[3:, 3:] = -1
-CORNER[:2, 3:] = CORNER[3:, :2] = 1
+CORNER[:2, :2] = -1
+CORNER[3:, 3:] = -1
+CORNER[:2, 3:] = 1
+CORNER[3:, :2] = 1
 
 # Sixteen positions (u, v) in an 11×11 neighbourhood at which the two Sobel images are sampled.
 DESCRIPTOR_OFFSETS = np.array(

@@ -35,8 +35,8 @@ class ReportTable:
 def without_empty_columns(table: ReportTable) -> ReportTable:
     """The table without columns that contain only dashes."""
     filled = [k for k in range(len(table.columns)) if any(row[k] != NO_NUMBER for row in table.rows)]
-    columns, *rows = [[line[k] for k in filled] for line in (table.columns, *table.rows)]
-    return replace(table, columns=columns, rows=rows)
+    rows = [[row[k] for k in filled] for row in table.rows]
+    return replace(table, columns=[table.columns[k] for k in filled], rows=rows)
 
 
 def finite_or_none(value: float | None) -> float | None:

@@ -117,10 +117,10 @@ def _without_run(folder: Path) -> DataError:
     runs.sort(key=lambda run: (len(run.parts), run))
     if not runs:
         return DataError("contains no finished run: expected the folder of a run, or a pose file", folder)
-    nearest = shlex.join(map(str, runs[:NEAREST_RUNS]))
-    more = len(runs) - NEAREST_RUNS
-    others = f" and {more} more" * (more > 0)
-    return DataError(f"is not the folder of a run, but contains runs: {nearest}{others}", folder)
+    named = shlex.join(map(str, runs[:NEAREST_RUNS]))
+    if len(runs) > NEAREST_RUNS:
+        named += f" and {len(runs) - NEAREST_RUNS} more"
+    return DataError(f"is not the folder of a run, but contains runs: {named}", folder)
 
 
 def _truth_of_run(folder: Path, config: dict[str, Any]) -> ComparedPaths:
@@ -146,7 +146,10 @@ def _truth_of_run(folder: Path, config: dict[str, Any]) -> ComparedPaths:
 def _names(source: Path, config: dict[str, Any] | None) -> list[str]:
     """Possible labels of a run or a pose file, the shortest first."""
     if config is None:
-        return [*[source.stem][source.stem in COMMON_STEMS :], *source.parent.parts[:0:-1], str(source)]
+        names = list(source.parent.parts[:0:-1])  # the folders, the nearest first, without the root
+        if source.stem not in COMMON_STEMS:
+            names.insert(0, source.stem)
+        return [*names, str(source)]
     method = str(config.get("method"))
     variant = config.get("variant")
     seed = config["settings"].get("seed")
@@ -225,52 +228,61 @@ def _require_same_frames(file: PoseFile, truth: ComparedPaths, path: Path) -> No
 
 def evaluation_tables(name: str, result: Evaluation) -> list[ReportTable]:
     """A table of the systems' errors on a sequence, and a table of TE and RE by length."""
+    tables = [_table_of_systems(name, result)]
+    by_length = _table_by_length(result)
+    if by_length.rows:
+        tables.append(by_length)
+    return tables
+
+
+def _table_of_systems(name: str, result: Evaluation) -> ReportTable:
+    """TE, RE, ATE and RPE of each system, with warnings above and the kinds of errors below."""
     measure = result.measure
-    systems = result.paths
     rows = []
-    for s in systems:
-        drift = map(rmse, (s.ate.distance, s.rpe.translation, np.degrees(s.rpe.rotation)))
+    for system in result.paths:
         rows.append(
             [
-                s.name,
-                format_number(s.kitti.te),
-                format_number(s.kitti.re),
-                *(format_number(value, 4) for value in drift),
+                system.name,
+                format_number(system.kitti.te),
+                format_number(system.kitti.re),
+                format_number(rmse(system.ate.distance), 4),
+                format_number(rmse(system.rpe.translation), 4),
+                format_number(rmse(np.degrees(system.rpe.rotation)), 4),
             ]
         )
-    columns = ["system", *(unit for unit, _ in ERROR_KINDS.values()), "ATE m", "RPE m", "RPE deg"]
-    first = systems[0]
+    first = result.paths[0]
+    shorter = f"the path, {first.distance:.1f} m in {first.frames} frames, is shorter"
     title = name
     head = list[str]()
-    path = f"the path, {first.distance:.1f} m in {first.frames} frames, is shorter"
-    notes = [f"ATE {first.ate.alignment.words}: root mean square.", _rpe_note(result, path)]
+    notes = [f"ATE {first.ate.alignment.words}: root mean square.", _rpe_note(result, shorter)]
     if result.subsequences:
         title += f": {count_words(result.subsequences)} of {measure.words_with(result.as_kitti)}"
         head += _caveats(result)
     else:
-        notes.append(f"No TE and RE: {path} than the shortest sub-sequence, {min(measure.lengths):g} m.")
+        notes.append(f"No TE and RE: {shorter} than the shortest sub-sequence, {min(measure.lengths):g} m.")
     if result.frame_step > 1:
         notes.append(
             f"The compared poses are {result.frame_step} frames of the truth apart; intervals and starts in "
             "frames are frames of the truth."
         )
-    for system in systems:
+    for system in result.paths:
         head += _doubts(system)
-    by_length = []
-    for length in measure.lengths:
-        parts = [s.kitti[s.kitti.length == length] for s in systems]
+    units = [unit for unit, _ in ERROR_KINDS.values()]
+    columns = ["system", *units, "ATE m", "RPE m", "RPE deg"]
+    return without_empty_columns(ReportTable(title, columns, rows, notes, head))
+
+
+def _table_by_length(result: Evaluation) -> ReportTable:
+    """TE and RE of each system, with a row for each length that has sub-sequences."""
+    rows = []
+    for length in result.measure.lengths:
+        parts = [system.kitti[system.kitti.length == length] for system in result.paths]
         count = len(parts[0])
         if count:
             cells = [f"{format_number(part.te)} / {format_number(part.re)}" for part in parts]
-            by_length.append([f"{length:g} m", str(count), *cells])
-    errors = ReportTable(title, columns, rows, notes, head)
-    tables = [without_empty_columns(errors)]
-    if by_length:
-        names = [s.name for s in systems]
-        tables.append(
-            ReportTable("TE % / RE deg/100 m by length", ["length", COUNT_COLUMN, *names], by_length, [])
-        )
-    return tables
+            rows.append([f"{length:g} m", str(count), *cells])
+    names = [system.name for system in result.paths]
+    return ReportTable("TE % / RE deg/100 m by length", ["length", COUNT_COLUMN, *names], rows, [])
 
 
 def _caveats(result: Evaluation) -> list[str]:
@@ -291,8 +303,8 @@ def _caveats(result: Evaluation) -> list[str]:
     return head
 
 
-def _rpe_note(result: Evaluation, path: str) -> str:
-    """A sentence on the interval of the RPE, and why there is none; `path` says that the path is shorter."""
+def _rpe_note(result: Evaluation, shorter: str) -> str:
+    """The interval of the RPE, or why there is none; `shorter` : words that the path is too short."""
     first = result.paths[0]
     interval = first.rpe.delta.words
     if len(first.rpe.rotation):
@@ -300,7 +312,7 @@ def _rpe_note(result: Evaluation, path: str) -> str:
     step = result.frame_step
     if first.rpe.delta.unit == "frames" and step > first.rpe.delta.size:
         return f"No RPE {interval}: the compared poses are {step} frames apart; use --delta {step}f."
-    return f"No RPE {interval}: {path}."
+    return f"No RPE {interval}: {shorter}."
 
 
 def _doubts(system: PathErrors) -> list[str]:

@@ -155,7 +155,8 @@ def trajectories_figure(
 
 def errors_figure(title: str, errors: Mapping[tuple[str, str], Array]) -> Figure:
     """Bars of TE and RE by sequence and method, with deviations over S seeds; `errors` are (2, S) each."""
-    sequences, methods = (list(dict.fromkeys(names)) for names in zip(*errors, strict=True))
+    sequences = list(dict.fromkeys(sequence for sequence, _ in errors))
+    methods = list(dict.fromkeys(method for _, method in errors))
     figure = figure_page(title, max(SMALL_PAGE[0], 0.8 * len(sequences)))
     axes = figure.subplots(2, sharex=True)
     share = 0.85 / len(methods)

@@ -49,7 +49,9 @@ POSES_TUM = "poses_tum.txt"
 CALIBRATION = "calibration.json"
 PICTURE = "trajectory.png"
 MAX_CONTRADICTED_SHARE = 0.1  # of the frames; a run with more is told that its path is probably wrong
-LOOPS, LOOPS_POSES = "loops.csv", "poses_loops.txt"  # only after the closing of loops
+# Only after the closing of loops.
+LOOPS = "loops.csv"
+LOOPS_POSES = "poses_loops.txt"
 RUN_FILES = (CONFIG, POSES, POSES_TUM, LOG, CALIBRATION, METRICS, PICTURE, LOOPS, LOOPS_POSES)
 USUAL_SHARE_MEASURED = 0.5  # of the motions; with fewer, the order of the cameras is checked
 # Values of config.json that are read back, with their types; "frames" has two texts.
