@@ -202,7 +202,7 @@ def rig_of(source: Source, options: argparse.Namespace) -> tuple[Rig, list[str]]
             "the calibration is missing: add --focal, --centre and --baseline, or --calibration FILE"
         )
     try:
-        cx, cy = (float(word) for word in options.centre.split(","))
+        cx, cy = map(float, options.centre.split(","))
     except ValueError:
         raise DataError(f"--centre {options.centre!r}: expected two numbers such as 607.2,185.2") from None
     rig = rig_from_numbers(options.focal, cx, cy, (unit or 1.0) * options.baseline)

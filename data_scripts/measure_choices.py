@@ -181,9 +181,9 @@ def run(options: argparse.Namespace) -> int:
                 path = sequence.truth
                 plain = np.array([0.0, 0.0, 100.0])
                 whole = results[:, 2].mean() if path is None else trajectory_distances(path)[-1]
-            results = results * [1.0, 1.0, 100.0 / whole]
+            results[:, 2] *= 100.0 / whole
             if name == ABSOLUTE:
-                results = results * [1.0, 1.0, np.nan]
+                results[:, 2] = np.nan
                 plain = np.zeros(3)
             change_of = results - plain
             pairs = np.stack([change_of.mean(axis=0), standard_deviation(change_of)], axis=1).ravel()

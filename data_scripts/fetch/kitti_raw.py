@@ -32,7 +32,8 @@ def read_raw_drive(drive: Path, skip_unpaired: bool = False) -> Drive:
     `DataError` with the name of a missing or invalid file.
     """
     for cameras in CAMERAS:
-        left, right = (drive / f"image_0{camera}" / "data" for camera in cameras)
+        left = drive / f"image_0{cameras[0]}" / "data"
+        right = drive / f"image_0{cameras[1]}" / "data"
         if left.is_dir() and right.is_dir():
             pairs = pair_images(left, right, skip_unpaired=skip_unpaired)
             return describe_drive(drive, pairs, cameras, whole=True)
@@ -56,7 +57,8 @@ def describe_drive(
     where = drive if (drive / "calib_cam_to_cam.txt").exists() else drive.resolve().parent
     path = where / "calib_cam_to_cam.txt"
     lines = read_calibration_file(path)
-    P1, P2 = (matrix(lines, f"P_rect_0{camera}", (3, 4), path) for camera in cameras)
+    P1 = matrix(lines, f"P_rect_0{cameras[0]}", (3, 4), path)
+    P2 = matrix(lines, f"P_rect_0{cameras[1]}", (3, 4), path)
     first = paths[0][0]
     size = matrix(lines, f"S_rect_0{cameras[0]}", (2,), path)
     height, width = read_image(first, pairs.bits).shape
@@ -114,12 +116,14 @@ def _poses(
 
     shift : (3,) translation from the axes of camera 0 to those of the left camera, metres.
     """
-    needed = [where / "calib_imu_to_velo.txt", where / "calib_velo_to_cam.txt"]
+    imu_file = where / "calib_imu_to_velo.txt"
+    velo_file = where / "calib_velo_to_cam.txt"
     packets = [drive / "oxts" / "data" / f"{stem}.txt" for stem in stems]
-    for path in (*needed, *packets):
+    for path in (imu_file, velo_file, *packets):
         if not path.exists():
             return None, f"no true poses: {path} is missing"
-    velo_imu, cam_velo = (_rigid(path) for path in needed)
+    velo_imu = _rigid(imu_file)
+    cam_velo = _rigid(velo_file)
     R_rect = _rotation(cameras, "R_rect_00", where / "calib_cam_to_cam.txt")
     T_cam_imu = rigid(np.eye(3), shift) @ rigid(R_rect, np.zeros(3)) @ cam_velo @ velo_imu
     rows = np.concatenate([read_rows(path, "30 numbers of a GPS/IMU packet", 30)[0] for path in packets])
@@ -164,6 +168,9 @@ def imu_poses(rows: Array) -> Array:
     T[:, 0, 3] = scale * longitude
     T[:, 1, 3] = scale * np.log(np.tan(np.pi / 4 + latitude / 2))
     T[:, 2, 3] = rows[:, 2]
-    roll, pitch, yaw = (rotation_from_vector(rows[:, 3 + k, None] * np.eye(3)[k]) for k in range(3))
+    forward, left, up = np.eye(3)
+    roll = rotation_from_vector(rows[:, 3:4] * forward)
+    pitch = rotation_from_vector(rows[:, 4:5] * left)
+    yaw = rotation_from_vector(rows[:, 5:6] * up)
     T[:, :3, :3] = yaw @ pitch @ roll
     return T

@@ -16,7 +16,8 @@ from vo_lib.geometry.types import Array, IntArray
 # Times since 1970, with the unit in nanoseconds of the whole number and of its decimals or second number. A
 # whole number is a time only in a plausible year, so that frame numbers are not.
 WHOLE = {r"\d{18,19}": 1, r"\d{16}": 1_000, r"\d{13}": 1_000_000, r"\d{10}": 1_000_000_000}
-FIRST_S, LAST_S = 300_000_000, 2_000_000_000  # 1979 and 2033; a date and a number (2011092601) are later
+FIRST_S = 300_000_000  # 1979
+LAST_S = 2_000_000_000  # 2033; a date and a number (2011092601) are later
 TWO_NUMBERS = {r"(\d{9,10})[_-](\d{9})": 1, r"(\d{9,10})[_-](\d{6})": 1_000}  # of ROS: seconds, nanoseconds
 PARTS = "year", "month", "day", "hour", "minute", "second"
 DATE = (
@@ -96,8 +97,7 @@ def _dates(names: list[str]) -> list[int] | None:
     values = []
     for word, rest in zip(words, decimals, strict=True):
         try:
-            year, month, day, hour, minute, second = (int(word[part]) for part in PARTS)
-            moment = datetime(year, month, day, hour, minute, second, tzinfo=UTC)
+            moment = datetime(**{part: int(word[part]) for part in PARTS}, tzinfo=UTC)
         except ValueError:  # such as month 13
             return None
         values.append(int(moment.timestamp()) * 1_000_000_000 + int(rest.ljust(9, "0")))

@@ -40,15 +40,22 @@ def compute_rectification(
     matrices: dict[str, Array], size: Size, lenses: tuple[Lens, Lens]
 ) -> dict[str, Array]:
     """R1, R2, P1 and P2 of a pair with K, D, R and T."""
-    K1, D1, K2, D2, R, T = (matrices[name] for name in ("K1", "D1", "K2", "D2", "R", "T"))
     wide = any(lens.model != RADTAN for lens in lenses)
-    if wide:  # the rotations of a rectification do not depend on the lenses
-        D1 = D2 = np.zeros(5)
+    # The rotations of a rectification do not depend on the lenses.
+    no_distortion = np.zeros(5)
     result = cv2.stereoRectify(
-        K1, D1, K2, D2, size, R, T.reshape(3, 1), flags=cv2.CALIB_ZERO_DISPARITY, alpha=0
+        matrices["K1"],
+        no_distortion if wide else matrices["D1"],
+        matrices["K2"],
+        no_distortion if wide else matrices["D2"],
+        size,
+        matrices["R"],
+        matrices["T"].reshape(3, 1),
+        flags=cv2.CALIB_ZERO_DISPARITY,
+        alpha=0,
     )
-    R1, R2, P1, P2 = (np.asarray(matrix, np.float64) for matrix in result[:4])
-    computed = {"R1": R1, "R2": R2, "P1": P1, "P2": P2}
+    names = ("R1", "R2", "P1", "P2")
+    computed = {name: np.asarray(each, np.float64) for name, each in zip(names, result[:4], strict=True)}
     if not wide:
         return computed
     for zoom in ZOOMS:
@@ -87,7 +94,10 @@ def _wide_projections(matrices: dict[str, Array], lenses: tuple[Lens, Lens], zoo
 
 def _sources(matrices: dict[str, Array], size: Size, camera: str, lens: Lens) -> Array:
     """Position (H, W, 2) in the raw image of each rectified pixel."""
-    K, D, R, P = (matrices[name + camera] for name in "KDRP")
+    K = matrices[f"K{camera}"]
+    D = matrices[f"D{camera}"]
+    R = matrices[f"R{camera}"]
+    P = matrices[f"P{camera}"]
     if lens.model == RADTAN:
         maps = cv2.initUndistortRectifyMap(K, D, R, P[:, :3], size, cv2.CV_32FC1)
     elif lens.model == FISHEYE:
@@ -110,7 +120,10 @@ def project_omni(X: Array, K: Array, D: Array, xi: float) -> Array:
 
 def rectification_maps(matrices: dict[str, Array], size: Size, camera: str, lens: Lens) -> Maps:
     if lens.model == RADTAN:
-        K, D, R, P = (matrices[name + camera] for name in "KDRP")
+        K = matrices[f"K{camera}"]
+        D = matrices[f"D{camera}"]
+        R = matrices[f"R{camera}"]
+        P = matrices[f"P{camera}"]
         maps = cv2.initUndistortRectifyMap(K, D, R, P[:, :3], size, cv2.CV_16SC2)
     else:
         source = _sources(matrices, size, camera, lens).astype(np.float32)
@@ -120,8 +133,8 @@ def rectification_maps(matrices: dict[str, Array], size: Size, camera: str, lens
 
 def is_identity(maps: Maps) -> bool:
     """Whether rectification maps leave every pixel where it is."""
-    u, v = (np.asarray(each, np.float64) for each in cv2.convertMaps(*maps, cv2.CV_32FC1))
+    u, v = cv2.convertMaps(*maps, cv2.CV_32FC1)
     height, width = u.shape
-    move_u = np.abs(u - np.arange(width)).max()
-    move_v = np.abs(v - np.arange(height)[:, None]).max()
+    move_u = np.abs(u.astype(np.float64) - np.arange(width)).max()
+    move_v = np.abs(v.astype(np.float64) - np.arange(height)[:, None]).max()
     return bool(max(move_u, move_v) <= IDENTITY_PX)

@@ -86,9 +86,12 @@ class Rig:
         """The rectified images, (H, W) uint8 each; `DataError` for a size not in the calibration."""
         if self.maps is None:
             return left, right
-        actual, expected = (f"{each.shape[1]}×{each.shape[0]}" for each in (left, self.maps[0][0]))
-        if actual != expected:
-            raise DataError(f"the images are {actual}, but the calibration is for {expected}")
+        height, width = left.shape
+        own_height, own_width = self.maps[0][0].shape[:2]
+        if (width, height) != (own_width, own_height):
+            raise DataError(
+                f"the images are {width}×{height}, but the calibration is for {own_width}×{own_height}"
+            )
         rectified = []
         for image, maps in zip((left, right), self.maps, strict=True):
             result = cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

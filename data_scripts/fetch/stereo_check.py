@@ -47,7 +47,9 @@ class PairStatistics:
 def measure_pairs(pairs: Iterable[tuple[Image, Image]]) -> PairStatistics:
     """Statistics of SIFT matches without geometric constraints; exchanged pairs have such matches too."""
     shifts = [_shifts(left, right) for left, right in pairs]
-    disparity, row = np.concatenate([np.zeros((0, 2)), *shifts]).T * [[-1.0], [1.0]]
+    all_shifts = np.concatenate([np.zeros((0, 2)), *shifts])
+    disparity = -all_shifts[:, 0]
+    row = all_shifts[:, 1]
     if not len(row):
         return PairStatistics(len(shifts), 0, 0.0, 0.0, 0.0, 0.0)
     middle = float(np.median(row))
@@ -65,10 +67,10 @@ def _shifts(left: Image, right: Image) -> Array:
     """Position in the right image minus position in the left image, (N, 2), of matched features, pixels."""
     sift = cv2.SIFT.create(SIFT_FEATURES)
     scale = min(1.0, MAX_SIFT_SIDE_PX / max(left.shape))
-    (points_l, descriptors_l), (points_r, descriptors_r) = (
-        sift.detectAndCompute(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), None)
-        for image in (left, right)
-    )
+    small_l = cv2.resize(left, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    small_r = cv2.resize(right, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    points_l, descriptors_l = sift.detectAndCompute(small_l, None)
+    points_r, descriptors_r = sift.detectAndCompute(small_r, None)
     if not points_l or not points_r:
         return np.zeros((0, 2))
     nearest = cv2.BFMatcher(cv2.NORM_L2).knnMatch(descriptors_l, descriptors_r, k=2)
@@ -85,7 +87,8 @@ def is_rectified(raw: PairStatistics, rectified: PairStatistics) -> bool:
     """Whether pairs have clearly more equal rows without than with a rectification by the calibration."""
     if min(raw.matches, rectified.matches) < MIN_MATCHES_PER_PAIR * max(raw.pairs, 1):
         return False
-    error_raw, error_rectified = (abs(stats.row) + stats.row_spread for stats in (raw, rectified))
+    error_raw = abs(raw.row) + raw.row_spread
+    error_rectified = abs(rectified.row) + rectified.row_spread
     tolerance = KitMatchingConfig().row_tolerance
     return error_raw < tolerance and error_raw < MUCH_SMALLER * error_rectified
 

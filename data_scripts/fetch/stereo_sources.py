@@ -159,7 +159,8 @@ def pair_images(
     sides = [_images(place) for place in (left, right)]
     bits = grey_bits(list(side.values()) for side in sides)
     notes = [bits_note(bits)] if bits > BITS[0] else []
-    stamps_l, stamps_r = (times_of_names([*side], at) for side, at in zip(sides, (left, right), strict=True))
+    stamps_l = times_of_names(list(sides[0]), left)
+    stamps_r = times_of_names(list(sides[1]), right)
     if stamps_l is not None and stamps_r is not None:
         pairing = _pair_by_time(sides, (stamps_l, stamps_r), max_delay, left)
     else:
@@ -209,7 +210,8 @@ def _pair_by_time(
 ) -> _Pairing:
     """Pairs of the images nearest in time, from the times (N,) of both sides, seconds."""
     # By the order of names, 0.3 comes before 0.25.
-    order_l, order_r = (np.argsort(each, kind="stable") for each in stamps)
+    order_l = np.argsort(stamps[0], kind="stable")
+    order_r = np.argsort(stamps[1], kind="stable")
     times_l = stamps[0][order_l]
     times_r = stamps[1][order_r]
     at_l, at_r = match_times(times_l, times_r, np.inf)
@@ -221,7 +223,8 @@ def _pair_by_time(
             f"the nearest images are {delays.min():.3g} s apart",
             left,
         )
-    files_l, files_r = (list(side.values()) for side in sides)
+    files_l = list(sides[0].values())
+    files_r = list(sides[1].values())
     return _Pairing(
         ([files_l[n] for n in order_l.tolist()], [files_r[n] for n in order_r.tolist()]),
         (at_l[close].tolist(), at_r[close].tolist()),
@@ -239,8 +242,10 @@ def _pair_by_name(sides: list[dict[str, Path]], left: Path, right: Path) -> _Pai
     if len(common) < 2:
         expected = "expected equal names, equal numbers (the digits that differ) or times"
         raise DataError(f"fewer than two names agree with the names in {left}: {expected}", right)
-    chosen_l, chosen_r = ([n for n, name in enumerate(side) if name in common] for side in sides)
-    files_l, files_r = (list(side.values()) for side in sides)
+    files_l = list(sides[0].values())
+    files_r = list(sides[1].values())
+    chosen_l = [place for place, name in enumerate(sides[0]) if name in common]
+    chosen_r = [place for place, name in enumerate(sides[1]) if name in common]
     numbers = [int(name) for name in sides[0] if name in common] if all(numbered) else []
     frames = frame_numbers(numbers) if numbers else None
     return _Pairing((files_l, files_r), (chosen_l, chosen_r), frames=frames)

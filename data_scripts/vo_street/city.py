@@ -12,7 +12,10 @@ from .mesh import box
 from .site import KERB, Site
 from .things import add_bollards, add_lamp, add_sign, add_tree
 
-FRONTS, GABLES, ROOFS = 14, 4, 3  # different textures
+# Numbers of different textures.
+FRONTS = 14
+GABLES = 4
+ROOFS = 3
 EDGES = {"boards": 1.6, "pickets": 1.0, "hedge": 1.3, "garden wall": 0.9}  # heights, m
 BRICKS = np.array([[0.0, 0.2], [0.0, 0.0], [0.1, 0.0], [0.1, 0.2]])  # visible part of a wall on a chimney
 

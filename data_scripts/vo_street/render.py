@@ -28,7 +28,8 @@ Int = NDArray[np.int32]
 Places = list[tuple[Float32, Float32]]
 Number = TypeVar("Number", np.float32, np.int32)
 
-NEAR, FAR = 0.3, 3000.0  # metres
+NEAR = 0.3  # metres
+FAR = 3000.0  # metres
 REACH = 190.0  # farther objects smaller than 10 m are omitted, metres
 SKY_HEIGHT = 900.0  # of the clouds, metres
 HORIZON = 205.0  # brightness of the clouds on the horizon

@@ -16,7 +16,8 @@ from vo_lib.geometry.types import Array
 
 LANE_WIDTH = 3.3
 STEP = 0.25  # metres between samples of the centre line
-BEHIND, BEYOND = 60.0, 320.0  # metres of street before the start and after the end of the drive
+BEHIND = 60.0  # metres of street before the start of the drive
+BEYOND = 320.0  # metres of street after the end of the drive
 # A block: one round of the street, the starts of the corners of its first half, and their length, metres.
 LAP = 324.0
 CORNERS = (63.0, 129.0)

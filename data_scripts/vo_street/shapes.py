@@ -7,7 +7,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-CAR, BUS, TRUCK = 2, 5, 7  # COCO classes, as YOLO labels number them
+# COCO classes, as YOLO labels number them.
+CAR = 2
+BUS = 5
+TRUCK = 7
 PAINTS = (46.0, 105.0, 165.0, 222.0)
 
 

@@ -100,7 +100,8 @@ class Site:
         across : width of one repeat of the texture, metres; 0: the ribbon has the width of one texture.
         flip : whether the visible side has the first line on the right instead of on the left.
         """
-        left, right = (np.broadcast_to(value, s.shape).astype(float) for value in offset)
+        left = np.broadcast_to(offset[0], s.shape).astype(float)
+        right = np.broadcast_to(offset[1], s.shape).astype(float)
         a = self.route.point(s, left, up[0])
         b = self.route.point(s, right, up[1])
         corners = np.stack([a[:-1], a[1:], b[1:], b[:-1]], axis=1)

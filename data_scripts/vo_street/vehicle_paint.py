@@ -73,14 +73,20 @@ class _Canvas:
 
 def paint_vehicle(shape: Shape, paint: float, rng: Rng) -> dict[str, Image]:
     """The views of a vehicle in one colour, with the names in `VIEWS` as keys."""
-    end = _paint_car_end if shape.cabin else _paint_large_end
     return {
         "right": _paint_side(shape, paint, rng, mirror=False),
         "left": _paint_side(shape, paint, rng, mirror=True),
-        "front": end(shape, paint, rng, front=True),
-        "rear": end(shape, paint, rng, front=False),
+        "front": _paint_end(shape, paint, rng, front=True),
+        "rear": _paint_end(shape, paint, rng, front=False),
         "top": _paint_top(shape, paint, rng),
     }
+
+
+def _paint_end(shape: Shape, paint: float, rng: Rng, front: bool) -> Image:
+    """Front or rear of a vehicle."""
+    if shape.cabin is None:
+        return _paint_large_end(shape, paint, rng, front)
+    return _paint_car_end(shape, shape.cabin, paint, rng, front)
 
 
 def _paint_side(shape: Shape, paint: float, rng: Rng, mirror: bool) -> Image:
@@ -144,12 +150,12 @@ def _paint_flat_side(c: _Canvas, shape: Shape, paint: float) -> None:
         c.fill([[mid + z0, high], [mid + z0 + 0.5 * (z1 - z0), high], [mid + z0, low + 0.3]], 72.0)
 
 
-def _paint_car_end(shape: Shape, paint: float, rng: Rng, front: bool) -> Image:
+def _paint_car_end(shape: Shape, cabin: tuple[float, ...], paint: float, rng: Rng, front: bool) -> Image:
     """Front or rear of a car: window, lamps, grille or boot lid, number plate."""
-    assert shape.cabin
     w = shape.width
-    low = shape.cabin[4] + 0.04
-    high = shape.cabin[5] - 0.05
+    *_, base_height, roof_height = cabin
+    low = base_height + 0.04
+    high = roof_height - 0.05
     c = _Canvas(128, 128, w, shape.height, paint)
     c.fill([[0.13, low], [0.27, high], [w - 0.27, high], [w - 0.13, low]], GLASS)
     c.fill([[0.3, high - 0.05], [0.8, high - 0.05], [0.5, low + 0.1], [0.22, low + 0.1]], 70.0)

@@ -64,7 +64,7 @@ def read_kitti(path: Path, folders: tuple[str, ...], size: tuple[int, int]) -> C
                 path,
             )
         pair = pairs[0]
-    P1, P2 = (matrix(lines, form.format(camera), (3, 4), path) for camera in pair)
+    P1, P2 = _projections(lines, form, pair, path)
     matrices = {"P1": P1, "P2": P2}
     rectified = _size(lines, "S_rect_0{}", pair, path)
     raw = _size(lines, "S_0{}", pair, path)
@@ -101,9 +101,17 @@ def _pair(pairs: list[tuple[int, int]], folders: tuple[str, ...], path: Path) ->
 
 def _options(lines: dict[str, Array], form: str, pair: tuple[int, int], path: Path) -> str:
     """The options with the numbers of a rectified pair."""
-    P1, P2 = (matrix(lines, form.format(camera), (3, 4), path) for camera in pair)
+    P1, P2 = _projections(lines, form, pair, path)
     baseline = (P1[0, 3] - P2[0, 3]) / P1[0, 0] if P1[0, 0] > 0 else 0.0
     return f"--focal {P1[0, 0]:.7g} --centre {P1[0, 2]:.7g},{P1[1, 2]:.7g} --baseline {baseline:.6g}"
+
+
+def _projections(
+    lines: dict[str, Array], form: str, pair: tuple[int, int], path: Path
+) -> tuple[Array, Array]:
+    """The matrices P (3, 4) of both cameras of a pair; `form` : their names, with {} for the number."""
+    left, right = pair
+    return matrix(lines, form.format(left), (3, 4), path), matrix(lines, form.format(right), (3, 4), path)
 
 
 def _raw_matrices(lines: dict[str, Array], pair: tuple[int, int], path: Path) -> dict[str, Array]:

@@ -51,9 +51,8 @@ PAIR = {
     "T": r"t|tr(a?ns)?|tvec|trans(lation)?(vec(tor)?)?|stereot",
 }
 SIZE = re.compile(r"(left|right|camera|stereo)?(im(age|g)?(size|shape|dims?)|size|shape|resolution)", re.I)
-WIDTH, HEIGHT = (
-    re.compile(rf"(left|right|camera\d?|image|img|im)?{word}", re.I) for word in ("width", "height")
-)
+WIDTH = re.compile(r"(left|right|camera\d?|image|img|im)?width", re.I)
+HEIGHT = re.compile(r"(left|right|camera\d?|image|img|im)?height", re.I)
 WIDE = re.compile(r"fisheye|equidistant|kannala", re.I)
 SAME = 1e-9  # relative difference of one matrix under two names
 EXPECTED = "expected OpenCV matrices K1 D1 K2 D2 R T, or P1 P2"

@@ -138,7 +138,8 @@ def _extrinsics(nodes: list[tuple[str, dict[str, Any]]], path: Path) -> tuple[Ar
                 path,
             )
     if t[0] > 0:  # from the right to the left camera, or the position of the right camera
-        R, t = R.T, -R.T @ t
+        R = R.T
+        t = -R @ t
     return R, t, 1.0
 
 

@@ -72,16 +72,15 @@ def read_conf(text: str, path: Path, size: tuple[int, int]) -> Calibration:
 def _camera(parser: configparser.ConfigParser, side: str, mode: str, path: Path) -> tuple[Array, Array, Lens]:
     """K, D and the lens model of a camera. Newer files have one section of distortion for all resolutions."""
     section = f"{side}_CAM_{mode}"
-    fx, fy, cx, cy = (
-        _number(parser, section, (name,), path, needed=True) for name in ("fx", "fy", "cx", "cy")
-    )
+    pinhole = [_number(parser, section, (name,), path, needed=True) for name in ("fx", "fy", "cx", "cy")]
     place = f"{side}_DISTO" if f"{side}_DISTO" in parser else section
-    k1, k2, k3, k4, k5, k6 = (_number(parser, place, (name,), path) for name in RADIAL)
-    p1, p2 = (_number(parser, place, (name,), path) for name in ("p1", "p2"))
-    K = intrinsic_matrix(np.array([fx, fy, cx, cy]), path)
-    if p1 == p2 == k5 == k6 == 0 and 0 not in (k3, k4):  # the rule of zed-opencv-calibration
-        return K, np.array([k1, k2, k3, k4]), Lens(FISHEYE)
-    return K, np.array([k1, k2, p1, p2, k3, k4, k5, k6]), Lens(RADTAN)
+    radial = [_number(parser, place, (name,), path) for name in RADIAL]  # k1 to k6
+    tangential = [_number(parser, place, (name,), path) for name in ("p1", "p2")]
+    K = intrinsic_matrix(np.array(pinhole), path)
+    # The rule of zed-opencv-calibration: a wide lens has k1 to k4 and nothing else.
+    if not any([*tangential, *radial[4:]]) and 0 not in radial[2:4]:
+        return K, np.array(radial[:4]), Lens(FISHEYE)
+    return K, np.array([*radial[:2], *tangential, *radial[2:]]), Lens(RADTAN)
 
 
 def _number(
