@@ -53,5 +53,13 @@ def test_installed_copy_looks_for_kitti_in_the_working_folder(installed: Path) -
     assert not sequences.exists()
 
 
+def test_check_says_that_its_commands_need_the_checkout(installed: Path) -> None:
+    result = vo(installed, "check")
+    printed = " ".join(result.stdout.split())
+    assert "vo data get_kitti" in printed
+    remedy = f"run `pip install -e .` in {installed / 'a kit'}"
+    assert f"do not work here: this copy of the library lacks the folder data_scripts: {remedy}" in printed
+
+
 def test_tests_run_in_a_checkout() -> None:
     assert checkout_folder() == ROOT

@@ -26,10 +26,13 @@ def folder_of_checkout(name: str) -> Path:
     """
     checkout = checkout_folder()
     if checkout is None:
-        raise DataError(
-            f"this copy of the library lacks the folder {name}: run `pip install -e .` in {_source()}"
-        )
+        raise DataError(missing_folder(name))
     return checkout / name
+
+
+def missing_folder(name: str) -> str:
+    """What an installed copy lacks, and how to get it."""
+    return f"this copy of the library lacks the folder {name}: run `pip install -e .` in {_source()}"
 
 
 def _source() -> str:

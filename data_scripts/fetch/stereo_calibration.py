@@ -26,7 +26,7 @@ USUAL_BASELINES_M = 0.02, 2.0  # from the smallest depth camera to the roof of a
 MIDDLE = 0.25, 0.75  # share of the width and height in which the principal point usually is
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Calibration:
     """A stereo calibration as its files give it. Camera 1 is the left camera, camera 2 the right one.
 
@@ -64,7 +64,7 @@ class Calibration:
         return float(matrix[0, 2]), float(matrix[1, 2])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Rig:
     """A rectified stereo camera.
 

@@ -29,7 +29,7 @@ TEXT_AS_VIDEO = cv2.VideoWriter.fourcc(*"ansi")  # FFmpeg shows a text file as a
 VIDEO_SAMPLE_STEP = 10  # frames of a video between pairs of the sample
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FolderSource:
     """N pairs of image files.
 
@@ -73,7 +73,7 @@ class FolderSource:
         return len(self.paths)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Drive(FolderSource):
     """N pairs of a data set with its own calibration.
 
@@ -191,7 +191,7 @@ def pair_images(
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Pairing:
     """Files of both sides, the index of each pair's file on each side, and times or frames of the pairs.
 

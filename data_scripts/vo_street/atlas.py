@@ -21,7 +21,7 @@ PAD = 2  # texels around each level, so that interpolation at its border stays i
 ATLAS_WIDTH = 8192
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Atlas:
     """T textures, each at all scales, with up to L levels per axis.
 
@@ -42,7 +42,7 @@ class Atlas:
     row: Float32
 
 
-@dataclass
+@dataclass(eq=False)
 class TextureSet:
     """The textures of a world by name, collected before the atlas is built."""
 

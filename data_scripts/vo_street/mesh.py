@@ -61,7 +61,7 @@ def sunlight(normal: Array) -> Array:
     return np.asarray(0.62 + 0.38 * np.maximum(normal @ SUN, 0.0) - 0.12 * np.maximum(normal[:, 1], 0.0))
 
 
-@dataclass
+@dataclass(eq=False)
 class MeshBuilder:
     """A builder of meshes. Seen from the lit outer side, the corners of a face are in clockwise order."""
 

@@ -37,7 +37,7 @@ SCALES = (0.5 ** np.arange(16)).astype(np.float32)  # of the levels of the atlas
 ROWS_AT_ONCE = 12  # rows shaded together: they fit into the processor's cache
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class View:
     """The view of one camera, without the effects of the sensor.
 
@@ -53,7 +53,7 @@ class View:
     instance: Int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FaceTable:
     """Shading data of the F faces in the view of one camera; face 0 is the sky.
 

@@ -24,7 +24,7 @@ CORNERS = (63.0, 129.0)
 CORNER = 30.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Route:
     """The street's centre line, sampled every `STEP` metres.
 
@@ -126,7 +126,7 @@ def bump(s: Array, start: float, size: float, turn: float) -> Array:
     return np.asarray(turn / size * (1.0 - np.cos(2.0 * np.pi * phase)))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Drive:
     """The camera's drive along the street.
 

@@ -15,7 +15,7 @@ from .site import PARKING, Profile
 from .vehicles import Model
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Vehicle:
     """A vehicle and its poses during the whole drive.
 

@@ -45,7 +45,7 @@ def light_at(light: Array, route: Route, points: Array) -> Array:
     return np.asarray(light[::8][nearest])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class World:
     """The data for the renderer and the truth.
 

@@ -78,7 +78,7 @@ def load_part(name: str, first: int, last: int) -> Sequence:
     return with_bar(f"drawing frames {first} to {last} of {name}", find)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class WithBoxes(Sequence):
     """A sequence with given boxes for each frame, in place of its labels; all of them count."""
 
@@ -137,7 +137,7 @@ def frame_matches(sequence: Sequence, frame: int, config: MethodConfig) -> Stere
     return _matches.get((*key_of(sequence, frame), config.features, config.matching), make)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Points:
     """Matches of a frame after bucketing, the input of the method.
 

@@ -125,7 +125,7 @@ class Fact:
         return f'{shown} <span style="color:{DARK};opacity:.6" title="{SINCE}">{change_shown}</span>'
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Drawing:
     """What a panel shows for a state.
 

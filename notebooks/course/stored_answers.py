@@ -79,7 +79,7 @@ def load(path: Path) -> dict[str, Any]:
             above += "\n" * (part.count("\n") + 1)
     except ImportError as error:
         raise DataError(
-            f"the file cannot be run, {error}: CONTRIBUTING.md lists the new names of imports", path
+            f"the file cannot be run, {error}: compare its imports with those of the chapter", path
         ) from None
     except (Exception, SystemExit, KeyboardInterrupt) as error:
         raise DataError(f"the file cannot be run, {type(error).__name__}: {error}", path) from None

@@ -34,7 +34,7 @@ PALEST = 200  # grey level of a point on white
 HINT = "Drag to rotate, turn the wheel to zoom, Shift and drag to move, double-click to reset."
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Shape:
     """A line, a filled area or single dots.
 

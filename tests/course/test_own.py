@@ -158,7 +158,7 @@ MOVED = "from vo_lib.core.geometry import inverse"
     [
         ("import sys; sys.exit(0)", "SystemExit"),
         ("1 / 0", "ZeroDivisionError"),
-        (MOVED, "CONTRIBUTING.md lists the new names"),
+        (MOVED, "compare its imports with those of the chapter"),
     ],
 )
 def test_a_module_of_mine_that_cannot_be_run_is_told(

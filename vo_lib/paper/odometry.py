@@ -1,4 +1,7 @@
-"""The paper's method: the motion of a frame from its matches and boxes, in seven steps."""
+"""The paper's method: the motion of a frame from its matches and boxes, in seven steps.
+
+One check is ours: `Odometry.contradicts_stereo` flags a frame, and changes no path.
+"""
 
 from __future__ import annotations
 

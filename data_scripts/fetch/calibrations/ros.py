@@ -41,7 +41,7 @@ KEYS = {
 SAME_CAMERA = 1e-6  # of f: smaller distances between the cameras are zero
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CameraInfo:
     """One camera: K (3, 3), D (N,), R (3, 3), P (3, 4), image size, lens, and the file."""
 

@@ -39,7 +39,7 @@ _histories: Memory[tuple[Any, Any]] = Memory(6)
 _steps: Memory[StereoMatches] = Memory(48)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trace:
     """N features of the previous pair and their fates.
 

@@ -20,7 +20,7 @@ LEAST, MOST = 1e-3, 180.0  # degrees shown of a rotation error
 ALIKE = 0.02  # largest relative difference of curves that look the same
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Field:
     """All candidates of a frame with their angles and errors.
 

@@ -23,7 +23,7 @@ NEAREST, FARTHEST = 4.0, 40.0  # depth of the points in the previous camera, met
 IN_FRONT = 0.5  # least depth in the current camera, metres
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PoseProblems:
     """S problems of N matches each, and their truth. X_c = R_cp X_p + t_cp.
 

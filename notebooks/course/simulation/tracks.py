@@ -38,7 +38,7 @@ class TrackConfig:
     survival: float = 0.8  # share of features that are matched again in the next frame
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SimulatedFrame:
     """Matches between two stereo pairs, and their truth.
 
