@@ -120,7 +120,7 @@ def test_right_answers_of_chapters_0_to_6_form_an_odometry_in_chapter_8(tmp_path
     board = next(page for page in pages if ", by TE" in page)
     assert ">yours<" in board
     assert any("<video" in page for page in pages)
-    assert (tmp_path / "my_path.mp4").stat().st_size > 100_000
+    assert (tmp_path / "my_path.webm").stat().st_size > 100_000
 
 
 @pytest.mark.slow

@@ -121,7 +121,7 @@ def test_missing_boxes_cause_a_warning(
     words += ["--seeds", "1", "--films", "--cache", str(bands.parent / "cache")]
     assert main(["reproduce", *words, "--out", str(bands.parent / "c")]) == 0
     page = (bands.parent / "c" / "report.html").read_text(encoding="utf-8")
-    assert page.count("feature_selection/seed_0/film.mp4") == 1
+    assert page.count("feature_selection/seed_0/film.webm") == 1
     for text in (capsys.readouterr().out, page):
         assert " ".join(text.split()).count(warning) == text.count("No vehicle boxes") == 1
     assert page.index(warning) < page.index("<nav") < page.index("Shorter than every sub-sequence")

@@ -163,11 +163,11 @@ def test_jobs_are_at_most_the_runs(
 def test_film_of_somebody_else_is_kept(
     bands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    film = tmp_path / "drive.mp4"
+    film = tmp_path / "drive.webm"
     film.write_bytes(b"a recording")
     words = [*commands(bands, tmp_path / "out")["run"], "--video", str(film)]
     assert main(words) == 2
-    assert "drive.mp4: is not a film of the kit: choose another name" in capsys.readouterr().err
+    assert "drive.webm: is not a film of the kit: choose another name" in capsys.readouterr().err
     assert film.read_bytes() == b"a recording"
     assert not (tmp_path / "out").exists()
     film.unlink()

@@ -79,11 +79,11 @@ def test_a_film_has_every_frame_of_ones_own_path(bands: Path, tmp_path: Path) ->
     road = open_sequence(bands)
     assert road.truth is not None
     mine, matches = own.join(), list(CachedMatches(road, small(), tmp_path))
-    last = own.film(tmp_path / "mine.mp4", mine, road, matches, road.truth, 1)
-    film = cv2.VideoCapture(str(tmp_path / "mine.mp4"))
+    last = own.film(tmp_path / "mine.webm", mine, road, matches, road.truth, 1)
+    film = cv2.VideoCapture(str(tmp_path / "mine.webm"))
     assert sum(film.read()[0] for _ in range(20)) == len(road) - 1
     still = np.array([np.eye(4)] * len(road))
-    assert not np.array_equal(own.film(tmp_path / "other.mp4", mine, road, matches, still, 1), last)
+    assert not np.array_equal(own.film(tmp_path / "other.webm", mine, road, matches, still, 1), last)
 
 
 def test_a_mixed_path_has_the_turns_of_one_and_the_steps_of_the_other() -> None:

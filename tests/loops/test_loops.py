@@ -157,7 +157,7 @@ def test_the_film_and_the_trajectory_picture_show_the_loops(bands: Path) -> None
     result = run(twice(bands), METHOD)
     pictures = []
     for loops in ([], [(0, 6)]):
-        film = Film(bands / "film.mp4", result, "bands", loops)
+        film = Film(bands / "film.webm", result, "bands", loops)
         paths = trajectories_figure({"bands": (None, {"a path": result.poses})}, loops)
         drawn = cv2.imdecode(np.frombuffer(png(paths), np.uint8), cv2.IMREAD_COLOR)
         with film:

@@ -268,12 +268,12 @@ def test_reproduce_writes_all_files(tree: Path, capsys: pytest.CaptureFixture[st
 
 def test_report_embeds_a_film(tree: Path) -> None:
     place = tree / "out" / "runs" / "published" / "kitti_02" / "viso2" / "seed_0"
-    film = ["--out", str(place), "--video", str(place / "my film.mp4")]
+    film = ["--out", str(place), "--video", str(place / "my film.webm")]
     assert main(["run", "kitti/02", "--method", "viso2", *film]) == 0
     assert reproduce(tree, "--sequences", "02", "--variant", "published") == 0
     page = (tree / "out" / "report.html").read_text(encoding="utf-8")
-    (address,) = re.findall(r'<video src="([^"]+)"', page)
-    assert (tree / "out" / unquote(address)).samefile(place / "my film.mp4")
+    (address,) = re.findall(r'<video src="([^"]+)" poster="data:image/jpeg;base64,', page)
+    assert (tree / "out" / unquote(address)).samefile(place / "my film.webm")
 
 
 def test_failed_run_is_reported_with_its_cause(tree: Path, capsys: pytest.CaptureFixture[str]) -> None:

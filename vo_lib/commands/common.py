@@ -134,9 +134,9 @@ def _note_masked_share(sequence: Sequence, path: Path) -> None:
     print_wrapped(f"--masks: {100 * share:.0f} % of the image is masked{inverted if share > 0.5 else ''}")
 
 
-def draw_with_bar(film: Film, frames: Iterable[FilmFrame]) -> None:
-    """Write a film, with a progress bar."""
-    with reporting(f"drawing {film.path.name}") as report, film:
+def draw_with_bar(film: Film, frames: Iterable[FilmFrame], which: str = "film") -> None:
+    """Write a film, with a progress bar that counts its frames; `which` : text such as "film 2 of 3"."""
+    with reporting(f"{which}: {film.label}") as report, film:
         for frame in frames:
             film.add(frame)
             report(frame.index + 1, len(film.run.sequence))

@@ -19,7 +19,8 @@ from .console import install, print_lines
 FIRST_NOTEBOOK = "00_start_here.ipynb"
 COURSE = "stereo-vo-course"  # name of the folder in the user's home and of JupyterLab's workspace
 DIGESTS_FILE = ".copied.json"  # in the course's folder: digest of each copied file by name
-NOT_COPIED = {".ipynb_checkpoints", "__pycache__", "my_vo.py", "my_poses.txt", "my_path.mp4"}  # caches, work
+CACHES = {".ipynb_checkpoints", "__pycache__"}
+WORK = {"my_vo.py", "my_poses.txt", "my_path.webm"}  # files that the notebooks write
 FOR_TEACHERS = {"solutions", "teaching.md"}
 TEACHERS_LINK = re.compile(rb"\[([^][]+)\]\((?:solutions/[^)]+|teaching\.md)\)")
 NEWS = "@jupyterlab/apputils-extension:announcements"  # dialogues on news, and requests to PyPI for updates
@@ -100,7 +101,7 @@ def copy_course(source: Path, target: Path, teacher: bool) -> None:
     copied = dict[str, Any]()
     with suppress(DataError):  # without digests, every file that differs from the source counts as changed
         copied = read_mapping(digests_file, "digests of copied files by name")
-    left_out = NOT_COPIED if teacher else NOT_COPIED | FOR_TEACHERS
+    left_out = CACHES | WORK if teacher else CACHES | WORK | FOR_TEACHERS
     for path in sorted(source.rglob("*")):
         name = path.relative_to(source).as_posix()
         place = name

@@ -133,10 +133,10 @@ def _with_boxes(sequence: Sequence, options: argparse.Namespace, config: MethodC
 
 def _draw_films(jobs: list[Job], cache: Path | None) -> None:
     """Draw a film of each run of the proposal with the first seed, in the folder of the run."""
-    for job in jobs:
-        if job.method == PROPOSAL and job.config.seed == 0:
-            result = read_run(job.folder, job.sequence)
-            label = f"{job.sequence.name}, {job.method}"
-            film = Film(job.folder / f"film{FILM_ENDING}", result, f"{label}, {job.config.variant}")
-            matches = CachedMatches(job.sequence, job.config, cache)
-            common.draw_with_bar(film, film_frames(result, matches))
+    filmed = [job for job in jobs if job.method == PROPOSAL and job.config.seed == 0]
+    for number, job in enumerate(filmed, start=1):
+        result = read_run(job.folder, job.sequence)
+        label = f"{job.sequence.name}, {job.method}, {job.config.variant}"
+        film = Film(job.folder / f"film{FILM_ENDING}", result, label)
+        matches = CachedMatches(job.sequence, job.config, cache)
+        common.draw_with_bar(film, film_frames(result, matches), f"film {number} of {len(filmed)}")

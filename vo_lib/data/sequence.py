@@ -84,9 +84,11 @@ class Sequence:
 
     def stereo(self, index: int) -> tuple[Image, Image]:
         """Left and right image of a frame, (H, W) uint8; a `DataError` names an unusable image."""
-        left, right = self.sides
-        name = f"{self.frames[index]}.png"
-        return self._image(self.folder / left / name), self._image(self.folder / right / name)
+        return self.left(index), self._image(self.folder / self.sides[1] / f"{self.frames[index]}.png")
+
+    def left(self, index: int) -> Image:
+        """Left image of a frame, (H, W) uint8; a `DataError` names an unusable image."""
+        return self._image(self.left_file(self.frames[index]))
 
     def left_file(self, frame: str) -> Path:
         """The left image of a frame, by the frame's file stem."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -14,7 +16,7 @@ import numpy as np
 from ..data.poses import from_first
 from ..errors import DataError
 from ..evaluation.kitti_errors import trajectory_distances
-from ..files import DRAFT, open_binary
+from ..files import open_binary
 from ..geometry.matches import StereoMatches
 from ..geometry.result import FrameResult
 from ..geometry.types import Array, Image
@@ -24,28 +26,28 @@ from ..runs.folder import is_finished
 from ..runs.front_end import TimedMatches
 from . import plots
 from .table1 import PROPOSAL
+from .webm import FILM_MARK, webm_file
 
 if TYPE_CHECKING:
     from ..kit.calibration import Calibration
 
 FILM_FPS = 10
-FILM_ENDING = ".mp4"
-FILM_CODEC = cv2.VideoWriter.fourcc(*"vp09")  # VP9 plays in browsers, JupyterLab and VS Code
-# OpenCV passes no options to the encoder. At a low frame rate, a frame takes 100 kB; only OpenCV's limit of
-# bits per second reduces the size. So frames are encoded at this high rate, and then copied into the film.
-ENCODER_FPS = 5000
+FILM_ENDING = ".webm"
+POSTER_QUALITY = 80  # of JPEG, per cent
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 FONT_SCALE = 0.6
-# At the end of a film, a box that players skip: it shows that the kit may replace the film.
-FILM_MARK = b"\0\0\0\x15free" + b"stereo-vo-kit"
+# Wider images are made smaller: with the path beside it, a film then fits the width of a report.
+MAX_IMAGE_WIDTH_PX = 1000
 MIN_PATH_SIDE_PX = 300  # side of the square with the path
+MAP_MARGIN_PX = 25  # between the path and the edge of its square
 LINE_HEIGHT_PX = 26  # height of a line of text
 WORDS_HEIGHT_PX = 88  # height of the text at the top
 # Wide enough for a film at half size: the truth is a thin line on the path.
 PATH_WIDTH_PX = 9
 LINE_WIDTH_PX = 3  # width of the truth and of loops
 Pairs = Sequence[tuple[int, int]]
-WHITE = (255, 255, 255)  # BGR
+BLACK = (0, 0, 0)  # BGR
+WHITE = (255, 255, 255)
 PALE = (200, 200, 200)
 TRUE_PATH_COLOUR = plots.bgr(plots.TRUTH_COLOUR)
 LOOP_LINE_COLOUR = plots.bgr(plots.LOOP_COLOUR)
@@ -75,7 +77,9 @@ def film_frames(
 
 
 def refuse_foreign_film(path: Path) -> None:
-    """Raise `DataError` if a file with the name of a new film exists, and the kit did not write it."""
+    """Raise `DataError` for a name without the ending of films, or of a file that the kit did not write."""
+    if path.suffix.lower() != FILM_ENDING:
+        raise DataError(f"expected the name of a film to end in {FILM_ENDING}", path)
     if not os.path.lexists(path) or is_finished(path.parent):
         return
     with open_binary(path) as file:
@@ -83,6 +87,17 @@ def refuse_foreign_film(path: Path) -> None:
         file.seek(max(file.tell() - len(FILM_MARK), 0))
         if file.read() != FILM_MARK:
             raise DataError("is not a film of the kit: choose another name for the film", path)
+
+
+def poster(path: Path) -> bytes:
+    """The picture in the middle of a film as JPEG, shown until it is played; empty for a damaged film."""
+    video = cv2.VideoCapture(str(path))
+    video.set(cv2.CAP_PROP_POS_FRAMES, video.get(cv2.CAP_PROP_FRAME_COUNT) // 2)
+    found, picture = video.read()
+    video.release()
+    if not found:
+        return b""
+    return cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, POSTER_QUALITY])[1].tobytes()
 
 
 class Film:
@@ -100,9 +115,12 @@ class Film:
         self.loops = loops
         self._colour = plots.bgr(plots.METHOD_COLOURS.get(method, plots.METHOD_COLOURS[PROPOSAL]))
         camera = run.sequence.camera
-        side = max(camera.height, MIN_PATH_SIDE_PX)
+        self._scale = min(1.0, MAX_IMAGE_WIDTH_PX / camera.width)
+        self._image_size = (round(self._scale * camera.width), round(self._scale * camera.height))
+        width, height = self._image_size
+        side = max(height, MIN_PATH_SIDE_PX)
         # Encoders require even numbers of pixels.
-        self._shape = (side + WORDS_HEIGHT_PX + side % 2, (camera.width + side + 1) // 2 * 2)
+        self._shape = (side + WORDS_HEIGHT_PX + side % 2, (width + side + 1) // 2 * 2)
         self._paths = [run.poses]
         self._drift = None
         truth = run.sequence.truth
@@ -110,73 +128,55 @@ class Film:
             self._paths.append(from_first(truth))
             self._drift = plots.distance_from_truth(run.poses, truth)
         self._driven = trajectory_distances(self._paths[-1])
-        self._drafts = [path.with_name(f".{path.stem}.{os.getpid()}{k}{DRAFT}{FILM_ENDING}") for k in "ab"]
-        self._writer = self._open(self._drafts[0], ENCODER_FPS)
-        if not self._writer.isOpened():
-            raise DataError("the film cannot be written: no write access, or no VP9 encoder", self.path)
-        self._count = 0
+        self._open = ExitStack()
 
     def __enter__(self) -> Film:
+        height, width = self._shape
+        self._video = self._open.enter_context(webm_file(self.path, width, height, FILM_FPS))
         return self
 
-    def __exit__(self, kind: object, *details: object) -> None:
-        self._writer.release()
-        try:
-            if kind is None and self._count:
-                self._copy_at_film_rate()
-                os.replace(self._drafts[1], self.path)
-        finally:
-            for draft in self._drafts:
-                draft.unlink(missing_ok=True)
-
-    def _open(self, path: Path, fps: int, *options: int) -> cv2.VideoWriter:
-        return cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, FILM_CODEC, fps, self._shape[::-1], options)
-
-    def _copy_at_film_rate(self) -> None:
-        """Copy the encoded frames from the first draft into the second draft, without coding them again."""
-        packets = cv2.VideoCapture(str(self._drafts[0]), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])
-        options = [cv2.VIDEOWRITER_PROP_RAW_VIDEO, 1]
-        # By default, OpenCV marks every frame as a key frame.
-        options += [cv2.VIDEOWRITER_PROP_KEY_INTERVAL, 10**9]
-        writer = self._open(self._drafts[1], FILM_FPS, *options)
-        while packets.grab():
-            writer.set(cv2.VIDEOWRITER_PROP_KEY_FLAG, packets.get(cv2.CAP_PROP_LRF_HAS_KEY_FRAME))
-            writer.write(packets.retrieve()[1])
-        packets.release()
-        writer.release()
-        with open(self._drafts[1], "ab") as file:
-            file.write(FILM_MARK)
-        # OpenCV reports no error of writing.
-        if cv2.VideoCapture(str(self._drafts[1])).get(cv2.CAP_PROP_FRAME_COUNT) != self._count:
-            raise DataError("the film cannot be written: is the disk full?", self.path)
+    def __exit__(self, *details: Any) -> None:
+        self._open.__exit__(*details)
 
     def add(self, frame: FilmFrame) -> None:
         """Write a frame."""
-        self._writer.write(self.picture(frame))
-        self._count += 1
+        self._video.add(self.picture(frame))
 
     def picture(self, frame: FilmFrame) -> Image:
         """The picture of a frame, BGR: text (at the top, clear of a player's controls), image and path."""
         page = np.full((*self._shape, 3), WHITE, np.uint8)
-        left, _ = self.run.sequence.stereo(frame.index)
-        removal = frame.removal
-        image = plots.match_image(
-            left, frame.matches, removal.kept, removal.boxes, removal.state, by_age=True
-        )
-        height, width = left.shape
+        left = self.run.sequence.left(frame.index)
+        matches = frame.matches
+        boxes = frame.removal.boxes
+        if self._scale < 1.0:
+            left = np.asarray(cv2.resize(left, self._image_size, interpolation=cv2.INTER_AREA), np.uint8)
+            matches = replace(
+                matches,
+                prev_left=self._scaled(matches.prev_left),
+                cur_left=self._scaled(matches.cur_left),
+            )
+            boxes = replace(boxes, xyxy=self._scaled(boxes.xyxy))
+        image = plots.match_image(left, matches, frame.removal.kept, boxes, frame.removal.state, by_age=True)
+        width, height = self._image_size
         page[WORDS_HEIGHT_PX : WORDS_HEIGHT_PX + height, :width] = image
         self._draw_paths(page[WORDS_HEIGHT_PX:, width:], frame.index)
         self._write_words(page[:WORDS_HEIGHT_PX], frame)
         return page
 
+    def _scaled(self, pixels: Array) -> Array:
+        """Positions in the smaller image, pixels, of any shape; the centre of the first pixel is at 0."""
+        return self._scale * (pixels + 0.5) - 0.5
+
     def _draw_paths(self, part: Image, index: int) -> None:
         """Draw the path up to a frame, and the complete truth in a pale colour, both seen from above."""
+        height, width = part.shape[:2]
+        room = np.array([width - 2 * MAP_MARGIN_PX, height - 2 * MAP_MARGIN_PX - LINE_HEIGHT_PX])
         points = [poses[:, [0, 2], 3] for poses in self._paths]
         low = np.concatenate(points).min(axis=0)
         high = np.concatenate(points).max(axis=0)
-        size = np.array(part.shape[1::-1])
-        scale = float(((size - 50.0) / np.maximum(high - low, 1.0)).min())
-        path, *truth = [scale * (xz - (low + high) / 2) * [1.0, -1.0] + size / 2 for xz in points]
+        scale = float((room / np.maximum(high - low, 1.0)).min())  # pixels per metre
+        middle = MAP_MARGIN_PX + room / 2
+        path, *truth = [scale * (xz - (low + high) / 2) * [1.0, -1.0] + middle for xz in points]
         _draw_line(part, path[: index + 1], self._colour, PATH_WIDTH_PX)
         for line in truth:
             _draw_line(part, line, PALE, LINE_WIDTH_PX)
@@ -186,6 +186,7 @@ class Film:
                 _draw_line(part, path[[first, second]], LOOP_LINE_COLOUR, LINE_WIDTH_PX)
         here = np.rint(path[index]).astype(int).tolist()
         cv2.circle(part, here, PATH_WIDTH_PX, self._colour, -1, cv2.LINE_AA)
+        _draw_scale(part, scale)
 
     def _write_words(self, part: Image, frame: FilmFrame) -> None:
         index = frame.index
@@ -224,6 +225,28 @@ class Film:
             column = _write(part, text, (column + 10, 3 * LINE_HEIGHT_PX)) + 20
 
 
+def _draw_scale(part: Image, scale: float) -> None:
+    """Draw a line of a round length at the bottom left of a map with `scale` pixels per metre."""
+    height, width = part.shape[:2]
+    length = round_length(width / 3 / scale)
+    left = MAP_MARGIN_PX
+    right = left + round(scale * length)
+    bottom = height - MAP_MARGIN_PX // 2
+    for start, end in (
+        ((left, bottom), (right, bottom)),
+        ((left, bottom - 4), (left, bottom + 4)),
+        ((right, bottom - 4), (right, bottom + 4)),
+    ):
+        cv2.line(part, start, end, BLACK, 1)
+    _write(part, f"{length:g} m", (right + 8, bottom + 5))
+
+
+def round_length(most: float) -> float:
+    """The largest of the lengths …, 1, 2, 5, 10, 20, … that is at most `most`, which is positive."""
+    power = 10.0 ** math.floor(math.log10(most))
+    return max(step * power for step in (1, 2, 5) if step == 1 or step * power <= most)
+
+
 def _draw_line(part: Image, points: Array, colour: tuple[int, int, int], width: int) -> None:
     fixed = np.rint(points * 16).astype(np.int32)  # OpenCV's fixed-point format, four binary digits
     cv2.polylines(part, [fixed], False, colour, width, cv2.LINE_AA, shift=4)
@@ -231,6 +254,6 @@ def _draw_line(part: Image, points: Array, colour: tuple[int, int, int], width: 
 
 def _write(part: Image, text: str, at: tuple[int, int]) -> int:
     """Write a line of text and return the column of its end, pixels."""
-    cv2.putText(part, text, at, FONT, FONT_SCALE, (0, 0, 0), 1, cv2.LINE_AA)
+    cv2.putText(part, text, at, FONT, FONT_SCALE, BLACK, 1, cv2.LINE_AA)
     (width, _), _ = cv2.getTextSize(text, FONT, FONT_SCALE, 1)
     return at[0] + width

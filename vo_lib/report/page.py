@@ -89,6 +89,20 @@ def records_csv(records: list[dict[str, Any]]) -> str:
 
 
 @dataclass(frozen=True)
+class ShownFilm:
+    """A film: its address relative to the report, a caption, and a JPEG that is shown until it plays."""
+
+    address: str
+    caption: str
+    poster: bytes
+
+    @property
+    def poster_address(self) -> str:
+        """The poster as a data URL."""
+        return f"data:image/jpeg;base64,{base64.b64encode(self.poster).decode('ascii')}"
+
+
+@dataclass(frozen=True)
 class Picture:
     """The bytes of a PNG, and a caption."""
 
@@ -122,11 +136,11 @@ def render_report(
     pictures: list[Picture],
     origin: list[str],
     problems: Sequence[str] = (),
-    films: Sequence[tuple[str, str]] = (),
+    films: Sequence[ShownFilm] = (),
 ) -> str:
     """The report as HTML, with all text escaped: results, problems, two pictures, tables, more pictures.
 
-    `origin` : command and duration. `films` : relative addresses and captions; films are separate files.
+    `origin` : command and duration.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 

@@ -14,12 +14,13 @@ from ..evaluation.kitti_errors import FEW_SUBSEQUENCES, KITTI_PROTOCOL, count_wo
 from ..evaluation.statistics import COUNTED, NO_CHANGE, mean_and_deviation, one_run_shows
 from ..files import write_atomic, written_together
 from ..geometry.types import Array
-from .film import FILM_ENDING
+from .film import FILM_ENDING, poster
 from .page import (
     COUNT_COLUMN,
     FEW_NOTE,
     Picture,
     ReportTable,
+    ShownFilm,
     few_marked,
     format_number,
     markdown,
@@ -320,13 +321,14 @@ def _path_picture(variant: str, panels: dict[str, Panel], heading: str = "") -> 
     return Picture(png(trajectories_figure(panels)), caption)
 
 
-def _films(folder: Path, result: Reproduction) -> list[tuple[str, str]]:
-    """Addresses, relative to the report, and captions of the films in the run folders of the first seed."""
+def _films(folder: Path, result: Reproduction) -> list[ShownFilm]:
+    """The films in the run folders of the first seed."""
     films = []
     for (variant, name), (_, methods) in result.paths.items():
         for method in methods:
             run_folder = job_folder(folder, variant, name, method, 0)
             for film in sorted(run_folder.glob(f"*{FILM_ENDING}")):
                 caption = f"{name}, {method}; {VARIANT_WORDS[variant]}, first seed."
-                films.append((quote(film.relative_to(folder).as_posix()), caption))
+                address = quote(film.relative_to(folder).as_posix())
+                films.append(ShownFilm(address, caption, poster(film)))
     return films

@@ -1,0 +1,291 @@
+"""WebM files of VP8 frames: pictures encoded by OpenCV on a thread, and the file around the frames.
+
+WebM with VP8 plays in all current browsers. MDN's guides "Media container formats" and "Web video codec
+guide" list it for Chrome, Edge, Firefox and Safari; WebKit's release notes name it since Safari 14.1 on macOS
+and 17.4 on iOS. JupyterLab shows it in its browser.
+
+OpenCV's own file of this format contains random numbers; that of this module does not, so the same pictures
+give the same bytes.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections import deque
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+import cv2
+
+from ..errors import DataError
+from ..files import locked_draft, open_binary
+from ..geometry.types import Image
+
+# VP8 takes a quarter of VP9's time in OpenCV, which uses one thread and passes no options to the encoder.
+CODEC = cv2.VideoWriter.fourcc(*"VP80")
+# Only OpenCV's limit of bits per second reduces the size of a frame, and it is shared by the frames of a
+# second: so the encoder is told that there are many.
+ENCODER_FPS = 3000
+WAITING = 8  # pictures that may wait for the encoder, beside the one that it works on
+KEY_FRAME = 0x80  # flag of a block
+MAX_BLOCK_TIME_MS = 30_000  # after the start of its cluster; a block has 15 bits for it
+
+# Identifiers of EBML and of Matroska, the format that WebM is a part of (RFC 8794 and RFC 9559).
+EBML = 0x1A45DFA3
+EBML_VERSION = 0x4286
+EBML_READ_VERSION = 0x42F7
+MAX_ID_LENGTH = 0x42F2
+MAX_SIZE_LENGTH = 0x42F3
+DOC_TYPE = 0x4282
+DOC_TYPE_VERSION = 0x4287
+DOC_TYPE_READ_VERSION = 0x4285
+SEGMENT_OF_FILE = 0x18538067
+SEEK_HEAD = 0x114D9B74
+SEEK = 0x4DBB
+SEEK_ID = 0x53AB
+SEEK_POSITION = 0x53AC
+INFO = 0x1549A966
+TIMESTAMP_SCALE = 0x2AD7B1
+DURATION = 0x4489
+MUXING_APP = 0x4D80
+WRITING_APP = 0x5741
+TRACKS = 0x1654AE6B
+TRACK_ENTRY = 0xAE
+TRACK_NUMBER = 0xD7
+TRACK_UID = 0x73C5
+TRACK_TYPE = 0x83
+FLAG_LACING = 0x9C
+CODEC_ID = 0x86
+DEFAULT_DURATION = 0x23E383
+VIDEO = 0xE0
+PIXEL_WIDTH = 0xB0
+PIXEL_HEIGHT = 0xBA
+CLUSTER = 0x1F43B675
+TIMESTAMP = 0xE7
+SIMPLE_BLOCK = 0xA3
+CUES = 0x1C53BB6B
+CUE_POINT = 0xBB
+CUE_TIME = 0xB3
+CUE_TRACK_POSITIONS = 0xB7
+CUE_TRACK = 0xF7
+CUE_CLUSTER_POSITION = 0xF1
+VOID = 0xEC
+
+NS_PER_MS = 1_000_000
+WRITER = b"stereo-vo-kit"
+# At the end of a film, an element that players skip: it shows that the kit may replace the film.
+FILM_MARK = bytes([VOID, 0x80 | len(WRITER)]) + WRITER
+
+
+@contextmanager
+def webm_file(path: Path, width: int, height: int, fps: int) -> Iterator[PictureEncoder]:
+    """A film for pictures of a size; the complete file appears at the end of the context, if it has any.
+
+    Raises `DataError` if the film cannot be written.
+    """
+    try:
+        with locked_draft(path) as folder:
+            folder.mkdir()
+            encoded = folder / "frames.ivf"
+            encoder = PictureEncoder(encoded, (width, height), path)
+            with encoder.threads:
+                yield encoder
+                encoder.finish()
+            if not encoder.count:
+                return
+            draft = folder / path.name
+            with open_binary(encoded) as source, open(draft, "wb") as file:
+                webm = WebmWriter(file, width, height, fps)
+                for frame in _frames_of_ivf(source):
+                    webm.add(frame)
+                webm.finish()
+            if webm.count != encoder.count:  # OpenCV reports no error of writing
+                raise DataError("the film cannot be written: is the disk full?", path)
+            os.replace(draft, path)
+    except OSError as error:
+        raise DataError(f"the film cannot be written: {error.strerror}", path) from error
+
+
+class PictureEncoder:
+    """Encodes pictures (H, W, 3), BGR, as VP8 on a thread, while the caller draws the next ones.
+
+    Attributes
+    ----------
+    count : number of pictures so far.
+    threads : the pool with the thread.
+    """
+
+    def __init__(self, encoded: Path, size: tuple[int, int], film: Path):
+        """Open the file `encoded`, with the ending .ivf, for pictures of a size (width, height).
+
+        Raises `DataError`, with the name of the film, if OpenCV cannot do it.
+        """
+        self.count = 0
+        self.threads = ThreadPoolExecutor(1)
+        self._writer = cv2.VideoWriter(str(encoded), cv2.CAP_FFMPEG, CODEC, ENCODER_FPS, size)
+        if not self._writer.isOpened():
+            raise DataError("the film cannot be written: no write access, or no VP8 encoder in OpenCV", film)
+        self._waiting = deque[Future[None]]()
+
+    def add(self, picture: Image) -> None:
+        """Take a picture, which must not change afterwards; wait if too many wait already."""
+        if len(self._waiting) > WAITING:
+            self._waiting.popleft().result()
+        self._waiting.append(self.threads.submit(self._write, picture))
+        self.count += 1
+
+    def _write(self, picture: Image) -> None:
+        self._writer.write(picture)
+
+    def finish(self) -> None:
+        """Wait for the last picture, and close the file."""
+        while self._waiting:
+            self._waiting.popleft().result()
+        self._writer.release()
+
+
+def _frames_of_ivf(file: BinaryIO) -> Iterator[bytes]:
+    """The complete frames in an IVF file: after 32 bytes, the length, the time and the data of each frame."""
+    file.seek(32)
+    while len(head := file.read(12)) == 12:
+        (size,) = struct.unpack_from("<I", head)
+        frame = file.read(size)
+        if len(frame) < size:
+            return
+        yield frame
+
+
+class WebmWriter:
+    """A WebM file with one track of VP8, written frame by frame; a key frame begins a cluster of frames.
+
+    Attributes
+    ----------
+    count : number of frames so far.
+    """
+
+    def __init__(self, file: BinaryIO, width: int, height: int, fps: int):
+        self.count = 0
+        self._file = file
+        self._fps = fps
+        self._start_ms = 0  # time of the cluster
+        self._blocks = list[bytes]()  # of the cluster
+        self._cues = list[bytes]()
+        file.write(
+            _element(
+                EBML,
+                _number(EBML_VERSION, 1),
+                _number(EBML_READ_VERSION, 1),
+                _number(MAX_ID_LENGTH, 4),
+                _number(MAX_SIZE_LENGTH, 8),
+                _element(DOC_TYPE, b"webm"),
+                _number(DOC_TYPE_VERSION, 2),
+                _number(DOC_TYPE_READ_VERSION, 2),
+            )
+        )
+        # Sizes, the duration and the place of the index are known at the end: until then they are zero.
+        self._segment = file.tell()
+        self._write_segment_head(0)
+        self._start = file.tell()  # positions in the file are counted from here
+        self._tracks = _element(
+            TRACKS,
+            _element(
+                TRACK_ENTRY,
+                _number(TRACK_NUMBER, 1),
+                _number(TRACK_UID, 1),
+                _number(TRACK_TYPE, 1),
+                _number(FLAG_LACING, 0),
+                _element(CODEC_ID, b"V_VP8"),
+                _number(DEFAULT_DURATION, 1000 * NS_PER_MS // fps),
+                _element(VIDEO, _number(PIXEL_WIDTH, width), _number(PIXEL_HEIGHT, height)),
+            ),
+        )
+        file.write(self._head(0))
+
+    def add(self, frame: bytes) -> None:
+        """Add a VP8 frame."""
+        time = self._time_ms(self.count)
+        is_key = not frame[0] & 1  # the first bit of a VP8 frame (RFC 6386, section 9.1)
+        if is_key or time - self._start_ms > MAX_BLOCK_TIME_MS:
+            self._write_cluster()
+            self._start_ms = time
+        head = struct.pack(">BhB", 0x81, time - self._start_ms, KEY_FRAME if is_key else 0)  # of track 1
+        self._blocks.append(_element(SIMPLE_BLOCK, head, frame))
+        self.count += 1
+
+    def _write_cluster(self) -> None:
+        """Write the frames that were added since the last cluster, and remember its place for the index."""
+        if not self._blocks:
+            return
+        place = _element(
+            CUE_TRACK_POSITIONS,
+            _number(CUE_TRACK, 1),
+            _number(CUE_CLUSTER_POSITION, self._file.tell() - self._start),
+        )
+        self._cues.append(_element(CUE_POINT, _number(CUE_TIME, self._start_ms), place))
+        self._file.write(_element(CLUSTER, _number(TIMESTAMP, self._start_ms), *self._blocks))
+        self._blocks = []
+
+    def finish(self) -> None:
+        """Write the index, with which a player finds any time, and what was not known at the start."""
+        self._write_cluster()
+        cues = self._file.tell() - self._start
+        self._file.write(_element(CUES, *self._cues))
+        self._file.write(FILM_MARK)
+        size = self._file.tell() - self._start
+        self._file.seek(self._segment)
+        self._write_segment_head(size)
+        self._file.write(self._head(cues))
+
+    def _time_ms(self, number: int) -> int:
+        return round(1000 * number / self._fps)
+
+    def _write_segment_head(self, size: int) -> None:
+        self._file.write(SEGMENT_OF_FILE.to_bytes(4, "big") + _size(size, 8))
+
+    def _head(self, cues: int) -> bytes:
+        """The places of the parts, information on the file, and the track; its length is always the same."""
+        info = _element(
+            INFO,
+            _number(TIMESTAMP_SCALE, NS_PER_MS),
+            _element(DURATION, struct.pack(">d", self._time_ms(self.count))),
+            _element(MUXING_APP, WRITER),
+            _element(WRITING_APP, WRITER),
+        )
+        length = len(_seek_head(0, 0, 0))
+        return _seek_head(length, length + len(info), cues) + info + self._tracks
+
+
+def _seek_head(info: int, tracks: int, cues: int) -> bytes:
+    """The list of the parts' positions."""
+    seeks = [
+        _element(SEEK, _element(SEEK_ID, name.to_bytes(4, "big")), _element(SEEK_POSITION, _bytes8(position)))
+        for name, position in ((INFO, info), (TRACKS, tracks), (CUES, cues))
+    ]
+    return _element(SEEK_HEAD, *seeks)
+
+
+def _bytes8(number: int) -> bytes:
+    return number.to_bytes(8, "big")
+
+
+def _element(name: int, *parts: bytes) -> bytes:
+    """An element: identifier, size and content."""
+    content = b"".join(parts)
+    return name.to_bytes((name.bit_length() + 7) // 8, "big") + _size(len(content), 0) + content
+
+
+def _number(name: int, value: int) -> bytes:
+    """An element with a whole number, in as few bytes as it needs."""
+    return _element(name, value.to_bytes(max(1, (value.bit_length() + 7) // 8), "big"))
+
+
+def _size(value: int, length: int) -> bytes:
+    """A size in `length` bytes, by default the fewest; the position of the first bit tells the length."""
+    while value >= (1 << 7 * max(length, 1)) - 1:  # a size of ones only means "unknown"
+        length = max(length, 1) + 1
+    length = max(length, 1)
+    return (value | 1 << 7 * length).to_bytes(length, "big")
