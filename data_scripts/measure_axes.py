@@ -16,7 +16,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from measure.axes import MAX_ANGLE_DEG, fit_axes, limit_note
+from measure.axes import fit_axes, fit_of_halves
 from vo_lib.commands.common import parse_lengths, parse_whole
 from vo_lib.commands.console import print_lines, print_wrapped, show_table
 from vo_lib.data.poses import read_kitti_poses
@@ -60,10 +60,15 @@ def run(options: argparse.Namespace) -> int:
             format_number(turned.kitti.re),
         ],
     ]
-    print_lines(f"{count_words(len(measured))}; angles up to {MAX_ANGLE_DEG:g} deg")
+    print_lines(f"{count_words(len(measured))}; angles up to {turned.limit:g} deg")
     show_table(["", "pitch deg", "yaw deg", "TE %", "RE deg/100 m"], rows)
     if turned.at_limit:
-        verb = "is" if len(turned.at_limit) == 1 else "are"
-        angles = " and ".join(turned.at_limit)
-        print_wrapped("note: " + limit_note(f"the fitted {angles} {verb}"))
+        print_wrapped(f"note: {turned.limit_words}")
+    halves = fit_of_halves(truth, estimate, lengths, step)
+    if halves:
+        first, last = (f"pitch {pitch:+.3f}, yaw {yaw:+.3f} deg" for pitch, yaw in halves)
+        print_wrapped(
+            f"The sub-sequences that start first give {first}; those that start last {last}. The more these "
+            "differ, the more of the fit is drift, which it removes from TE as well."
+        )
     return 0

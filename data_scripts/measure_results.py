@@ -17,7 +17,7 @@ from datetime import date
 from pathlib import Path
 
 from measure import ablation
-from measure.axes import MAX_ANGLE_DEG
+from measure.axes import MAX_ANGLE_DEG, NARROW_DEG
 from measure.result_tables import Key, cells_of_systems, claim_table, jobs_of, result_tables
 from vo_lib.commands.common import add_cache, open_with_bar, parse_jobs
 from vo_lib.commands.console import print_lines, reporting, show_report_table
@@ -113,9 +113,10 @@ def _page(tables: list[ReportTable], options: argparse.Namespace) -> str:
         "which chapter 7 asks. Drawn scenes have the sub-sequences of the KITTI benchmark; `jam`, which is "
         "100 m long, and the clips of KITTI have shorter sub-sequences, which start at every frame. A "
         "clip is the beginning of its sequence. "
-        f"In rows with `axes removed`, TE is computed with the pitch and yaw, up to {MAX_ANGLE_DEG:g}°, that "
-        "minimise TE, because the truth of a raw drive is rotated against the camera. For clips without "
-        "labels, the vehicle boxes come from the detector in the command.",
+        f"In rows with `axes removed`, TE is computed with the pitch and yaw, up to {MAX_ANGLE_DEG:g}° where "
+        f"they are well determined and up to {NARROW_DEG:g}° elsewhere, that minimise TE, because the truth "
+        "of a raw drive is rotated against the camera. For clips without labels, the vehicle "
+        "boxes come from the detector in the command.",
         f"    {shlex.join(words)}",
         f"{date.today().isoformat()}. " + "; ".join(origin) + ".",
     ]

@@ -11,13 +11,14 @@ from conftest import winding_road
 from data_command import load
 
 import measure_choices
-from measure.axes import axes_rotation, fit_axes, turn_axes
+from measure.axes import axes_rotation, fit_axes, fit_of_halves, turn_axes
 from measure.error_tables import compared, tables
 from measure.result_tables import claim_table
 from vo_lib.config import change, preset
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.poses import write_kitti_poses
 from vo_lib.files import folder_size
+from vo_lib.geometry.motion import rigid, rotation_from_vector
 from vo_lib.runs.match_cache import CachedMatches
 
 LENGTHS = (20.0, 50.0)
@@ -33,13 +34,40 @@ def test_measure_speed_prints_all_rows(bands: Path, capsys: pytest.CaptureFixtur
             assert row in printed
 
 
-@pytest.mark.parametrize(("pitch", "yaw"), [(0.5, -0.9), (-0.123, 0.0), (1.0, 1.0), (0.0, 0.0)])
+@pytest.mark.parametrize(("pitch", "yaw"), [(0.5, -0.9), (-0.123, 0.0), (1.0, 1.0), (0.0, 0.0), (-2.6, 1.27)])
 def test_fit_axes_recovers_pitch_and_yaw(pitch: float, yaw: float) -> None:
     fit = fit_axes(TRUTH, turn_axes(TRUTH, axes_rotation((pitch, yaw)).T), LENGTHS, 1)
     assert (fit.pitch, fit.yaw) == pytest.approx((pitch, yaw), abs=1e-6)
     assert fit.kitti.te == pytest.approx(0.0, abs=1e-4)
     x, y, _ = axes_rotation((0.5, 0.9)) @ np.array([0.0, 0.0, 1.0])
     assert x > 0 > y  # positive angles: the camera looks to the right and up
+
+
+def test_angles_that_noise_decides_stay_below_one_degree() -> None:
+    """Without a motion of its own, a path of noise has its smallest TE at any angle."""
+    rng = np.random.default_rng(3)
+    noise = np.tile(np.eye(4), (len(TRUTH), 1, 1))
+    noise[1:, :3, 3] = np.cumsum(rng.normal(0, 0.6, (len(TRUTH) - 1, 3)), axis=0)
+    fit = fit_axes(TRUTH, noise, LENGTHS, 1)
+    assert fit.limit == 1.0
+    assert max(abs(fit.pitch), abs(fit.yaw)) <= 1.0
+    assert bool(fit.at_limit) == ("at the limit of 1°" in fit.limit_words)
+
+
+def test_a_bend_of_the_path_is_told_apart_from_rotated_axes() -> None:
+    """Drift in the first half of a path turns the axes of this half only."""
+    drifted = [np.eye(4)]
+    for index in range(1, len(TRUTH)):
+        step = np.linalg.inv(TRUTH[index - 1]) @ TRUTH[index]
+        yaw = 0.002 if index < len(TRUTH) // 2 else 0.0
+        drifted.append(
+            drifted[-1] @ step @ rigid(rotation_from_vector(np.array([0.0, yaw, 0.0])), np.zeros(3))
+        )
+    (_, first), (_, last) = fit_of_halves(TRUTH, np.array(drifted), LENGTHS, 1)
+    assert abs(first) > 3 * abs(last) + 0.3
+    turned = turn_axes(TRUTH, axes_rotation((0.4, 1.2)).T)
+    for angles in fit_of_halves(TRUTH, turned, LENGTHS, 1):
+        assert angles == pytest.approx((0.4, 1.2), abs=1e-6)
 
 
 def test_measure_axes_prints_the_angles(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -51,10 +79,18 @@ def test_measure_axes_prints_the_angles(tmp_path: Path, capsys: pytest.CaptureFi
     assert "+0.250" in printed
     assert "-0.500" in printed
     assert "limit" not in printed
+    assert "start first give pitch +0.250, yaw -0.500 deg; those that start last pitch +0.250" in " ".join(
+        printed.split()
+    )
     write_kitti_poses(tmp_path / "turned.txt", turn_axes(TRUTH, axes_rotation((0.25, -1.3)).T))
     assert load("measure_axes")([*words, "--lengths", "20,50"]) == 0
+    printed = capsys.readouterr().out
+    assert "-1.300" in printed
+    assert "limit" not in printed
+    write_kitti_poses(tmp_path / "turned.txt", turn_axes(TRUTH, axes_rotation((0.25, -3.5)).T))
+    assert load("measure_axes")([*words, "--lengths", "20,50"]) == 0
     printed = " ".join(capsys.readouterr().out.split())
-    assert "note: the fitted yaw is at the limit of 1°, so a larger angle would lower TE further" in printed
+    assert "note: the fitted yaw is at the limit of 1°, so TE is not the smallest TE over all" in printed
     write_kitti_poses(tmp_path / "turned.txt", TRUTH[:-1])
     assert load("measure_axes")(words) == 2
     assert "turned.txt: has 149 rows" in capsys.readouterr().err
