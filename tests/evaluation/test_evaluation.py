@@ -29,6 +29,7 @@ from vo_lib.evaluation.kitti_errors import (
     trajectory_distances,
 )
 from vo_lib.evaluation.path_errors import evaluate
+from vo_lib.evaluation.path_facts import path_difference, path_facts
 from vo_lib.geometry.motion import (
     nearest_rotation,
     quaternion_from_rotation,
@@ -267,6 +268,34 @@ def test_ate_and_rpe_equal_those_of_evo(seed: int) -> None:
         )
         rpe.process_data(pair)
         np.testing.assert_allclose(ours.translation, rpe.error, atol=1e-8)
+
+
+def test_statistics_and_length_equal_those_of_evo() -> None:
+    metrics = pytest.importorskip("evo.core.metrics", reason="evo is not installed")
+    trajectory = pytest.importorskip("evo.core.trajectory")
+    truth, estimate = random_pair(4)
+    estimate[:, :3, 3] *= 1.1
+    times = np.linspace(0.0, 0.1 * (len(truth) - 1), len(truth))
+    pair = [
+        trajectory.PoseTrajectory3D(poses_se3=list(poses), timestamps=times) for poses in (truth, estimate)
+    ]
+    errors = evaluate(truth, {"ours": estimate}, alignment=Alignment.NONE).to_dict()["sequences"][0]
+    ape = metrics.APE(metrics.PoseRelation.translation_part)
+    rpe = metrics.RPE(metrics.PoseRelation.rotation_angle_deg)
+    for metric, ours, unit in ((ape, errors["ate"], "m"), (rpe, errors["rpe"]["rotation"], "deg")):
+        metric.process_data(tuple(pair))
+        theirs = metric.get_all_statistics()
+        for kind in ("rmse", "mean", "median", "max"):
+            assert ours[f"{kind}_{unit}"] == pytest.approx(theirs[kind], abs=1e-9)
+    facts = path_facts(estimate, times)
+    assert facts.length == pytest.approx(pair[1].path_length)
+    assert facts.duration == pytest.approx(times[-1])
+    pair[1].align_origin(pair[0])
+    ape.process_data(tuple(pair))
+    apart = path_difference("truth", truth, "ours", estimate)
+    assert apart.rmse == pytest.approx(ape.get_statistic(metrics.StatisticsType.rmse))
+    assert apart.largest == pytest.approx(ape.get_statistic(metrics.StatisticsType.max))
+    assert apart.end == pytest.approx(ape.error[-1])
 
 
 def test_curves_omit_bins_with_few_sub_sequences() -> None:

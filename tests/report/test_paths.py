@@ -17,7 +17,7 @@ from vo_lib.commands.cli import main
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.poses import format_tum, read_euroc, read_kitti_poses, write_kitti_poses
 from vo_lib.evaluation.ate_rpe import Alignment
-from vo_lib.evaluation.kitti_errors import kitti_errors
+from vo_lib.evaluation.kitti_errors import kitti_errors, trajectory_distances
 from vo_lib.geometry.motion import rigid, rotation_from_vector
 from vo_lib.geometry.types import Array
 from vo_lib.runs.folder import write_run
@@ -109,7 +109,11 @@ def test_evaluate_takes_the_truth_from_a_file(
     config = json.loads((tmp_path / "a" / "config.json").read_text(encoding="utf-8"))
     for folder, says in (("/gone", "no longer at /gone"), (None, "no longer at None")):
         (tmp_path / "a" / "config.json").write_text(json.dumps(config | {"folder": folder}), encoding="utf-8")
-        assert f"{says}: give its ground truth with --truth FILE" in refused(capsys, tmp_path / "a")
+        message = refused(capsys, tmp_path / "a", runs / "b")
+        assert f"{says}: give its ground truth with --truth FILE, or evaluate this path alone" in message
+        alone = printed(capsys, tmp_path / "a")
+        assert f"No ground truth: the sequence of this run is {says}." in alone
+        assert "For errors, give its ground truth with --truth FILE." in alone
     expected = numbers(capsys, runs / "a")["viso2"]
     kitti, timed = tmp_path / "truth.txt", tmp_path / "timed.txt"
     truth = read_kitti_poses(runs / "bands" / "poses.txt")
@@ -378,3 +382,117 @@ def test_files_of_somebody_else_are_kept(
     for _ in range(2):  # its own files are replaced
         assert main(["evaluate", str(runs / "a"), "--out", str(out)]) == 0
     assert {"evaluation.json", "trajectory_bands.png"} <= {path.name for path in out.iterdir()}
+
+
+@pytest.fixture(scope="module")
+def untrue(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two runs on a sequence without ground truth."""
+    base = tmp_path_factory.mktemp("untrue")
+    (write_bands(base / "street") / "poses.txt").unlink()
+    sequence = open_sequence(base / "street")
+    for method in ("viso2", "mesvo_f"):
+        config = preset(method)
+        (base / method).mkdir()
+        write_run(base / method, run(sequence, config), run_identity(sequence, config, method))
+    return base
+
+
+def alone(capsys: pytest.CaptureFixture[str], *words: Path | str) -> dict[str, Any]:
+    """The facts of one sequence without ground truth, from the JSON of `vo evaluate`."""
+    capsys.readouterr()
+    assert main(["evaluate", *map(str, words), "--json"]) == 0
+    (sequence,) = json.loads(capsys.readouterr().out)["sequences"]
+    assert sequence["ground_truth"] is False
+    return dict(sequence)
+
+
+def test_runs_without_truth_are_drawn_and_compared(
+    untrue: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = printed(capsys, untrue / "viso2", untrue / "mesvo_f", "--out", tmp_path / "out")
+    assert "street, frames 0-5: no ground truth, so these numbers are no errors" in text
+    assert "viso2 – mesvo_f" in text
+    assert text.count("has no truth for the frames of this run") == 1
+    picture, stored = sorted((tmp_path / "out").iterdir(), key=lambda path: path.suffix == ".json")
+    assert picture.name == "trajectory_street_frames_0-5.png"
+    (sequence,) = json.loads(stored.read_text(encoding="utf-8"))["sequences"]
+    assert sequence == alone(capsys, untrue / "viso2", untrue / "mesvo_f")
+    for system in sequence["systems"]:
+        poses = read_kitti_poses(untrue / system["name"] / "poses.txt")
+        facts = system["path"]
+        assert facts["length_m"] == pytest.approx(trajectory_distances(poses)[-1], abs=1e-6)
+        assert facts["duration_s"] == pytest.approx(0.5)
+        assert facts["mean_speed_m_s"] == pytest.approx(2 * facts["length_m"])
+        assert facts["end_m"] == pytest.approx(poses[-1, :3, 3], abs=1e-6)
+    # Some time later, the same call replaces its own files.
+    assert main(["evaluate", str(untrue / "viso2"), "--out", str(tmp_path / "out")]) == 0
+
+
+def test_paths_without_truth_start_at_the_same_pose(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    road, times = winding_road(150, 0.03, 1.07), 100.0 + 0.1 * np.arange(150.0)
+    (tmp_path / "a.tum").write_text(format_tum(times, road))
+    (tmp_path / "b.tum").write_text(format_tum(times[10:] + 0.002, TURNED @ scaled(road, 1.1)[10:]))
+    sequence = alone(capsys, tmp_path / "a.tum", tmp_path / "b.tum")
+    a, b = sequence["systems"]
+    assert (a["frames"], b["frames"]) == (140, 140)  # both begin where the second one begins
+    assert b["path"]["length_m"] == pytest.approx(1.1 * a["path"]["length_m"])
+    assert a["path"]["duration_s"] == pytest.approx(13.9)
+    end = np.linalg.inv(road[10]) @ road[-1]
+    assert a["path"]["end_m"] == pytest.approx(end[:3, 3], abs=1e-6)
+    (pair,) = sequence["differences"]
+    assert pair["paths"] == ["a", "b"]
+    # Equal orientations, and every step 10 % longer.
+    assert pair["end_m"] == pytest.approx(0.1 * np.linalg.norm(end[:3, 3]), abs=1e-6)
+    assert pair["max_m"] >= pair["end_m"]
+    assert "the 140 poses at times that all paths have" in " ".join(sequence["notes"])
+
+
+def test_what_is_unknown_without_truth_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    road = winding_road(150, 0.3, 1.07)
+    write_kitti_poses(tmp_path / "plain.txt", road)
+    assert alone(capsys, tmp_path / "plain.txt")["systems"][0]["path"]["duration_s"] is None
+    assert "No duration and no speed: no file has times." in printed(capsys, tmp_path / "plain.txt")
+    (tmp_path / "numbers.tum").write_text(format_tum(np.arange(150.0), road))
+    text = printed(capsys, tmp_path / "numbers.tum")
+    assert "if these are numbers of frames, durations and speeds are wrong" in text
+    write_kitti_poses(tmp_path / "mono.txt", scaled(road, 0.1))
+    imu = road.copy()
+    imu[:, :3, :3] = road[:, :3, :3] @ rotation_from_vector(np.array([0.0, np.pi / 2, 0.0]))
+    write_kitti_poses(tmp_path / "imu.txt", imu)
+    text = printed(capsys, tmp_path / "plain.txt", tmp_path / "mono.txt", tmp_path / "imu.txt")
+    assert "the path of mono is 0.1 times as long as that of plain" in text
+    assert "imu and plain have other axes or another order of quaternions" in text
+    write_kitti_poses(tmp_path / "short.txt", road[:-1])
+    message = refused(capsys, tmp_path / "plain.txt", tmp_path / "short.txt")
+    assert f"has 149 poses, but {tmp_path / 'plain.txt'} has 150: without times" in message
+    (tmp_path / "ms.tum").write_text(format_tum(1e5 * np.arange(150.0), road))
+    assert "the median interval of the times is" in refused(capsys, tmp_path / "ms.tum")
+
+
+def test_files_belong_to_the_only_sequence_of_the_runs(
+    untrue: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copy(untrue / "viso2" / "poses.txt", tmp_path / "theirs.txt")
+    sequence = alone(capsys, untrue / "mesvo_f", tmp_path / "theirs.txt")
+    assert [system["name"] for system in sequence["systems"]] == ["mesvo_f", "theirs"]
+    assert sequence["systems"][1]["path"]["duration_s"] == pytest.approx(0.5)
+    shutil.copytree(untrue / "viso2", tmp_path / "other")
+    config = tmp_path / "other" / "config.json"
+    config.write_text(
+        config.read_text(encoding="utf-8").replace('"sequence": "street"', '"sequence": "road"')
+    )
+    message = refused(capsys, untrue / "mesvo_f", tmp_path / "other", tmp_path / "theirs.txt")
+    assert "is a pose file, and the runs are of street, frames 0-5 and road, frames 0-5" in message
+
+
+def test_evaluate_prints_mean_median_and_maximum(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = printed(capsys, runs / "a", runs / "b")
+    systems = numbers(capsys, runs / "a", runs / "b")
+    assert "error, system ┃ rmse ┃ mean ┃ median ┃ max" in text
+    for name, each in systems.items():
+        errors = each["ate"]
+        cells = " │ ".join(f"{errors[f'{kind}_m']:.4f}" for kind in ("rmse", "mean", "median", "max"))
+        assert f"ATE m, {name} │ {cells}" in text
+        assert each["path"]["duration_s"] == pytest.approx(0.5)

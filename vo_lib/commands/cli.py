@@ -22,7 +22,10 @@ COMMANDS = {
     "run": ("run", "one method on one sequence"),
     "reproduce": ("reproduce", "Table 1 and Figure 4: methods over sequences and seeds"),
     "sweep": ("sweep", "a grid of settings, computed on cached matches: table, CSV, heat map"),
-    "evaluate": ("evaluate", "KITTI errors, ATE and RPE of runs and trajectory files"),
+    "evaluate": (
+        "evaluate",
+        "KITTI errors, ATE and RPE of runs and trajectory files; without truth, how they differ",
+    ),
     "list": ("list_sequences", "available sequences: frames, length, truth, boxes, size"),
     "check": ("check_installation", "state of packages, data and caches, with a remedy for each problem"),
     "data": ("data_scripts", "scripts that download, check, draw, import or label data, or train a detector"),

@@ -1,19 +1,31 @@
-"""`vo evaluate`: errors of runs and of trajectory files."""
+"""`vo evaluate`: errors of runs and of trajectory files, or, without truth, how they differ."""
 
 from __future__ import annotations
 
 import argparse
 import json
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from ..data.poses import TIME_TOLERANCE_S
 from ..errors import DataError
 from ..evaluation.ate_rpe import Alignment
 from ..evaluation.kitti_errors import SubsequenceProtocol, suitable_protocol
-from ..evaluation.path_errors import evaluate
+from ..evaluation.path_errors import Evaluation, evaluate
+from ..evaluation.path_facts import path_facts
 from ..files import read_mapping, write_atomic, written_together
-from ..report.paths import evaluation_tables, read_paths, write_pictures
+from ..report.page import ReportTable
+from ..report.path_tables import (
+    evaluation_tables,
+    facts_without_truth,
+    spread_table,
+    tables_without_truth,
+    write_picture_without_truth,
+    write_pictures,
+)
+from ..report.paths import GIVE_TRUTH, ComparedPaths, PathsWithoutTruth, read_paths
 from ..runs.folder import POSES, POSES_TUM, changed_files, run_folder
 from .common import changed_words, parse_delta, parse_lengths, parse_whole, require_drawing
 from .console import print_lines, print_wrapped, show_report_table, warn
@@ -30,7 +42,10 @@ def add(parser: argparse.ArgumentParser) -> None:
         "the format of KITTI, TUM or EuRoC"
     )
     option("paths", nargs="+", type=Path, metavar="RUN_OR_FILE", help=text)
-    text = "ground-truth file of all paths; default: the truth of the runs' sequences"
+    text = (
+        "ground-truth file of all paths; default: the truth of the runs' sequences. Without any truth, the "
+    )
+    text += "paths are drawn from the same start, and their lengths and distances are printed"
     option("--truth", type=Path, metavar="FILE", help=text)
     text = "sub-sequence lengths, metres; default 100,…,800, or 20,50,100 for short paths"
     option("--lengths", metavar="L,L,…", help=text)
@@ -55,6 +70,57 @@ def _is_evaluation(path: Path) -> bool:
     return False
 
 
+@dataclass(frozen=True)
+class _Evaluated:
+    """Paths with ground truth, and their errors."""
+
+    paths: ComparedPaths
+    errors: Evaluation
+
+    def numbers(self) -> dict[str, Any]:
+        """The results for JSON."""
+        paths = self.paths
+        times = None if paths.times is None else paths.times[paths.frames]
+        about: dict[str, Any] = {"sequence": paths.name, "notes": list(paths.notes), "ground_truth": True}
+        results = about | self.errors.to_dict("systems")
+        for system, poses in zip(results["systems"], paths.estimates.values(), strict=True):
+            system["path"] = path_facts(poses, times).to_dict()
+        return results
+
+    def tables(self) -> list[ReportTable]:
+        """The tables to print."""
+        first, *others = evaluation_tables(self.paths.name, self.errors)
+        return [first, spread_table(self.errors), *others]
+
+    def write_pictures(self, folder: Path) -> list[str]:
+        """Write the figures; return a sentence on figures that are missing."""
+        return write_pictures(folder, self.paths, self.errors)
+
+
+@dataclass(frozen=True)
+class _Compared:
+    """Paths without ground truth."""
+
+    paths: PathsWithoutTruth
+
+    def numbers(self) -> dict[str, Any]:
+        """The results for JSON."""
+        about = {"sequence": self.paths.name, "notes": list(self.paths.notes)}
+        return about | facts_without_truth(self.paths)
+
+    def tables(self) -> list[ReportTable]:
+        """The tables to print."""
+        return tables_without_truth(self.paths)
+
+    def write_pictures(self, folder: Path) -> list[str]:
+        """Write the figure of the paths; none is missing."""
+        write_picture_without_truth(folder, self.paths)
+        return []
+
+
+_Result = _Evaluated | _Compared
+
+
 def _evaluate(options: argparse.Namespace) -> int:
     lengths = None if options.lengths is None else parse_lengths(options.lengths)
     step = None if options.step is None else parse_whole("--step", options.step)
@@ -69,8 +135,11 @@ def _evaluate(options: argparse.Namespace) -> int:
             warn(
                 f"{changed_words(sorted(changed))} in {folder} since the run: the errors are not of this run"
             )
-    results = []
+    results: list[_Result] = []
     for paths in read_paths(options.paths, options.truth, options.t_max_diff):
+        if isinstance(paths, PathsWithoutTruth):
+            results.append(_Compared(paths))
+            continue
         usual = suitable_protocol(paths.truth, paths.frames)
         measure = SubsequenceProtocol(lengths or usual.lengths, step or usual.step)
         errors = evaluate(
@@ -83,27 +152,25 @@ def _evaluate(options: argparse.Namespace) -> int:
             frames=paths.frames,
             is_part=paths.is_part,
         )
-        results.append((paths, errors))
-    numbers = [
-        {"sequence": paths.name, "notes": list(paths.notes)} | result.to_dict("systems")
-        for paths, result in results
-    ]
-    data = json.dumps({"sequences": numbers}, indent=2, allow_nan=False)
+        results.append(_Evaluated(paths, errors))
+    data = json.dumps({"sequences": [each.numbers() for each in results]}, indent=2, allow_nan=False)
     missing = list[str]()
     if options.out is not None:
         with run_folder(options.out) as folder:
             own = _is_evaluation(folder / EVALUATION)
             with written_together(folder, own=own) as draft:
                 write_atomic(draft / EVALUATION, data + "\n")
-                for paths, result in results:
-                    missing += write_pictures(draft, paths, result)
+                for each in results:
+                    missing += each.write_pictures(draft)
     if options.json:
         print(data)
         return 0
-    for paths, result in results:
-        for table in evaluation_tables(paths.name, result):
+    for each in results:
+        for table in each.tables():
             show_report_table(table)
-        print_wrapped(*paths.notes)
+        print_wrapped(*each.paths.notes)
+    if not any(isinstance(each, _Evaluated) for each in results):
+        print_wrapped(f"For errors, {GIVE_TRUTH}.")
     if options.out is not None:
         print_wrapped(*missing)
         print_lines(f"written to {options.out}")

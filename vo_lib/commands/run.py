@@ -14,13 +14,14 @@ from ..detection.settings import DetectorConfig
 from ..errors import DataError
 from ..evaluation.kitti_errors import suitable_protocol
 from ..evaluation.path_errors import evaluate
+from ..evaluation.path_facts import path_facts
 from ..files import write_atomic
 from ..geometry.types import Array
 from ..kit.settings import KitConfig
 from ..loops.settings import LoopConfig
 from ..report.film import FILM_ENDING, Film, film_frames, refuse_foreign_film
 from ..report.page import format_number
-from ..report.paths import evaluation_tables
+from ..report.path_tables import evaluation_tables
 from ..report.plots import png, trajectories_figure
 from ..runs.folder import (
     CONFIG,
@@ -181,7 +182,10 @@ def _show(result: Run, method: str, estimates: dict[str, Array]) -> None:
         path_errors = evaluate(sequence.truth, estimates, measure, sequence.times, is_part=sequence.is_part)
         for table in evaluation_tables(title, path_errors):
             show_report_table(table)
-    rows = [["matches per frame, median", format_number(result.matches_per_frame, 0)]]
+    facts = path_facts(result.poses, sequence.times)
+    travelled = f"{facts.length:.1f} m in {facts.duration:.1f} s ({format_number(facts.speed, 2)} m/s)"
+    rows = [["length and duration of the path", travelled]]
+    rows.append(["matches per frame, median", format_number(result.matches_per_frame, 0)])
     if result.config.filter.rule != "none":
         share = f"{100 * result.removed_share:.1f} %"
         rows.append(["features removed in boxes", share if sequence.labels else "no labels"])

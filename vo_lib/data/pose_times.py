@@ -90,7 +90,9 @@ def time_ranges(times: Array, true_times: Array, truth_name: str) -> str:
 def time_mismatch(times: Array, true_times: Array, truth_name: str, tolerance: float) -> str:
     """The reason why fewer than two of `times` (N,) are those of true poses `true_times` (M,), seconds."""
     ranges = time_ranges(times, true_times, truth_name)
-    start = f"fewer than two poses at the times of true poses, within --t-max-diff {tolerance:g} s: {ranges}"
+    start = (
+        f"fewer than two poses at the times of {truth_name}, within --t-max-diff {tolerance:g} s: {ranges}"
+    )
     theirs = f"those of {truth_name}"
     own_unit = _unit_of(times)
     true_unit = _unit_of(true_times)

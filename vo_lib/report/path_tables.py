@@ -1,0 +1,255 @@
+"""Tables and pictures of paths: errors with ground truth, lengths and distances without."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..data.poses import from_first
+from ..evaluation.ate_rpe import align, orientations_disagree, quaternions_disagree, rmse
+from ..evaluation.kitti_errors import FEW_SUBSEQUENCES, KITTI_PROTOCOL, SHORT_PROTOCOL, count_words
+from ..evaluation.path_errors import Evaluation, PathErrors
+from ..evaluation.path_facts import path_differences, path_facts
+from ..files import write_atomic
+from ..geometry.types import Array
+from .page import COUNT_COLUMN, ReportTable, format_number, without_empty_columns
+from .paths import ComparedPaths, PathsWithoutTruth
+from .plots import error_curves_figure, png, trajectories_figure
+from .table1 import ERROR_KINDS, slug
+
+# Smallest number of points of a curve: the devkit's speed bins overlap, so one speed falls into two or three.
+MIN_CURVE_POINTS = {"length": 2, "speed": 4}
+USUAL_LENGTH_RATIOS = 0.5, 2.0  # of a path and its truth
+
+
+def evaluation_tables(name: str, result: Evaluation) -> list[ReportTable]:
+    """A table of the systems' errors on a sequence, and a table of TE and RE by length."""
+    tables = [_table_of_systems(name, result)]
+    by_length = _table_by_length(result)
+    if by_length.rows:
+        tables.append(by_length)
+    return tables
+
+
+def _table_of_systems(name: str, result: Evaluation) -> ReportTable:
+    """TE, RE, ATE and RPE of each system, with warnings above and the kinds of errors below."""
+    measure = result.measure
+    rows = []
+    for system in result.paths:
+        rows.append(
+            [
+                system.name,
+                format_number(system.kitti.te),
+                format_number(system.kitti.re),
+                format_number(rmse(system.ate.distance), 4),
+                format_number(rmse(system.rpe.translation), 4),
+                format_number(rmse(np.degrees(system.rpe.rotation)), 4),
+            ]
+        )
+    first = result.paths[0]
+    shorter = f"the path, {first.distance:.1f} m in {first.frames} frames, is shorter"
+    title = name
+    head = list[str]()
+    notes = [f"ATE {first.ate.alignment.words}: root mean square.", _rpe_note(result, shorter)]
+    if result.subsequences:
+        title += f": {count_words(result.subsequences)} of {measure.words_with(result.as_kitti)}"
+        head += _caveats(result)
+    else:
+        notes.append(f"No TE and RE: {shorter} than the shortest sub-sequence, {min(measure.lengths):g} m.")
+    if result.frame_step > 1:
+        notes.append(
+            f"The compared poses are {result.frame_step} frames of the truth apart; intervals and starts in "
+            "frames are frames of the truth."
+        )
+    for system in result.paths:
+        head += _doubts(system)
+    units = [unit for unit, _ in ERROR_KINDS.values()]
+    columns = ["system", *units, "ATE m", "RPE m", "RPE deg"]
+    return without_empty_columns(ReportTable(title, columns, rows, notes, head))
+
+
+def _table_by_length(result: Evaluation) -> ReportTable:
+    """TE and RE of each system, with a row for each length that has sub-sequences."""
+    rows = []
+    for length in result.measure.lengths:
+        for system in result.paths:
+            part = system.kitti[system.kitti.length == length]
+            if len(part):
+                label = f"{length:g} m" if len(result.paths) == 1 else f"{length:g} m, {system.name}"
+                rows.append([label, format_number(part.te), format_number(part.re), str(len(part))])
+    columns = ["length", *(unit for unit, _ in ERROR_KINDS.values()), COUNT_COLUMN]
+    return ReportTable("TE and RE by length", columns, rows, [])
+
+
+def spread_table(result: Evaluation) -> ReportTable:
+    """Root mean square, mean, median and maximum of ATE and RPE of each system, as evo prints them."""
+    kinds = {
+        "ATE m": [each.ate.distance for each in result.paths],
+        "RPE m": [each.rpe.translation for each in result.paths],
+        "RPE deg": [np.degrees(each.rpe.rotation) for each in result.paths],
+    }
+    rows = []
+    for kind, errors in kinds.items():
+        for system, of_system in zip(result.paths, errors, strict=True):
+            if len(of_system):
+                values = (rmse(of_system), of_system.mean(), np.median(of_system), of_system.max())
+                rows.append([f"{kind}, {system.name}", *(format_number(value, 4) for value in values)])
+    return ReportTable("ATE and RPE", ["error, system", "rmse", "mean", "median", "max"], rows, [])
+
+
+def tables_without_truth(paths: PathsWithoutTruth) -> list[ReportTable]:
+    """A table of the length, duration, speed and end of each path, and one of the distances of each pair."""
+    rows = []
+    for name, poses in paths.estimates.items():
+        facts = path_facts(poses, paths.times)
+        end = ", ".join(format_number(value, 1) for value in facts.end)
+        rows.append(
+            [
+                name,
+                str(facts.poses),
+                format_number(facts.length, 2),
+                format_number(facts.duration, 2),
+                format_number(facts.speed, 2),
+                end,
+            ]
+        )
+    title = f"{paths.name}: no ground truth, so these numbers are no errors"
+    columns = ["path", "poses", "length m", "time s", "m/s", "end x, y, z m"]
+    notes = ["End: position of the last pose in the axes of the first, x right, y down, z forward."]
+    if paths.times is None:
+        notes.append("No duration and no speed: no file has times.")
+    tables = [ReportTable(title, columns, rows, notes, _doubts_between(paths.estimates))]
+    pairs = path_differences(paths.estimates)
+    if pairs:
+        rows = []
+        for pair in pairs:
+            distances = (pair.end, pair.largest, pair.rmse)
+            rows.append([f"{pair.first} – {pair.second}", *(format_number(each) for each in distances)])
+        columns = ["two paths from the same start", "at the end m", "largest m", "rmse m"]
+        notes = [
+            "Distances between positions of the same frame: they tell how far the paths differ, not which"
+        ]
+        notes[-1] += " one is right."
+        tables.append(ReportTable("Distances between the paths", columns, rows, notes))
+    return tables
+
+
+def facts_without_truth(paths: PathsWithoutTruth) -> dict[str, Any]:
+    """The numbers of `tables_without_truth` for JSON."""
+    systems = []
+    for name, poses in paths.estimates.items():
+        facts = path_facts(poses, paths.times)
+        systems.append({"name": name, "frames": facts.poses, "path": facts.to_dict()})
+    differences = [pair.to_dict() for pair in path_differences(paths.estimates)]
+    return {"ground_truth": False, "systems": systems, "differences": differences}
+
+
+def _doubts_between(paths: Mapping[str, Array]) -> list[str]:
+    """Warnings about paths that are probably not in the same units or axes as the first one."""
+    doubts = []
+    (first, reference), *others = paths.items()
+    length = path_facts(reference, None).length
+    shortest, longest = USUAL_LENGTH_RATIOS
+    for name, poses in others:
+        ratio = path_facts(poses, None).length / length if length > 0 else None
+        if ratio is not None and not shortest <= ratio <= longest:
+            doubts.append(
+                f"warning: the path of {name} is {ratio:.3g} times as long as that of {first}: another unit, "
+                "or a path without scale."
+            )
+        if quaternions_disagree(reference, poses) or orientations_disagree(reference, poses):
+            doubts.append(
+                f"warning: {name} and {first} have other axes or another order of quaternions, so their "
+                "distances from a common start are meaningless: name the columns in the first line of a file."
+            )
+    return doubts
+
+
+def _caveats(result: Evaluation) -> list[str]:
+    """Sentences above a table of errors that are not those of KITTI's benchmark."""
+    head = list[str]()
+    if result.measure == SHORT_PROTOCOL:
+        head.append(
+            "Short path, so sub-sequences are shorter than KITTI's: not comparable with the benchmark."
+        )
+    elif result.measure != KITTI_PROTOCOL:
+        head.append("Other sub-sequences than KITTI's: not comparable with the benchmark.")
+    elif not result.whole_truth:
+        head.append("Part of the truth, not comparable with whole sequences of the benchmark.")
+    if result.subsequences < FEW_SUBSEQUENCES:
+        head.append(
+            f"Fewer than {FEW_SUBSEQUENCES} sub-sequences: a single place of the path may decide TE and RE."
+        )
+    return head
+
+
+def _rpe_note(result: Evaluation, shorter: str) -> str:
+    """The interval of the RPE, or why there is none; `shorter` : words that the path is too short."""
+    first = result.paths[0]
+    interval = first.rpe.delta.words
+    if len(first.rpe.rotation):
+        return f"RPE {interval}: root mean square."
+    step = result.frame_step
+    if first.rpe.delta.unit == "frames" and step > first.rpe.delta.size:
+        return f"No RPE {interval}: the compared poses are {step} frames apart; use --delta {step}f."
+    return f"No RPE {interval}: {shorter}."
+
+
+def _doubts(system: PathErrors) -> list[str]:
+    """Warnings about a path that is probably not in the frames, the units or the axes of the truth."""
+    doubts = list[str]()
+    name = system.name
+    shortest, longest = USUAL_LENGTH_RATIOS
+    if system.length_ratio is not None and not shortest <= system.length_ratio <= longest:
+        doubts.append(
+            f"warning: the path of {name} is {system.length_ratio:.3g} times as long as the truth: other "
+            "frames, another unit, or a path without scale (--alignment sim3)."
+        )
+    if system.other_quaternions:
+        doubts.append(
+            f"warning: orientations of {name} and of the truth agree only with the quaternions of one "
+            "file in another order (qw first, or last), so TE, RE and RPE are meaningless: name the columns "
+            "in the first line of that file in their true order."
+        )
+    elif system.other_orientations:
+        doubts.append(
+            f"warning: positions of {name} and of the truth agree, but orientations do not, so TE, RE and "
+            "RPE are meaningless: one file may have qw first, or axes of another sensor (IMU, not camera)."
+        )
+    return doubts
+
+
+def write_pictures(folder: Path, paths: ComparedPaths, result: Evaluation) -> list[str]:
+    """Write figures of the paths and the truth, aligned as for the ATE, and figures of error curves.
+
+    Returns a sentence if there are too few points for a figure of curves.
+    """
+    file = slug(paths.name)
+    alignment = result.paths[0].ate.alignment
+    # The axes of the first camera, in which the path can be seen from above.
+    truth = paths.compared_truth
+    to_start = np.linalg.inv(truth[0])
+    aligned = {name: to_start @ align(truth, T, alignment)[0] for name, T in paths.estimates.items()}
+    figure = trajectories_figure({f"{paths.name}\n{alignment.words}": (truth, aligned)})
+    write_atomic(folder / f"trajectory_{file}.png", png(figure))
+    missing = []
+    for by, least in MIN_CURVE_POINTS.items():
+        curves = {s.name: s.kitti.curve(by, result.measure.lengths) for s in result.paths}
+        if max(map(len, curves.values())) < least:
+            missing.append(by)
+            continue
+        write_atomic(folder / f"errors_{file}_by_{by}.png", png(error_curves_figure(paths.name, by, curves)))
+    names = " and ".join(missing)
+    reason = f"{paths.name}: no figure of errors by {names}, since too few sub-sequences differ in {names}."
+    return [reason] if missing else []
+
+
+def write_picture_without_truth(folder: Path, paths: PathsWithoutTruth) -> None:
+    """Write a figure of the paths from above, which all begin at the same pose."""
+    from_start = {name: from_first(poses) for name, poses in paths.estimates.items()}
+    title = f"{paths.name}\nno ground truth; aligned at the start"
+    figure = trajectories_figure({title: (None, from_start)})
+    write_atomic(folder / f"trajectory_{slug(paths.name)}.png", png(figure))
