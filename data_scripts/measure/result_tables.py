@@ -150,33 +150,24 @@ def result_tables(
             axes[label] = {"length %, learnt": _length(sequence, learnt)}
             for name, each in (("off", off), ("learnt", learnt)):
                 values: list[float | None] = [None] * 3
-<<<<<<< HEAD
                 if not drawn:
-                    turned = fit_axes(sequence.true_poses, each[0].poses, measure.lengths, measure.step)
-                    values = [turned.kitti.te, turned.pitch, turned.yaw]
-                columns = [f"TE %, {name}", f"pitch °, {name}", f"yaw °, {name}"]
-                axes[label] |= dict(zip(columns, values, strict=True))
-    return page_tables(systems, rules, removed, learning, axes)
-=======
-                if not drawn and sequence.truth is not None:
+                    truth = sequence.true_poses
                     poses = each[0].poses
-                    turned = fit_axes(sequence.truth, poses, measure.lengths, measure.step)
+                    turned = fit_axes(truth, poses, measure.lengths, measure.step)
                     values = [turned.kitti.te, turned.pitch, turned.yaw]
                     if turned.at_limit:
                         doubts.append(f"In {label}, {name}, {turned.limit_words}")
                     if is_raw_drive(sequence):
-                        halves = fit_of_halves(sequence.truth, poses, measure.lengths, measure.step)
+                        halves = fit_of_halves(truth, poses, measure.lengths, measure.step)
                         yaws = " and ".join(f"{yaw:.2f}°" for _, yaw in halves)
                         doubts.append(
                             f"In {label}, {name}, the sub-sequences that start first and those that start "
                             f"last give a yaw of {yaws}: what differs is drift, which the fit removes "
                             "from TE as well."
                         )
-                axes[label] |= dict(
-                    zip((f"{x}, {name}" for x in ("TE %", "pitch °", "yaw °")), values, strict=True)
-                )
+                columns = [f"TE %, {name}", f"pitch °, {name}", f"yaw °, {name}"]
+                axes[label] |= dict(zip(columns, values, strict=True))
     return page_tables(systems, rules, removed, learning, axes, doubts)
->>>>>>> 60dcc8c (Fitted axes may turn by three degrees where they are well determined)
 
 
 Numbers = Mapping[str, Mapping[str, float | None]]
