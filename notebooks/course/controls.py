@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +17,40 @@ from vo_lib.settings import Setting, as_typed
 from .drawing import COARSE, room
 
 STEPS = 100  # of a slider at most, if no step is given
+
+_dragged = ContextVar("dragged", default=False)
+
+
+def is_dragged() -> bool:
+    """Whether the change that is handled came from a slider in the browser, and not from code."""
+    return _dragged.get()
+
+
+@contextmanager
+def _dragging() -> Iterator[None]:
+    token = _dragged.set(True)
+    try:
+        yield
+    finally:
+        _dragged.reset(token)
+
+
+class WholeSlider(widgets.IntSlider):  # type: ignore[misc]  # ipywidgets has no types
+    """A slider of whole numbers; `is_dragged` is true while a change from the browser is handled."""
+
+    def set_state(self, sync_data: Any) -> None:
+        """Take a value that the browser has sent."""
+        with _dragging():
+            super().set_state(sync_data)
+
+
+class RealSlider(widgets.FloatSlider):  # type: ignore[misc]
+    """A slider of real numbers; `is_dragged` is true while a change from the browser is handled."""
+
+    def set_state(self, sync_data: Any) -> None:
+        """Take a value that the browser has sent."""
+        with _dragging():
+            super().set_state(sync_data)
 
 
 @dataclass(frozen=True)
@@ -123,9 +160,9 @@ def _make(control: Control, setting: Setting, value: Any, label: str) -> Any:
     if control.button:
         return widgets.BoundedIntText(**limits)
     if setting.kind is int:
-        return widgets.IntSlider(**limits, step=control.step or 1, **common)
+        return WholeSlider(**limits, step=control.step or 1, **common)
     step = control.step or room((high - low) / STEPS, steps=COARSE)
-    return widgets.FloatSlider(**limits, step=step, readout_format=f".{_decimals(step)}f", **common)
+    return RealSlider(**limits, step=step, readout_format=f".{_decimals(step)}f", **common)
 
 
 def _decimals(step: float) -> int:

@@ -26,7 +26,9 @@ What it has without a word of its own:
 - the choice of a sequence or a folder, with a bar while a scene is drawn; the frame, and a button that plays;
 - a reset, and, with a configuration `kit`, the switch between the variants `published` and `kit`, which hides
   the controls of settings that a variant lacks; `idle` names further controls that become grey;
-- a picture that follows the drag: the browser sends the newest value when the last picture is finished;
+- a picture that follows the drag: the browser sends the newest value when the last redraw has ended;
+- with `steps`, for a picture of more than 80 ms: while the slider moves, what the first steps give, marked as
+  unfinished and without numbers; as soon as it rests, the whole. `set` and other changes by code draw the whole;
 - the change of each number since the control was first touched;
 - an error as a sentence, in which settings have the names of their controls; the old picture becomes pale;
 - after a stop, or for a sequence that cannot be opened, the sequence, picture and numbers shown before;
@@ -34,17 +36,20 @@ What it has without a word of its own:
 
 What it has to keep: equal states have equal pictures, so `draw` uses only `state`, and seeds all that is
 random. A picture takes at most 80 ms of processor time, else it does not follow: what several states share
-belongs into a `Memory`, and an axis whose limits are round numbers (`room`) is drawn only once. All parts of
-the picture are `WIDTH` pixels wide; with more than 550 rows, its text becomes too small on a laptop. Callbacks
-run on another thread than cells, so nothing here uses pyplot.
+belongs into a `Memory`, an axis whose limits are round numbers (`room`) and a text at the same place are drawn
+only once, and a method that runs over many frames yields `steps`. All parts of the picture are `WIDTH` pixels
+wide; with more than 550 rows, its text becomes too small on a laptop. Callbacks run on another thread than
+cells, so nothing here uses pyplot.
 
 `tests/course/test_panels.py` drives every control of every panel that a chapter exports.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import html
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from operator import attrgetter
 from pathlib import Path
@@ -66,7 +71,7 @@ from vo_lib.settings import Setting, declared, replace
 
 from .colours import BAD, DARK
 from .controls import Control as Control
-from .controls import Knob, labelled
+from .controls import Knob, WholeSlider, is_dragged, labelled
 from .drawing import WIDTH, photo, stack
 from .frames import DEFAULT, is_open, opened, remember_sequence, stereo, why_missing
 from .opening import Opening
@@ -82,7 +87,11 @@ RESET = "set all controls to their first values; the sequence does not change"
 SINCE = "in brackets: the change since the control was touched"
 NO_SEQUENCE = "choose a sequence first"
 WORKING = '<i class="vo-late">working …</i>'
+UNFINISHED = "<i>unfinished picture …</i>"
 FEWEST_FRAMES = 2  # of a sequence: each picture is about a step between two
+# Processor time of the steps before the first picture of a drag, and before a further unfinished picture.
+FIRST_STEPS_S = 0.03
+MORE_STEPS_S = 0.2
 FRAME_MS = 700  # interval of frames that play; slower panels skip frames
 STYLE = Path(__file__).with_name("panel.html").read_text(encoding="utf-8")
 # Beside the picture, controls are as narrow as sliders of 180 px allow.
@@ -204,7 +213,7 @@ class Panel:
 
         self.knobs = self._make_knobs({key.replace("__", "."): value for key, value in values.items()})
         self.variant = widgets.Dropdown(options=VARIANTS, tooltip=SWITCH, **labelled("method"))
-        self.frame = widgets.IntSlider(value=frame, min=1, max=max(frame, 2), **labelled("frame"))
+        self.frame = WholeSlider(value=frame, min=1, max=max(frame, 2), **labelled("frame"))
         self.first = {name: knob.widget.value for name, knob in self.knobs.items()}
         self.first |= {"frame": frame, "variant": VARIANTS[0]}
         self.chooser = widgets.Dropdown(options=[*available()], value=None, **labelled("sequence"))
@@ -226,6 +235,15 @@ class Panel:
     def draw(self, state: State) -> Drawing:
         """The picture and the words for a state; an exception is shown as the panel's error."""
         raise NotImplementedError
+
+    def steps(self, state: State) -> Iterator[Callable[[], Drawing]]:
+        """The work for a state in pieces of at most 20 ms, if a picture takes more than 80 ms.
+
+        The panel stops between two pieces when the control moves on. A piece yields a function that draws what
+        is done so far, with a sentence that says what is missing; its numbers are not shown. Results belong
+        into a `Memory`, from which `draw` takes them at the end.
+        """
+        return iter(())
 
     def idle(self, state: State) -> set[str]:
         """Names of the controls that have no effect in a state; they become grey."""
@@ -267,8 +285,9 @@ class Panel:
         self.redraw()
 
     def wait(self, seconds: float | None = None) -> None:
-        """Wait for the end of the running job."""
+        """Wait for the end of the running job, and until the picture is finished."""
         self.job.wait(seconds)
+        self.redraws.wait(seconds)
 
     def redraw(self, change: Any = None) -> None:
         """Draw the current state; an error is shown in the panel.
@@ -284,16 +303,17 @@ class Panel:
                     self._complain(DataError(NO_SEQUENCE))
                 return
             self._sign.value = WORKING
-            before = self.redraws.before(touched, self.facts)
+            before = self.redraws.before(touched)
             try:
                 self._follow_variant()
                 state = self.state()
                 self._show_idle(state)
-                self._show(self._drawing(state), before)
+                if is_dragged() and not self._missing(state):
+                    self._begin(state, before)
+                else:
+                    self._finish(state, before)
             except Exception as error:
                 self._fail(error)
-            finally:
-                self._sign.value = ""
 
     def state(self) -> State:
         """The current state of the controls; `DataError` for an invalid typed value."""
@@ -331,12 +351,64 @@ class Panel:
             return self.kit
         return self.start
 
-    def _drawing(self, state: State) -> Drawing:
-        """What the panel shows for a state; without the truth it needs, the image alone."""
-        missing = why_missing(state.sequence) if self.needs_truth else ""
+    def _missing(self, state: State) -> str:
+        """A sentence if the sequence lacks the truth that the panel needs; else ""."""
+        return why_missing(state.sequence) if self.needs_truth else ""
+
+    def _begin(self, state: State, before: dict[str, float]) -> None:
+        """Draw what the first steps give; a thread does the other steps, until the control moves on."""
+        steps = self.steps(state)
+        end = time.thread_time() + FIRST_STEPS_S
+        for so_far in steps:
+            if time.thread_time() >= end:
+                self._show_part(so_far())
+                self.redraws.finish_later(lambda is_wanted: self._go_on(steps, state, before, is_wanted))
+                return
+        self._finish(state, before)
+
+    def _go_on(
+        self,
+        steps: Iterator[Callable[[], Drawing]],
+        state: State,
+        before: dict[str, float],
+        is_wanted: Callable[[], bool],
+    ) -> None:
+        """The other steps, with a picture from time to time, and the finished picture."""
+        try:
+            with single_threaded():
+                end = time.thread_time() + MORE_STEPS_S
+                for so_far in steps:
+                    if not is_wanted():
+                        return
+                    if time.thread_time() >= end:
+                        with self.redraws.still(is_wanted) as wanted:
+                            if wanted:
+                                self._show_part(so_far())
+                        end = time.thread_time() + MORE_STEPS_S
+                with self.redraws.still(is_wanted) as wanted:
+                    if wanted:
+                        self._finish(state, before)
+        except Exception as error:
+            with self.redraws.still(is_wanted) as wanted:
+                if wanted:
+                    self._fail(error)
+
+    def _finish(self, state: State, before: dict[str, float]) -> None:
+        """Show all of a state; without the truth that the panel needs, the image alone."""
+        missing = self._missing(state)
         if missing:
-            return Drawing([photo(stereo(state.sequence, state.frame)[0], height=self.height)], missing)
-        return self.draw(state)
+            image = photo(stereo(state.sequence, state.frame)[0], height=self.height)
+            self._show(Drawing([image], missing), before)
+        else:
+            self._show(self.draw(state), before)
+        self.redraws.shown(self.facts)
+        self._sign.value = ""
+
+    def _show_part(self, drawing: Drawing) -> None:
+        """Show an unfinished picture, with dashes as numbers."""
+        facts = tuple(dataclasses.replace(fact, value=np.nan) for fact in drawing.facts)
+        self._show(dataclasses.replace(drawing, facts=facts), {})
+        self._sign.value = UNFINISHED
 
     def _follow_variant(self) -> None:
         """Show the controls and the choices that the variant has, and hide the others.
@@ -381,6 +453,7 @@ class Panel:
 
     def _fail(self, error: Exception) -> None:
         """Say what is wrong in place of the words; the old picture stays, but pale."""
+        self._sign.value = ""
         if isinstance(error, Stopped):
             self._message.value = "<i>Stopped.</i>"
             return
@@ -419,6 +492,7 @@ class Panel:
         self._text.value = ""
         self.tables.value = ""
         self.facts = {}
+        self.redraws.shown({})
 
     def _clear(self) -> None:
         """Remove also the picture."""

@@ -36,7 +36,10 @@ class Stopped(Exception):
 
 
 class Job:
-    """At most one running function; the start of a function stops the previous function.
+    """One running function that counts; the start of a function stops the previous function.
+
+    The new function does not wait for the next report of the previous one, which may take seconds: until then
+    both run, and what the previous one returns or raises is dropped.
 
     `box` has a bar, words and a Stop button; the box is hidden while nothing runs.
     """
@@ -67,8 +70,7 @@ class Job:
         `work` calls progress(done, total) at least a few times per second; Stop takes effect in these calls.
         A result that comes after Stop is not wanted: `failed` gets `Stopped` instead.
         """
-        self.stop()
-        self.wait()
+        self._stop.set()
         stop = self._stop = threading.Event()
         self._bar.value = 0
         self._words.value = label
@@ -86,15 +88,22 @@ class Job:
                 result = work(report)
                 if stop.is_set():
                     raise Stopped
-                self.box.layout.display = "none"
+                self._hide(stop)
                 done(result)
             except Exception as error:
-                self.box.layout.display = "none"
-                failed(error)
+                if self._hide(stop):
+                    failed(error)
 
         thread = threading.Thread(target=body, daemon=True)
         thread.start()
         self._thread = thread
+
+    def _hide(self, stop: threading.Event) -> bool:
+        """Hide the bar of the function with this event; False if another function has taken its place."""
+        if stop is not self._stop:
+            return False
+        self.box.layout.display = "none"
+        return True
 
     def stop(self) -> None:
         """End the running function at its next report."""
@@ -102,6 +111,6 @@ class Job:
         self._words.value = STOPPING
 
     def wait(self, seconds: float | None = None) -> None:
-        """Wait for the end of the running function."""
+        """Wait for the end of the running function; not for one that another has replaced."""
         if self.running:
             self._thread.join(seconds)

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import gc
 import threading
-from collections.abc import Iterator, Mapping
+import time
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+
+# A slider that still moves has sent its next value within this time: then there is nothing to finish.
+PAUSE_S = 0.03
 
 
 class Redraws:
@@ -20,14 +24,22 @@ class Redraws:
             menu.value = "kit"
         draw()
 
-    The browser sends the newest value of a moving slider when the picture before is finished. So the pictures
-    follow the drag, and none waits in a queue.
+    The browser sends the newest value of a moving slider when the redraw before has ended. So the pictures
+    follow the drag, and none waits in a queue. A redraw may end with an unfinished picture; then a thread
+    finishes it, unless another redraw starts:
+
+        with redraws.one() as allowed:
+            ...
+            redraws.finish_later(finish)
     """
 
     def __init__(self) -> None:
         self._lock = threading.RLock()
         self._holders = 0  # nested `held` blocks of the thread that has the lock
+        self._newest = object()  # stands for the newest redraw
+        self._thread = threading.Thread()  # the last one that finished a picture
         self._touched: object = None
+        self._shown: dict[str, float] = {}
         self._before: dict[str, float] = {}
 
     @contextmanager
@@ -43,27 +55,66 @@ class Redraws:
     @contextmanager
     def one(self) -> Iterator[bool]:
         """A block that draws, if the value is true; no other thread draws meanwhile."""
+        if not self._holders:
+            self._newest = object()  # now, so that a thread that finishes a picture gives way at once
         with self._lock:
             if self._holders:
                 yield False
             else:
+                self._newest = object()
                 with _collector_paused():
                     yield True
 
-    def before(self, touched: object, facts: Mapping[str, float]) -> dict[str, float]:
+    def finish_later(self, finish: Callable[[Callable[[], bool]], None]) -> None:
+        """Call `finish(is_wanted)` soon, on a thread; for the block of `one`.
+
+        Once another redraw has started, `is_wanted` returns False, and `finish` should return. It draws in
+        blocks of `still`.
+        """
+        mine = self._newest
+
+        def is_wanted() -> bool:
+            return self._newest is mine
+
+        def body() -> None:
+            time.sleep(PAUSE_S)
+            if is_wanted():
+                finish(is_wanted)
+
+        self._thread = threading.Thread(target=body, daemon=True)
+        self._thread.start()
+
+    @contextmanager
+    def still(self, is_wanted: Callable[[], bool]) -> Iterator[bool]:
+        """A block that draws more of a picture, if the value is true; no other thread draws meanwhile."""
+        with self._lock, _collector_paused():
+            yield is_wanted()
+
+    def wait(self, seconds: float | None = None) -> None:
+        """Wait until the picture is finished."""
+        if self._thread.is_alive():
+            self._thread.join(seconds)
+
+    def shown(self, facts: Mapping[str, float]) -> None:
+        """The numbers of a finished picture are shown."""
+        self._shown = dict(facts)
+
+    def before(self, touched: object) -> dict[str, float]:
         """The numbers with which those of the next picture are compared.
 
-        They are the `facts` of the last picture before the control `touched` was touched. While the same
+        They are those of the last finished picture before the control `touched` was touched. While the same
         control moves on, they stay. None stands for a change by code.
         """
         if touched is None or touched is not self._touched:
             self._touched = touched
-            self._before = dict(facts)
+            self._before = self._shown
         return self._before
 
     def forget(self) -> None:
-        """Compare the next picture with nothing."""
+        """Finish no picture, and compare the next one with nothing."""
+        self._newest = object()
         self._touched = None
+        self._shown = {}
         self._before = {}
 
 

@@ -6,7 +6,7 @@ import html
 import re
 import shutil
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,8 @@ from course import appendix, ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07, ch0
 from course.colours import bgr
 from course.controls import Control, Knob
 from course.drawing import WIDTH, caption
-from course.panel import STALE_CLASS, Drawing, Fact, Panel, State
+from course.kept_runs import run_by_frame
+from course.panel import STALE_CLASS, UNFINISHED, Drawing, Fact, Panel, State
 from course.raster import fast_raster, forget_layers, raster
 from course.results import marked
 from vo_lib.config import preset
@@ -30,6 +31,8 @@ from vo_lib.errors import DataError
 from vo_lib.geometry.types import Array, Image, Progress
 from vo_lib.kit.settings import KitConfig
 from vo_lib.paper.settings import FilterConfig, PublishedConfig
+from vo_lib.runs.drive import run_methods
+from vo_lib.runs.match_cache import CachedMatches
 
 CHAPTERS = (ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07, ch09, appendix)
 PANELS = [kind for chapter in CHAPTERS for kind in vars(chapter).values() if isinstance(kind, type)]
@@ -290,6 +293,30 @@ def test_of_two_slow_choices_the_last_one_is_shown(slow: Slow, bands: Path, tmp_
     assert (slow.chooser.value, slow.error) == (second, "")
 
 
+def test_a_slow_choice_does_not_wait_for_the_one_before(slow: Slow, bands: Path, tmp_path: Path) -> None:
+    """The job of the first choice never reports, as one that loads a large file."""
+    first, second = others(bands, tmp_path)
+    slow._offer(first)
+    assert slow.started.wait(LONG)
+    waiting = slow.go_on
+    slow.go_on = threading.Event()
+    slow.go_on.set()
+    slow._offer(second)
+    slow.wait(LONG)
+    assert slow.state().sequence.folder == Path(second)
+    slow.started.clear()
+    slow.run()  # another job, whose bar the late one leaves alone
+    assert slow.started.wait(LONG)
+    waiting.set()
+    for thread in threading.enumerate():
+        if thread is not slow.job._thread and thread.name.endswith("(body)"):
+            thread.join(LONG)
+    assert (slow.job.running, slow.job.box.layout.display) == (True, "")
+    assert (slow.chooser.value, slow.error, slow._message.value) == (second, "", "")
+    slow.job.stop()
+    slow.wait(LONG)
+
+
 def test_a_stopped_opening_leaves_the_sequence_and_can_be_tried_again(
     slow: Slow, bands: Path, tmp_path: Path
 ) -> None:
@@ -382,8 +409,14 @@ def test_a_long_job_can_be_stopped(example: Example) -> None:
     assert "Stopped" in example._message.value
 
 
-def test_pictures_of_a_drag_are_those_drawn_at_once(panel: Panel) -> None:
-    """Each value of a moving slider; the layers of axes that are kept change no pixel."""
+def drag(slider: Any, value: float) -> None:
+    """Move a slider as the browser does."""
+    slider.set_state({"value": value})
+
+
+def test_pictures_of_a_drag_are_those_drawn_at_once(panel: Panel, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each value of a moving slider; neither kept layers of axes nor unfinished pictures change a pixel."""
+    monkeypatch.setattr("course.panel.FIRST_STEPS_S", 0.0)
     for name, knob in panel.knobs.items():
         slider = knob.widget
         if not isinstance(slider, widgets.IntSlider | widgets.FloatSlider) or knob.shown.disabled:
@@ -391,8 +424,10 @@ def test_pictures_of_a_drag_are_those_drawn_at_once(panel: Panel) -> None:
         first = slider.value
         for share in (0.2, 0.25, 0.3):
             steps = round(share * (slider.max - slider.min) / slider.step)
-            slider.value = slider.min + steps * slider.step
+            drag(slider, slider.min + steps * slider.step)
             assert panel.error == "", (name, slider.value)
+        panel.wait(LONG)
+        assert panel._sign.value == ""
         moved, facts = panel.picture.value, panel.facts
         forget_layers()
         slider.value = first
@@ -400,6 +435,162 @@ def test_pictures_of_a_drag_are_those_drawn_at_once(panel: Panel) -> None:
         assert panel.picture.value == moved, name
         np.testing.assert_equal(panel.facts, facts)
         panel.set(**{name: first})
+
+
+class Stepwise(Example):
+    """A panel that draws in two steps; it fails in the second one for top_k = 9, and waits there for 8."""
+
+    def __init__(self, sequence: str, frame: int):
+        self.reached = threading.Event()
+        self.go_on = threading.Event()
+        self.drawn: list[int] = []
+        super().__init__(sequence, frame)
+
+    def steps(self, state: State) -> Iterator[Callable[[], Drawing]]:
+        top_k = state.config.selection.top_k
+
+        def half() -> Drawing:
+            return Drawing([np.full((40, WIDTH, 3), 99, np.uint8)], "step 1 of 2", (Fact("keep", 77),))
+
+        yield half
+        if top_k == 9:
+            raise DataError("nine is too many")
+        if top_k == 8:
+            self.reached.set()
+            self.go_on.wait(LONG)
+        yield half
+
+    def draw(self, state: State) -> Drawing:
+        self.drawn.append(state.config.selection.top_k)
+        return super().draw(state)
+
+
+@pytest.fixture
+def stepwise(bands: Path, monkeypatch: pytest.MonkeyPatch) -> Stepwise:
+    monkeypatch.setattr("course.panel.FIRST_STEPS_S", 0.0)
+    monkeypatch.setattr("course.redraws.PAUSE_S", 0.0)
+    panel = Stepwise(str(bands), frame=1)
+    panel.wait(LONG)
+    panel.set(selection__top_k=2)
+    panel.drawn.clear()
+    return panel
+
+
+def test_a_drag_shows_what_is_done_so_far_and_then_all(stepwise: Stepwise) -> None:
+    top_k = stepwise.knobs["selection.top_k"].widget
+    drag(top_k, 8)
+    assert stepwise._sign.value == UNFINISHED
+    assert "step 1 of 2" in stepwise._text.value
+    assert "77" not in stepwise._text.value  # a number of half the steps
+    assert np.isnan(stepwise.facts["keep"])
+    part = stepwise.picture.value
+    stepwise.go_on.set()
+    stepwise.wait(LONG)
+    assert stepwise._sign.value == ""
+    assert stepwise.facts == {"keep": 8}
+    assert "(+6)" in stepwise._text.value
+    drag(top_k, 7)
+    stepwise.wait(LONG)
+    assert "(+5)" in stepwise._text.value  # since the first touch, not since the unfinished picture
+    whole = stepwise.picture.value
+    stepwise.set(selection__top_k=7)
+    assert stepwise.picture.value == whole != part
+
+
+def test_code_that_sets_a_slider_reads_finished_facts(stepwise: Stepwise) -> None:
+    for value in (3, 5):
+        stepwise.knobs["selection.top_k"].widget.value = value
+        assert (stepwise.facts, stepwise._sign.value) == ({"keep": value}, "")
+    drag(stepwise.knobs["selection.top_k"].widget, 8)
+    stepwise.set(selection__top_k=4)
+    assert (stepwise.facts, stepwise._sign.value) == ({"keep": 4}, "")
+    stepwise.go_on.set()
+    stepwise.wait(LONG)
+    assert stepwise.facts == {"keep": 4}
+
+
+@pytest.mark.parametrize("by_drag", [True, False])
+def test_an_unfinished_picture_gives_way_to_the_next_value(stepwise: Stepwise, by_drag: bool) -> None:
+    top_k = stepwise.knobs["selection.top_k"].widget
+    drag(top_k, 8)
+    assert stepwise.reached.wait(LONG)
+    late = stepwise.redraws._thread
+    if by_drag:
+        drag(top_k, 6)
+    else:
+        stepwise.frame.value = 3
+        assert stepwise.facts == {"keep": 8}
+        stepwise.drawn.clear()
+    stepwise.go_on.set()
+    late.join(LONG)
+    stepwise.wait(LONG)
+    assert stepwise.drawn == ([6] if by_drag else [])
+    assert stepwise.facts == {"keep": 6 if by_drag else 8}
+    assert stepwise._sign.value == ""
+
+
+def test_an_unfinished_picture_gives_way_to_another_sequence(
+    stepwise: Stepwise, bands: Path, tmp_path: Path
+) -> None:
+    other = others(bands, tmp_path)[0]
+    drag(stepwise.knobs["selection.top_k"].widget, 8)
+    assert stepwise.reached.wait(LONG)
+    late = stepwise.redraws._thread
+    stepwise.folder.value = other
+    stepwise.job.wait(LONG)
+    stepwise.drawn.clear()
+    shown = stepwise.picture.value
+    stepwise.go_on.set()
+    late.join(LONG)
+    assert (stepwise.drawn, stepwise.picture.value, stepwise.facts) == ([], shown, {"keep": 8})
+
+
+def test_an_error_after_the_first_step_is_shown(stepwise: Stepwise) -> None:
+    top_k = stepwise.knobs["selection.top_k"].widget
+    drag(top_k, 9)
+    stepwise.wait(LONG)
+    assert stepwise.error == "nine is too many"
+    assert is_stale(stepwise)
+    assert (stepwise.facts, stepwise._sign.value, stepwise._text.value) == ({}, "", "")
+    drag(top_k, 7)
+    stepwise.wait(LONG)
+    assert (stepwise.error, stepwise.facts) == ("", {"keep": 7})
+    assert not is_stale(stepwise)
+
+
+def test_runs_frame_by_frame_are_those_at_once(street: Sequence) -> None:
+    part = street.part(0, 6)
+    configs = {
+        "one": preset("feature_selection", seed=91),
+        "two": preset("feature_selection", seed=92),
+    }
+    parts = [poses_so_far() for poses_so_far in run_by_frame(part, configs)]
+    runs = run_methods(part, configs, matches=CachedMatches(part, configs["one"]))
+    for name, run in runs.items():
+        assert [len(each[name]) for each in parts] == [2, 3, 4, 5, 6]
+        for each in parts:
+            np.testing.assert_array_equal(each[name], run.poses[: len(each[name])])
+    assert list(run_by_frame(part, configs)) == []  # stored
+
+
+def test_unfinished_pictures_of_the_slow_panels_say_so(
+    street: Sequence, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("course.panel.FIRST_STEPS_S", 0.0)
+    monkeypatch.setattr("course.redraws.PAUSE_S", LONG)
+    for kind, name, value, says in (
+        (ch07.ExplorePanel, "selection.threshold", 3.35, "The first 2 of "),
+        (appendix.CalibrationPanel, "view.tilt", -3.3, "the first 1 of 40 frames"),
+    ):
+        panel = kind(street)
+        panel.job.wait(LONG)
+        drag(panel.knobs[name].widget, value)
+        assert panel.error == ""
+        assert says in panel._text.value
+        assert np.isnan([*panel.facts.values()]).all()
+        drag(panel.knobs[name].widget, panel.first[name])
+        assert panel._sign.value == ""  # this value was drawn before
+        assert not np.isnan(panel.facts[next(iter(panel.facts))])
 
 
 def test_sliders_stand_where_the_value_is(panel: Panel) -> None:
@@ -429,6 +620,23 @@ def test_axes_from_memory_are_those_that_matplotlib_draws(
     for fast, slow in pairs:
         # Where data cross an axis, they are above it here; elsewhere nothing differs.
         assert np.count_nonzero((fast != slow).any(axis=2)) < 0.002 * fast.shape[0] * fast.shape[1]
+
+
+def test_texts_from_memory_are_those_that_matplotlib_draws() -> None:
+    chart = Figure(figsize=(3, 2), dpi=100)
+    axis = chart.add_axes((0, 0, 1, 1))
+    axis.set_axis_off()
+    axis.plot([0, 1], [1, 0], label="a line")
+    axis.legend(loc="upper right")
+    axis.text(0.2, 0.2, "orange", color="#D55E00")
+    axis.text(0.2, 0.5, "orange", alpha=0.5)
+    axis.text(0.71, 0.213, "turned, $x^2$", rotation=40)
+    axis.text(0.1, 0.9, "cut off by the axis", clip_on=True, fontsize=40)
+    axis.text(2.0, 2.0, "outside")
+    forget_layers()
+    plain = raster(chart)
+    for _ in range(2):
+        np.testing.assert_array_equal(fast_raster(chart), plain)
 
 
 def test_words_in_a_photo_leave_the_named_dots_free() -> None:

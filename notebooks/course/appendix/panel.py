@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from dataclasses import astuple, dataclass
+from functools import partial
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -61,6 +63,19 @@ BANDS = 10  # colours from no error to the largest
 _tracks: Memory[list[SimulatedFrame]] = Memory(8)
 
 
+class Learnt(NamedTuple):
+    """The estimated rig, and the ratios of step lengths to true step lengths, by name, a frame each (N,).
+
+    The names are "as measured" and "corrected"; a ratio is NaN if the camera rests.
+    """
+
+    rig: Rig
+    lengths: dict[str, Array]
+
+
+_learnt: Memory[Learnt] = Memory(200)
+
+
 def rig(faults: dict[str, float]) -> Array:
     """Errors (ERROR_COUNT,), pixels, of a rig with perfect lenses and `RIG_FAULTS` of the given sizes."""
     errors = np.zeros(ERROR_COUNT)
@@ -80,11 +95,18 @@ DRIVES_FIELD = rig(_DRIVES_FAULTS)
 
 def learn(
     camera: StereoCamera, tracks: list[SimulatedFrame], true: Array, terms: tuple[str, ...] = DISPARITY_TERMS
-) -> tuple[Rig, dict[str, Array]]:
-    """Add errors `true` (ERROR_COUNT,) to matches; estimate the row terms and the disparity terms in `terms`.
+) -> Learnt:
+    """Add errors `true` (ERROR_COUNT,) to matches; estimate the row terms and the disparity terms in `terms`."""
+    *_, last = learn_by_frame(camera, tracks, true, terms)
+    return last()
 
-    Returns the estimated rig, and by name ("as measured", "corrected") the ratios (N,) of step lengths to
-    true step lengths.
+
+def learn_by_frame(
+    camera: StereoCamera, tracks: list[SimulatedFrame], true: Array, terms: tuple[str, ...] = DISPARITY_TERMS
+) -> Iterator[Callable[[], Learnt]]:
+    """As `learn`; yields after each frame a function that returns the result so far.
+
+    The result is valid until the next frame; the ratios of later frames are NaN.
     """
     learnt = Rig(camera, CalibrationConfig(drift=0.0))
     if terms != DISPARITY_TERMS:
@@ -93,9 +115,12 @@ def learn(
         free = np.isin([*DISPARITY_TERMS, *other_terms], terms)
         deviations = np.diag(learnt.covariance) * np.where(free, 1.0, 1e-8)
         learnt.set_estimate(learnt.estimate, np.diag(deviations))
-    measured = []
-    corrected = []
-    for frame in tracks:
+    ratios = np.full((2, len(tracks)), np.nan)
+
+    def so_far() -> Learnt:
+        return Learnt(learnt, dict(zip(("as measured", "corrected"), ratios.copy(), strict=True)))
+
+    for number, frame in enumerate(tracks):
         R_cp = frame.T_cp[:3, :3]
         true_length = float(np.linalg.norm(frame.T_cp[:3, 3]))
         spoiled = learnt.correct(frame.matches, -true)
@@ -104,10 +129,10 @@ def learn(
         t_spoiled = _translation(camera, spoiled, R_cp, default=frame.T_cp[:3, 3])
         t_better = _translation(camera, better, R_cp, default=t_spoiled)
         learnt.update(better, R_cp, t_better)
-        moves = true_length > REST
-        measured.append(float(np.linalg.norm(t_spoiled)) / true_length if moves else np.nan)
-        corrected.append(float(np.linalg.norm(t_better)) / true_length if moves else np.nan)
-    return learnt, {"as measured": np.array(measured), "corrected": np.array(corrected)}
+        if true_length > REST:
+            ratios[0, number] = float(np.linalg.norm(t_spoiled)) / true_length
+            ratios[1, number] = float(np.linalg.norm(t_better)) / true_length
+        yield so_far
 
 
 def _translation(camera: StereoCamera, matches: StereoMatches, R_cp: Array, default: Array) -> Array:
@@ -241,12 +266,22 @@ class CalibrationPanel(Panel):
         Control("view.terms", "terms learnt"),
     )
 
+    def steps(self, state: State) -> Iterator[Callable[[], Drawing]]:
+        key = _key(state)
+        if key in _learnt:
+            return
+        learnt = learn_by_frame(*_rig_of(state))
+        for done, learnt_so_far in enumerate(learnt, start=1):
+            yield partial(self._drawing, state, learnt_so_far, done)
+        _learnt.get(key, learnt_so_far)
+
     def draw(self, state: State) -> Drawing:
-        camera = state.sequence.camera
-        *sizes, terms = astuple(state.view)
-        true = rig(dict(zip(KITTI_01, sizes, strict=True)))
-        tracks = tracks_of(state.sequence, state.frame)
-        learnt, lengths = learn(camera, tracks, true, TERMS[terms])
+        return self._drawing(state, lambda: _learnt.get(_key(state), lambda: learn(*_rig_of(state))))
+
+    def _drawing(self, state: State, learnt_so_far: Callable[[], Learnt], done: int | None = None) -> Drawing:
+        """The picture of what was learnt in the first `done` frames; None: in all frames."""
+        camera, tracks, true, _ = _rig_of(state)
+        learnt, lengths = learnt_so_far()
         image = stereo(state.sequence, state.frame)[0]
         maps = field_maps(image, camera, {"the rig's": true, "learnt": learnt.errors})
         remaining = np.abs(field_at(true - learnt.errors, *image_grid(camera).T)).max(axis=1)
@@ -254,8 +289,21 @@ class CalibrationPanel(Panel):
         facts.append(Fact("disparities still wrong by up to", float(remaining[0]), "px", 2))
         facts.append(Fact("rows still wrong by up to", float(remaining[1]), "px", 2))
         words = describe_errors(learnt.errors, learnt.covariance, camera)
-        sentence = f"Learnt in {len(tracks)} frames, away from the edges of the image: {words}."
+        frames = f"{len(tracks)} frames" if done is None else f"the first {done} of {len(tracks)} frames"
+        sentence = f"Learnt in {frames}, away from the edges of the image: {words}."
         return Drawing([maps, lengths_figure(lengths, CHART_HEIGHT)], sentence, tuple(facts))
+
+
+def _key(state: State) -> tuple[Hashable, ...]:
+    """All that the estimate depends on."""
+    return (*key_of(state.sequence, state.frame), state.view)
+
+
+def _rig_of(state: State) -> tuple[StereoCamera, list[SimulatedFrame], Array, tuple[str, ...]]:
+    """The arguments of `learn` for a state of the panel."""
+    *sizes, terms = astuple(state.view)
+    true = rig(dict(zip(KITTI_01, sizes, strict=True)))
+    return state.sequence.camera, tracks_of(state.sequence, state.frame), true, TERMS[terms]
 
 
 def tracks_of(sequence: Sequence, frame: int) -> list[SimulatedFrame]:

@@ -35,8 +35,11 @@ def true_path(sequence: Sequence) -> Array:
 
 
 def step_errors(sequence: Sequence, poses: Array) -> tuple[Array, Array]:
-    """Rotation error, degrees, and translation error, millimetres, of each step, both (N - 1,)."""
-    errors = relative_error(true_poses(sequence), poses)
+    """Rotation error, degrees, and translation error, millimetres, of each step, both (N - 1,).
+
+    poses : (N, 4, 4) of the first N frames of the sequence.
+    """
+    errors = relative_error(true_poses(sequence)[: len(poses)], poses)
     return np.degrees(errors.rotation), 1e3 * errors.translation
 
 
@@ -85,7 +88,10 @@ def whole_drive(section: str, row: str) -> dict[str, str]:
 def claim_figure(
     sequence: Sequence, runs: Mapping[str, Array], height: int = 250, frame: int | None = None
 ) -> Figure:
-    """Errors of each step by run, with a mark at `frame`, and paths from above with unequal axis scales."""
+    """Errors of each step by run, with a mark at `frame`, and paths from above with unequal axis scales.
+
+    A run may have only the first frames of the sequence.
+    """
     made, (turns, lengths, path) = figure(height, 3, (1.0, 1.0, 0.8))
     true = true_path(sequence)
     frames = int(sequence.frames[0]) + np.arange(1, len(true))
@@ -93,8 +99,8 @@ def claim_figure(
     for (name, poses), (colour, width) in zip(runs.items(), LINES, strict=False):
         turn, step = step_errors(sequence, poses)
         look: Any = {"color": colour, "linewidth": width, "zorder": 6 - width}  # thin lines above wide ones
-        turns.plot(frames, turn, label=name, **look)
-        lengths.plot(frames, step, **look)
+        turns.plot(frames[: len(turn)], turn, label=name, **look)
+        lengths.plot(frames[: len(step)], step, **look)
         path.plot(*poses[:, [0, 2], 3].T, **look)
     for axis in (turns, lengths):
         highest = max(float(np.asarray(line.get_ydata(), np.float64).max()) for line in axis.get_lines())

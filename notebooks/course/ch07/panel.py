@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from operator import attrgetter
 from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
 
 from vo_lib.config import VARIANTS, change, preset
 from vo_lib.data.sequence import Sequence
 from vo_lib.detection.label_folders import detection_record, label_folder, labelled_sequence
 from vo_lib.detection.settings import DetectorConfig
 from vo_lib.evaluation.kitti_errors import SHORT_PROTOCOL, kitti_errors, suitable_protocol
-from vo_lib.geometry.types import Progress
+from vo_lib.geometry.types import Array, Progress
 from vo_lib.kit.settings import KitConfig
+from vo_lib.paper.settings import MethodConfig
 from vo_lib.report.table1 import group_entries, te_and_re
 from vo_lib.report.table1_page import VARIANT_WORDS, results
 from vo_lib.runs.match_cache import CachedMatches
@@ -21,7 +27,7 @@ from vo_lib.settings import Checked, declared, setting
 from ..ch05.claim import claim_figure
 from ..ch05.panel import LABELS
 from ..frames import opened, true_poses
-from ..kept_runs import poses_of
+from ..kept_runs import frames_of, poses_of, run_by_frame
 from ..panel import Control, Drawing, Fact, Panel, State
 from .figures import PATHS_HEIGHT, paths_figure, table_html, tables_of
 from .runs import Plan, part_of, run_plan
@@ -66,36 +72,64 @@ class ExplorePanel(Panel):
         literal = isinstance(state.config, KitConfig) and state.config.selection.mode == "literal"
         return {"selection.refine_scale"} if literal else set()
 
+    def compared(self, state: State) -> dict[str, MethodConfig]:
+        """The configurations of a state by name: the preset, and the preset with the changed settings."""
+        base = preset(METHOD, variant=state.config.variant, seed=state.config.seed)
+        config = base
+        for name, value in self.changed(state).items():
+            config = change(config, name, value)
+        return {"preset": base, "with these settings": config}
+
+    def steps(self, state: State) -> Iterator[Callable[[], Drawing]]:
+        for poses_so_far in run_by_frame(state.sequence, self.compared(state)):
+            yield partial(self._part, state, poses_so_far)
+
     def draw(self, state: State) -> Drawing:
         sequence = state.sequence
         truth = true_poses(sequence)
-        variant = state.config.variant
-        base = preset(METHOD, variant=variant, seed=state.config.seed)
-        changed = self.changed(state)
-        config = base
-        for name, value in changed.items():
-            config = change(config, name, value)
-        paths = {"preset": poses_of(sequence, base), "with these settings": poses_of(sequence, config)}
+        for _ in run_by_frame(sequence, self.compared(state)):
+            pass
+        paths = {name: poses_of(sequence, config) for name, config in self.compared(state).items()}
         errors = [
             kitti_errors(truth, poses, SHORT_PROTOCOL.lengths, SHORT_PROTOCOL.step)
             for poses in paths.values()
         ]
-        (te_preset, te), (re_preset, re) = te_and_re(errors).tolist()
-        facts = (
+        facts = self._facts(state, te_and_re(errors))
+        sentence = (
+            f"{METHOD}, {VARIANT_WORDS[state.config.variant]}, {len(sequence)} frames; TE and RE over "
+            f"{SHORT_PROTOCOL.words}, as far as the path goes. Changed: {self._changes(state)}."
+        )
+        return Drawing([self._picture(state, paths)], sentence, facts)
+
+    def _part(self, state: State, poses_so_far: Callable[[], dict[str, Array]]) -> Drawing:
+        """What is known before all frames are done."""
+        paths = poses_so_far()
+        done = min(len(poses) for poses in paths.values())
+        sentence = (
+            f"The first {done} of {len(state.sequence)} frames; TE and RE follow with the last frame. "
+            f"Changed: {self._changes(state)}."
+        )
+        return Drawing([self._picture(state, paths)], sentence, self._facts(state, np.full((2, 2), np.nan)))
+
+    def _picture(self, state: State, paths: dict[str, Array]) -> Figure:
+        frame = min(state.frame, len(state.sequence) - 1)
+        return claim_figure(state.sequence, paths, self.height, frame)
+
+    def _changes(self, state: State) -> str:
+        words = [f"{name} = {_shown(value)}" for name, value in self.changed(state).items()]
+        return ", ".join(words) or "nothing"
+
+    def _facts(self, state: State, errors: Array) -> tuple[Fact, ...]:
+        """The numbers; `errors` (2, 2) are TE and RE, each of the preset and of the changed settings."""
+        (te_preset, te), (re_preset, re) = errors.tolist()
+        return (
             Fact("TE", te, "%", 4),
             Fact("TE of the preset", te_preset, "%", 4),
             Fact("RE", re, "deg/100 m", 4),
             Fact("RE of the preset", re_preset, "deg/100 m", 4),
             Fact("five-point sets", state.config.selection.sets),
-            Fact("settings changed", len(changed)),
+            Fact("settings changed", len(self.changed(state))),
         )
-        words = [f"{name} = {_shown(value)}" for name, value in changed.items()]
-        sentence = (
-            f"{METHOD}, {VARIANT_WORDS[variant]}, {len(sequence)} frames; TE and RE over "
-            f"{SHORT_PROTOCOL.words}, as far as the path goes. Changed: {', '.join(words) or 'nothing'}."
-        )
-        picture = claim_figure(sequence, paths, self.height, min(state.frame, len(sequence) - 1))
-        return Drawing([picture], sentence, facts)
 
     def is_ready(self, name: str) -> bool:
         return False
@@ -105,6 +139,7 @@ class ExplorePanel(Panel):
         sequence = part_of(opened(name, progress), FRAMES)
         for done, _ in enumerate(CachedMatches(sequence, self.start), start=1):
             progress(done, len(sequence))
+        frames_of(sequence, self.start)
         return sequence
 
 
