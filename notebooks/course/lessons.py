@@ -11,6 +11,7 @@ import numpy as np
 
 from course.simulation.problems import random_problems
 from course.simulation.tracks import SimulatedFrame, TrackConfig, simulate_tracks
+from vo_lib.data.scenes import scene_config
 from vo_lib.errors import DataError
 from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.motion import essential_vector, rigid, rotation_angle, rotation_from_vector
@@ -27,6 +28,7 @@ from vo_lib.paper.selection import (
     truncated_errors,
 )
 from vo_lib.paper.settings import SelectionConfig
+from vo_street.route import make_drive, make_route
 
 from .frames import Points
 
@@ -110,6 +112,12 @@ def drive(frames: int) -> Array:
     steps = np.tile(rigid(np.eye(3), np.array([0.0, 0.0, 1.0])), (frames, 1, 1))
     steps[:, :3, :3] = rotation_from_vector(turns)
     return np.array([*accumulate(steps, np.matmul, initial=np.eye(4))])
+
+
+def path_of(scene: str) -> Array:
+    """The true poses (N, 4, 4) of a drawn scene by name ("hard"); no image is drawn."""
+    config = scene_config(scene)
+    return make_drive(config, make_route(config)).poses
 
 
 def frames_of(scene: Scene, frames: int, seed: int) -> Iterator[Pair]:

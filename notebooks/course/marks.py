@@ -24,7 +24,7 @@ from .results import Verdict
 from .stored_answers import load
 
 NOTEBOOKS = Path(__file__).resolve().parents[1]
-HEADING = re.compile(r"^### Exercise (\d+\.\d+)", re.MULTILINE)
+HEADING = re.compile(r"^#{3,4} Exercise (\d+\.\d+)", re.MULTILINE)
 CHECK = re.compile(r"^(ch\d\d)\.(\w+)\((\w+)\)$", re.MULTILINE)
 
 

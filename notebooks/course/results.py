@@ -23,6 +23,9 @@ SHORT = 6  # maximal size of an array whose numbers are all shown
 DIGITS = 5, 7, 9  # of two numbers: the first choice that distinguishes the numbers
 COMPLEX = "drop values with an imaginary part and take `.real` of the others; `eigh` and `svd` stay real."
 MASKS = "join masks by `&` and `|`, not by `and`, with brackets round each comparison: `(a < b) & (c < d)`."
+DOMAIN = (
+    "rounding can make a number a little larger than 1, such as 1 + 1e-16: limit it first, by `min(x, 1)`."
+)
 # Code comes first: its asterisks are none of the text, and those of a product such as a*b*c neither.
 _MARKS = re.compile(r"`([^`]+)`|(?<![\w*])\*([^\W\d_](?:[\w -]*\w)?)\*(?![\w*])")
 NOT_OWN = str(Path(__file__).parent), str(Path(vo_lib.__path__[0])), "site-packages"
@@ -87,9 +90,20 @@ def outcome(answer: Any, inputs: tuple[Any, ...]) -> Any:
         frames = traceback.extract_tb(error.__traceback__)
         own = [f.line for f in frames if not any(place in f.filename for place in NOT_OWN)]
         where = f" in the line `{own[-1]}`" if own else ""
-        hint = MASKS if any(words in str(error) for words in ("truth value of an array", "'bitwise_")) else ""
+        hint = hint_for(error)
         stop = "" if isinstance(error, DataError) else f"the code stopped with {type(error).__name__}: "
         return Unusable(False, f"{stop}{error}{where}.", hint)
+
+
+def hint_for(error: Exception) -> str:
+    """A hint for an error that stops many answers; "" for others."""
+    words = str(error)
+    if "truth value of an array" in words or "'bitwise_" in words:
+        return MASKS
+    # Python 3.14 says "expected a number in range from -1 up to 1".
+    if "math domain error" in words or "in range from -1 up to 1" in words:
+        return DOMAIN
+    return ""
 
 
 def result(outcome: Any) -> Any:

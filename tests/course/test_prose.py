@@ -112,6 +112,9 @@ def test_moving_matches_win_the_vote_and_wrong_ones_do_not(look: Look) -> None:
     now, _, numbers = look("03", r"Set \*moving share\* to ([.\d]+) instead", view__moving=0.6)
     assert numbers == [0.6]
     assert now["error by selection"] > 1.5
+    now, _, jump = look("03", r"The winner jumps between ([.\d]+) and ([.\d]+)\.", view__moving=0.5)
+    assert jump == [0.5, *numbers]
+    assert now["error by selection"] < 0.5
     now, _, numbers = look("03", r"Set \*wrong share\* to ([.\d]+)", view__wrong=0.6)
     assert numbers == [0.6]
     assert now["error by selection"] < 0.05

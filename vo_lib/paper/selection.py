@@ -11,7 +11,7 @@ import numpy as np
 
 from ..geometry.motion import decompose_essential, essential_angle, essential_vector
 from ..geometry.types import Array, BoolArray, Index
-from .sampson import candidate_terms, match_terms, sampson_distance, squared_distances
+from .sampson import Floats, candidate_terms, match_terms, sampson_distance, squared_distances
 from .settings import SelectionConfig
 
 
@@ -34,8 +34,13 @@ def truncated_errors(E: Array, x_p: Array, x_c: Array, threshold: float) -> Arra
     mean(min(d² / threshold², 1)), in [0, 1]. Single precision is enough for a ranking, and twice as fast.
     """
     d2 = squared_distances(candidate_terms(E, np.float32), match_terms(x_p, x_c, np.float32))
-    np.minimum(d2, d2.dtype.type(threshold**2), out=d2)
-    return np.asarray(d2.mean(axis=1, dtype=np.float64) / threshold**2)
+    return truncated_mean(d2, threshold)
+
+
+def truncated_mean(squared: Floats, threshold: float) -> Array:
+    """mean(min(d² / threshold², 1)) of squared distances (…, N) over the last axis, (…); changes `squared`."""
+    np.minimum(squared, squared.dtype.type(threshold**2), out=squared)
+    return np.asarray(squared.mean(axis=-1, dtype=np.float64) / threshold**2)
 
 
 def outlier_shares(E: Array, x_p: Array, x_c: Array, threshold: float) -> Array:

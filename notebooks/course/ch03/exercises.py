@@ -138,7 +138,7 @@ angle = Exercise(
     lambda e1, e2: float(essential_angle(e1, e2)),
     vectors,
     praise="the sign does not matter, and equal vectors have the angle 0.",
-    hint="dot product, absolute value, arc cosine, in this order.",
+    hint="dot product, absolute value, no more than 1, arc cosine, in this order.",
     line="np.arccos(min(abs(e1 @ e2), 1))",
     library=("essential_angle",),
     slips={"degrees": "this is in degrees; in the code, angles are in radians."},
@@ -177,7 +177,7 @@ truncated_error = Exercise(
     praise="a match never costs more than 1, however wrong it is.",
     hint="compute one cost between 0 and 1 for each match, then the mean of the costs.",
     line="np.mean(np.minimum((d / threshold) ** 2, 1))",
-    library=("truncated_errors",),
+    library=("truncated_errors", "truncated_mean"),
     mistakes={
         "this is the sum, which grows with the number of matches.": truncated(mean=np.sum),
         "one wrong match decides everything: a term must not exceed 1.": truncated(lambda d, t: (d / t) ** 2),

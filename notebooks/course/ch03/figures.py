@@ -1,4 +1,4 @@
-"""Figures of chapter 3: candidates by angle to the prior and by errors; errors over frames."""
+"""Figures of chapter 3: candidates by angle to the prior and by errors; numbers of sets; errors over frames."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.types import Array, BoolArray, Image
 
-from ..colours import BAD, DARK, FIFTH, GOOD, PALE, bgr
+from ..colours import BAD, DARK, FIFTH, GOOD, PALE, WHITE, bgr
 from ..drawing import PHOTO_HEIGHT, WIDTH, caption, figure, finish, log_axis, photo
 from ..drawn_matches import draw_flow
 
@@ -61,6 +62,94 @@ def features_picture(
     colours = np.where(np.isnan(weight), PALE, np.where(weight >= 0.5, GOOD, BAD))[order]
     draw_flow(picture, start[order], end[order], colours.tolist(), 2.5)
     return caption(photo(picture, WIDTH, PHOTO_HEIGHT), words)
+
+
+def epipoles_picture(image: Image, camera: StereoCamera, E: Array, t_cp: Array | None) -> Image:
+    """The current image with the point that each candidate E (M, 3, 3) drives towards or away from.
+
+    This point is the epipole, the image of the other camera; a ring shows the epipole of t_cp (3,), the truth.
+    """
+    U, _, _ = np.linalg.svd(E)
+    t = U[:, :, 2]  # tᵀ E = 0
+    depth = np.where(np.abs(t[:, 2]) < 1e-9, 1e-9, t[:, 2])
+    uv = t[:, :2] / depth[:, None] * camera.f + (camera.cx, camera.cy)
+    inside = (uv >= 0).all(axis=1) & (uv < (image.shape[1], image.shape[0])).all(axis=1)
+    picture = photo(image, image.shape[1])
+    for place in np.rint(16 * uv[inside]).astype(int).tolist():
+        cv2.circle(picture, place, 4 * 16, bgr(DARK), -1, cv2.LINE_AA, shift=4)
+        cv2.circle(picture, place, 3 * 16, bgr(BAD), -1, cv2.LINE_AA, shift=4)
+    words = f"orange: towards which point the car drives, by each of {len(E)} candidates"
+    words += f" ({np.count_nonzero(~inside)} outside)"
+    if t_cp is not None:
+        true = t_cp[:2] / t_cp[2] * camera.f + (camera.cx, camera.cy)
+        place = np.rint(16 * true).astype(int).tolist()
+        cv2.circle(picture, place, 16 * 16, bgr(WHITE), 5, cv2.LINE_AA, shift=4)
+        cv2.circle(picture, place, 16 * 16, bgr(GOOD), 3, cv2.LINE_AA, shift=4)
+        words += "; ring: the truth"
+    return caption(photo(picture, WIDTH, PHOTO_HEIGHT), words)
+
+
+def scores_figure(own: Array, library: Array, rotation_error: Array | None, whose: str) -> Figure:
+    """Image errors (M,) of all candidates by a function and by the library's, in the order of the library's.
+
+    With rotation errors (M,), degrees, a second chart shows the function's image errors by rotation error.
+    """
+    made, axes = figure(260, 1 if rotation_error is None else 2)
+    order = np.argsort(library, kind="stable")
+    place = np.arange(len(order))
+    axes[0].plot(place, own[order], ".", color=GOOD, markersize=5, label=f"used here: {whose}")
+    axes[0].plot(place, library[order], color=BAD, linewidth=1.2, label="the library's")
+    finish(axes[0], "image error of each candidate", "candidates, the best first", "", "lower right")
+    if rotation_error is not None:
+        best = int(np.argmin(own))
+        x = np.clip(rotation_error, LEAST, MOST)
+        axes[1].plot(x, own, ".", color=GOOD, markersize=4.5, label=f"used here: {whose}")
+        axes[1].plot(x[best], own[best], "o", color=BAD, markersize=6, label="smallest image error")
+        log_axis(axes[1].xaxis, LEAST, MOST)
+        title = "image error and rotation error"
+        finish(axes[1], title, "rotation error [deg]", "", "lower right", boxed=True)
+    return made
+
+
+def prior_figure(angle: Array, library: Array, image_error: Array, whose: str) -> Figure:
+    """Angles to the previous vector (M,), degrees, by a function and by the library's, and image errors (M,)."""
+    made, (left, right) = figure(260, 2)
+    left.plot(angle, image_error, ".", color=GOOD, markersize=4.5)
+    left.set(ylim=(-0.02, 1.02))
+    x_name = "angle to the previous vector [deg]"
+    finish(left, f"all candidates; angle: {whose}", x_name, "image error")
+    right.plot([0, 90], [0, 90], color=BAD, linewidth=1.2)
+    right.plot(library, angle, ".", color=GOOD, markersize=4.5)
+    finish(right, "on the line: equal", "angle, the library's [deg]", f"angle, {whose} [deg]")
+    return made
+
+
+def kept_figure(angle: Array, image_error: Array, kept: dict[str, BoolArray]) -> Figure:
+    """Charts, one for each mask (M,) by name: candidates by angle to the previous vector, degrees; kept in blue."""
+    made, axes = figure(240, len(kept))
+    for axis, (name, mask) in zip(axes, kept.items(), strict=True):
+        axis.plot(angle[~mask], image_error[~mask], "o", color=PALE, markersize=7, label="left out")
+        axis.plot(angle[mask], image_error[mask], "o", color=GOOD, markersize=7, label="kept")
+        axis.set(xlim=(-2, 92), ylim=(-0.04, 1.06))
+        x_name = "angle to the previous vector [deg]"
+        finish(axis, name, x_name, "image error", "lower right", boxed=True)
+    return made
+
+
+def sets_figure(wrong: Array, needed: dict[int, Array], here: float) -> Figure:
+    """Sets needed for one without a wrong match, by the share of wrong matches, one curve for each set size.
+
+    wrong : (K,) shares. needed : by the number of matches in a set, numbers of sets (K,). here : share of the
+    frame, marked by a line.
+    """
+    made, (axis,) = figure(250)
+    for (size, sets), colour in zip(needed.items(), (GOOD, BAD, DARK), strict=False):
+        axis.plot(100 * wrong, sets, color=colour, linewidth=1.8, label=f"sets of {size}")
+    axis.axvline(100 * here, color=DARK, linewidth=1, linestyle=":", label="this frame")
+    log_axis(axis.yaxis, 1, 1e5)
+    axis.set_xlim(0, 100 * float(wrong[-1]))
+    finish(axis, "sets needed for 99 %", "wrong matches [%]", "", "above")
+    return made
 
 
 def field_figure(field: Field, result: float | None = None, height: int = 260) -> Figure:
