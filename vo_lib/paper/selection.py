@@ -38,7 +38,7 @@ def truncated_errors(E: Array, x_p: Array, x_c: Array, threshold: float) -> Arra
 
 
 def truncated_mean(squared: Floats, threshold: float) -> Array:
-    """mean(min(d² / threshold², 1)) of squared distances (…, N) over the last axis, (…); changes `squared`."""
+    """mean(min(d² / threshold², 1)) of squared distances (…, N) over the last axis; changes `squared`."""
     np.minimum(squared, squared.dtype.type(threshold**2), out=squared)
     return np.asarray(squared.mean(axis=-1, dtype=np.float64) / threshold**2)
 
