@@ -1,4 +1,6 @@
-"""Exercises of chapter 1: corner strength, the stereo check, the loop, a peak between pixels, buckets."""
+"""Exercises of chapter 1: maxima of a response, the match of descriptors, the stereo check, the loop, a step
+of Lucas-Kanade, buckets; under More corner strength and a peak between pixels.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,148 @@ from vo_lib.paper.settings import BucketConfig
 
 from ..checker import Case, Condition, Exercise, in_order
 
+SEED = 2  # of descriptors whose best match depends on the measure
 E = 1e-9  # distance from a limit, in cases just outside of it
+
+
+def sorted_rows(rows: Array) -> Array:
+    """The same rows (N, 2), sorted by their first number, then by their second."""
+    return rows[np.lexsort(rows.T[::-1])] if rows.ndim == 2 else rows
+
+
+def responses() -> list[Case]:
+    """Responses with several maxima, some at the border, some equal; two sides of the square, two limits."""
+    rng = np.random.default_rng(3)
+    small = np.zeros((7, 9))
+    small[3, 6] = 90.0
+    small[1, 1] = 60.0
+    small[5, 2] = 50.0  # equal to the limit
+    small[4, 4] = 70.0  # a neighbour of a larger response
+    twins = rng.integers(-99, 60, (14, 20)).astype(float)
+    twins[6, 3] = twins[6, 5] = 95.0
+    large = rng.normal(size=(16, 24)) * 60.0
+    large[0, 7] = 400.0
+    large[15, 23] = 300.0
+    return [(small, 5, 50.0), (twins, 5, 50.0), (large, 7, 80.0), (large, 3, 100.0)]
+
+
+def largest_in_squares(
+    response: Array, cell: int, least: float, *, half: int | None = None, short: int = 0, edge: int = 0
+) -> Array:
+    """Pixels (N, 2) above `least` whose response is the largest of the square around them.
+
+    half : reach of the square, (cell - 1) / 2 if None; `short` rows and columns are missing at its end; pixels
+    nearer than `edge` to the border are left out.
+    """
+    reach = (cell - 1) // 2 if half is None else half
+    found = []
+    rows, columns = response.shape
+    for v in range(edge, rows - edge):
+        for u in range(edge, columns - edge):
+            top, left = max(v - reach, 0), max(u - reach, 0)
+            square = response[top : v + reach + 1 - short, left : u + reach + 1 - short]
+            if response[v, u] > least and response[v, u] >= square.max(initial=-np.inf):
+                found.append((u, v))
+    return np.array(found, np.float64).reshape(-1, 2)
+
+
+def alone(response: Array, cell: int, least: float) -> Array:
+    """Wrong answer: pixels whose response is larger than all others of their square, so no equal ones."""
+    reach = (cell - 1) // 2
+    kept = []
+    for u, v in largest_in_squares(response, cell, least):
+        square = response[max(v - reach, 0) : v + reach + 1, max(u - reach, 0) : u + reach + 1]
+        if np.count_nonzero(square == response[v, u]) == 1:
+            kept.append((u, v))
+    return np.array(kept).reshape(-1, 2)
+
+
+def descriptors() -> list[Case]:
+    """Descriptors, first with all candidates possible, then with some, with one, and with none.
+
+    The most similar candidate by the sum of absolute differences differs from that by other measures.
+    """
+    rng = np.random.default_rng(SEED)
+    cases: list[Case] = []
+    for share in (1.0, 0.7, 0.7, 0.6):
+        own = rng.integers(-20, 20, 6).astype(float)
+        others = own + rng.integers(-9, 10, (8, 6))
+        cases.append((own, others, rng.uniform(size=8) < share))
+    own, others, _ = cases[0]
+    return [*cases, (own, others, np.arange(8) == 5), (own, others, np.zeros(8, np.bool_))]
+
+
+def most_similar(descriptor: Array, others: Array, possible: BoolArray) -> int:
+    """Index of the possible descriptor with the smallest sum of absolute differences; -1 without one."""
+    return similar()(descriptor, others, possible)
+
+
+def similar(
+    measure: Callable[..., Any] = np.abs, best: Callable[..., Any] = np.argmin, none: int = -1
+) -> Callable[[Array, Array, BoolArray], int]:
+    """Answer for the match of descriptors, by the sum of measured differences; `none` if nothing is possible."""
+
+    def match(descriptor: Array, others: Array, possible: BoolArray) -> int:
+        index = np.flatnonzero(possible)
+        if len(index) == 0:
+            return none
+        return int(index[best(measure(others[index] - descriptor).sum(axis=1))])
+
+    return match
+
+
+def among_possible(descriptor: Array, others: Array, possible: BoolArray) -> int:
+    """Wrong answer: the index counts only the possible candidates."""
+    if not possible.any():
+        return -1
+    return int(np.argmin(np.abs(others[possible] - descriptor).sum(axis=1)))
+
+
+def patches() -> list[Case]:
+    """Windows of a smooth image at two places a fraction of a pixel apart, and the gradients of the first."""
+    rows, columns = np.mgrid[-4:5, -4:5].astype(float)
+
+    def cut_out(dx: float, dy: float, turn: float) -> Array:
+        x = columns + dx
+        y = rows + dy
+        waves = np.sin(0.7 * x + turn) * np.cos(0.5 * y)
+        return np.asarray(100.0 + 9 * x - 4 * y + 2.0 * waves * (5 + x + 2 * y))
+
+    cases: list[Case] = []
+    for turn, dx, dy in ((0.0, 0.4, 0.0), (1.0, 0.0, -0.3), (2.0, 0.3, 0.6)):
+        window = cut_out(dx, dy, turn)
+        gy, gx = np.gradient(window)
+        cases.append((window, cut_out(0.0, 0.0, turn), gx, gy))
+    return cases
+
+
+def shift(window: Array, there: Array, gx: Array, gy: Array) -> Array:
+    """The least-squares step (2,) from the window `there` to the place of `window`."""
+    g = np.stack([gx.ravel(), gy.ravel()])
+    return np.asarray(np.linalg.solve(g @ g.T, g @ (window - there).ravel()))
+
+
+def by_axis(window: Array, there: Array, gx: Array, gy: Array) -> Array:
+    """Wrong answer: each direction alone, as if Σ gx gy were zero."""
+    rest = window - there
+    return np.array([np.sum(gx * rest) / np.sum(gx * gx), np.sum(gy * rest) / np.sum(gy * gy)])
+
+
+def right_side(window: Array, there: Array, gx: Array, gy: Array) -> Array:
+    """Wrong answer: the right-hand side of the equation, not its solution."""
+    return np.array([np.sum(gx * (window - there)), np.sum(gy * (window - there))])
+
+
+def multiplied(window: Array, there: Array, gx: Array, gy: Array) -> Array:
+    """Wrong answer: the matrix times the right-hand side, without the inverse."""
+    g = np.stack([gx.ravel(), gy.ravel()])
+    return np.asarray(g @ g.T @ g @ (window - there).ravel())
+
+
+def of_sums(window: Array, there: Array, gx: Array, gy: Array) -> Array:
+    """Wrong answer: the quotients of the sums of differences and gradients, without products."""
+    rest = window - there
+    return np.array([rest.sum() / gx.sum(), rest.sum() / gy.sum()])
 
 
 def windows() -> list[Case]:
@@ -141,6 +284,113 @@ def overfull(kept: Array, uv: Array, age: Array, strength: Array, size: int, cou
     """Whether a bucket keeps more than `count` features."""
     return bool(np.unique(uv[kept.astype(int)] // size, axis=0, return_counts=True)[1].max() > count)
 
+
+maxima = Exercise(
+    largest_in_squares,
+    responses,
+    form=sorted_rows,
+    praise="blobs and corners are such places: the responses around them are smaller.",
+    hint="for each pixel (u, v) with a response above `least`: cut out the square and compare with its `max()`.",
+    line="square = response[max(v - half, 0) : v + half + 1, max(u - half, 0) : u + half + 1]",
+    library=("describe",),
+    slips={"columns": "this is (row, column); a pixel is (u, v), its column first."},
+    mistakes={
+        "minima are included: a minimum is a maximum of `-response`, and is searched there.": (
+            lambda response, cell, least: largest_in_squares(np.abs(response), cell, least)
+        ),
+        "responses of at most `least` are included.": (
+            lambda response, cell, least: largest_in_squares(response, cell, -np.inf),
+            lambda response, cell, least: largest_in_squares(response, cell, least - E),
+        ),
+        "every response above `least` is included: keep those that are the largest of their square.": (
+            lambda response, cell, least: largest_in_squares(response, 1, least)
+        ),
+        "the square is too large: `cell` is its whole side, so it reaches (cell - 1) / 2 pixels to each side.": (
+            lambda response, cell, least: largest_in_squares(response, cell, least, half=cell),
+            lambda response, cell, least: largest_in_squares(response, cell, least, half=(cell + 1) // 2),
+        ),
+        "the square lacks its last row and column: a slice ends before its end.": (
+            lambda response, cell, least: largest_in_squares(response, cell, least, short=1)
+        ),
+        "the maxima near the border are missing: there the square is cut off.": (
+            lambda response, cell, least: largest_in_squares(response, cell, least, edge=(cell - 1) // 2),
+            lambda response, cell, least: largest_in_squares(response, cell, least, edge=1),
+        ),
+        "`cell` is hard-coded: use the argument.": (
+            lambda response, cell, least: largest_in_squares(response, 3, least),
+            lambda response, cell, least: largest_in_squares(response, 5, least),
+            lambda response, cell, least: largest_in_squares(response, 19, least),
+        ),
+        "`least` is hard-coded: use the argument.": (
+            lambda response, cell, least: largest_in_squares(response, cell, 50.0)
+        ),
+        "of two equal responses in a square, none is found; compare with `>=` or `==`.": alone,
+    },
+)
+
+best_match = Exercise(
+    most_similar,
+    descriptors,
+    praise="this is the sum of absolute differences, and the comparison is over all possible candidates.",
+    hint="subtract the descriptor from all rows of `others`, sum the absolute values of each row, and take the "
+    "smallest sum among the possible ones.",
+    line="np.argmin(np.where(possible, np.abs(others - descriptor).sum(axis=1), np.inf))",
+    library=("best_matches", "stereo_matches"),
+    mistakes={
+        "this compares sums of squares: one large difference then outweighs many middling ones.": (
+            similar(np.square)
+        ),
+        "`possible` is not used: the most similar candidate may be of another kind, or too far away.": (
+            lambda descriptor, others, possible: most_similar(
+                descriptor, others, np.ones(len(others), np.bool_)
+            )
+        ),
+        "the index counts only the possible candidates; return the index in `others`.": among_possible,
+        "without a possible candidate the result is -1.": (
+            similar(none=0),
+            similar(none=7),
+        ),
+        "this is the least similar candidate.": similar(best=np.argmax),
+        "positive and negative differences cancel: take absolute values before the sum.": (
+            similar(np.positive),
+            similar(np.negative),
+            similar(np.positive, lambda sums: np.argmin(np.abs(sums))),
+        ),
+        "the smallest of all differences is not enough: sum over all numbers of a descriptor.": (
+            similar(lambda d: np.abs(d).min(axis=1, keepdims=True)),
+            similar(lambda d: np.abs(d).max(axis=1, keepdims=True)),
+        ),
+        "this is the smallest sum; the task asks for the index of the candidate.": (
+            lambda descriptor, others, possible: np.min(
+                np.abs(others - descriptor).sum(axis=1), initial=np.inf, where=possible
+            )
+        ),
+    },
+)
+
+lucas_kanade_step = Exercise(
+    shift,
+    patches,
+    praise="a step of ({got[0]:.3f}, {got[1]:.3f}) px in the first case. The next cell repeats it.",
+    hint="the equation has two unknowns: build the 2×2 matrix of the sums Σ gx², Σ gx gy, Σ gy² and the two sums "
+    "Σ gx (window - there), Σ gy (window - there), then solve.",
+    line="np.linalg.solve(g @ g.T, g @ (window - there).ravel()), where g = np.stack([gx.ravel(), gy.ravel()])",
+    library=("calcOpticalFlowPyrLK", "track"),
+    slips={
+        "sign": "the sign is wrong: the difference is window - there.",
+        "order": "the two numbers are exchanged: δ is (along u, along v).",
+    },
+    mistakes={
+        "without Σ gx gy the two directions are separate, which is right only for windows whose gradients are "
+        "uncorrelated.": by_axis,
+        "this is the right-hand side; the equation still has to be solved.": right_side,
+        "this multiplies by the matrix; solve with it.": multiplied,
+        "the sums have products, pixel by pixel: gx times the difference, and gx times gx.": of_sums,
+        "`gx` and `gy` are exchanged in the sums.": lambda window, there, gx, gy: shift(
+            window, there, gy, gx
+        ),
+    },
+)
 
 corner_strength = Exercise(
     strength,

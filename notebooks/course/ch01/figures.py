@@ -17,6 +17,7 @@ from ..colours import BAD, CYCLE, DARK, FIFTH, FOURTH, GOOD, PALE, THIRD, bgr
 from ..drawing import PHOTO_HEIGHT, SMALL_SIZE, WIDTH, caption, figure, finish, log_axis, photo, raster, room
 from ..drawn_matches import draw_dots, draw_flow
 from ..frames import stereo
+from .errors import RIGHT, Measure
 from .exercises import eigenvalues
 from .trace import CHECKS, CHOSEN, LOST, OPEN, SURPLUS, Trace
 
@@ -27,7 +28,6 @@ FATES = {OPEN: "#D8D8D8", LOST: PALE, **dict(zip(CHECKS, (FOURTH, THIRD, FIFTH, 
 FATES |= {SURPLUS: "#56B4E9", CHOSEN: GOOD}
 SIDES = ("previous left", "previous right", "current right", "current left")
 LEAST, MOST = 0.01, 100.0  # pixels shown of an error
-RIGHT = 1.0  # largest distance of a right match from the truth in the other three images, pixels
 NAMES = 0.055  # of a figure's width, for the names of the fates
 
 
@@ -76,6 +76,37 @@ def points_picture(image: Image, uv: Array, words: str, cell: int = 0) -> Image:
     return caption(photo(picture), words)
 
 
+def compared_picture(image: Image, own: Array, library: Array, words: str, cell: int = 0) -> Image:
+    """Points (N, 2) that a student's function finds and points (M, 2) of the library, with a grid as above.
+
+    Blue: in both; orange: only the student's; white rings: only the library's.
+    """
+    width = image.shape[1]
+    inside = np.all((own >= 0) & (own < (width, len(image))), axis=1)
+    own = own[inside]
+    mine = np.rint(own).astype(int) @ (1, width)
+    theirs = np.rint(library).astype(int) @ (1, width)
+    more = ~np.isin(mine, theirs)
+    missed = ~np.isin(theirs, mine)
+    picture = photo(image, width)
+    if cell:
+        grid = picture.copy()
+        grid[cell::cell] = grid[:, cell::cell] = bgr(PALE)
+        picture = np.asarray(cv2.addWeighted(picture, 0.65, grid, 0.35, 0.0), np.uint8)
+    draw_dots(picture, own[~more], [GOOD] * np.count_nonzero(~more), 2.5)
+    draw_dots(picture, own[more], [BAD] * np.count_nonzero(more), 3.5)
+    for place in library[missed]:
+        draw_ring(picture, place, 4)
+    return caption(photo(picture), words)
+
+
+def draw_ring(picture: Image, place: Array, radius: float) -> None:
+    """Draw a white ring with a dark line around a place (2,) of a BGR picture, in place."""
+    centre = np.rint(16 * np.asarray(place)).astype(int).tolist()
+    for shade, width in (((255, 255, 255), 3), (bgr(DARK), 1)):
+        cv2.circle(picture, centre, round(16 * radius), shade, width, cv2.LINE_AA, shift=4)
+
+
 def surroundings(image: Image, uv: Array, radius: int) -> tuple[Image, NDArray[np.int64]]:
     """The (2 radius + 1)² pixels around a point, and the point in whole pixels."""
     middle = np.rint(uv).astype(np.int64)
@@ -84,13 +115,20 @@ def surroundings(image: Image, uv: Array, radius: int) -> tuple[Image, NDArray[n
     return np.asarray(padded[rows, columns], np.uint8), middle
 
 
-def descriptor_figure(images: dict[str, Image], left: Array, right: Array, difference: Array) -> Image:
-    """A chart of the `difference` (N,) between a feature `left` (2,) and its candidates `right` (N, 2)."""
+def descriptor_figure(
+    images: dict[str, Image], left: Array, right: Array, difference: Array, best: int
+) -> Image:
+    """A chart of the `difference` (N,) between a feature `left` (2,) and its candidates `right` (N, 2).
+
+    The candidate number `best` is marked; the pictures show the feature and this candidate.
+    """
     made, (axis,) = figure(SQUARE, width=2 * SQUARE)
-    axis.plot(left[0] - right[:, 0], difference / 1000, "o", color=GOOD, markersize=4)
+    disparity = left[0] - right[:, 0]
+    axis.plot(disparity, difference / 1000, "o", color=GOOD, markersize=4, label="a candidate")
+    axis.plot(disparity[best], difference[best] / 1000, "o", color=BAD, markersize=7, label="the match")
     axis.set_ylim(bottom=0)
-    finish(axis, "all candidates of the feature", "disparity [px]", "difference [1000 grey levels]")
-    places = {SIDES[0]: left, SIDES[1]: right[np.argmin(difference)]}
+    finish(axis, "all candidates of the feature", "disparity [px]", "difference [1000 grey levels]", "above")
+    places = {SIDES[0]: left, SIDES[1]: right[best]}
     pictures = [caption(descriptor_picture(images[side], uv), side) for side, uv in places.items()]
     return np.hstack([*pictures, raster(made)])
 
@@ -116,21 +154,75 @@ def four_images(sequence: Sequence, frame: int) -> dict[str, Image]:
     return dict(zip(SIDES, (prev_left, prev_right, cur_right, cur_left), strict=True))
 
 
-def loop_picture(images: dict[str, Image], matches: StereoMatches, back: Array, number: int) -> Image:
-    """The surroundings of one match in the four images, in the order of the loop, and the end of the loop."""
+def loop_picture(
+    images: dict[str, Image], matches: StereoMatches, back: Array, number: int, measure: Measure | None = None
+) -> Image:
+    """The surroundings of one match in the four images, in the order of the loop, and the end of the loop.
+
+    With a `measure`: rings at the true places or, where they are not known, the epipolar line.
+    """
     radius = 45
     scale = SQUARE / (2 * radius + 1)
+    one = matches[np.array([number])]
+    true = {} if measure is None else measure.true_places(one)
     parts = []
-    places = (matches.prev_left, matches.prev_right, matches.cur_right, matches.cur_left)
-    for side, uv in zip(SIDES, places, strict=True):
-        crop, middle = surroundings(images[side], uv[number], radius)
+    places = (one.prev_left, one.prev_right, one.cur_right, one.cur_left)
+    for side, place in zip(SIDES, places, strict=True):
+        crop, middle = surroundings(images[side], place[0], radius)
         part = photo(crop, SQUARE)
-        start, end = (np.array([uv[number], back[number]]) - middle + radius + 0.5) * scale - 0.5
-        draw_dots(part, start[None], [GOOD], 4)
+        corner = np.asarray(middle - radius - 0.5, np.float64)  # of the crop, in pixels of the image
+        if measure is not None and measure.known is None and side == "current left":
+            _draw_line(part, measure.lines(one)[0], corner, scale)
+        if side in true:
+            draw_ring(part, (true[side][0] - corner) * scale - 0.5, 7)
+        draw_dots(part, (place - corner) * scale - 0.5, [GOOD], 4)
         if side == SIDES[0]:
-            draw_dots(part, end[None], [BAD], 3)
+            draw_dots(part, (back[number][None] - corner) * scale - 0.5, [BAD], 3)
         parts.append(caption(part, side))
     return np.concatenate(parts, axis=1)
+
+
+def _draw_line(part: Image, line: Array, corner: Array, scale: float) -> None:
+    """Draw a line a u + b v + c = 0 of the image into an enlarged part of it with this corner, in place."""
+    normal = line[:2]
+    middle = corner + len(part) / scale / 2
+    foot = middle - (normal @ middle + line[2]) * normal
+    along = len(part) / scale * np.array([-normal[1], normal[0]])
+    ends = [(each - corner) * scale - 0.5 for each in (foot - along, foot + along)]
+    start, end = np.clip(np.rint(16 * np.array(ends)), -(2**24), 2**24).astype(int).tolist()
+    cv2.line(part, start, end, bgr(BAD), 2, cv2.LINE_AA, shift=4)
+
+
+def steps_picture(pair: tuple[Image, Image], at: Array, guesses: Array, half: int = 5) -> Image:
+    """The window around a feature, the windows around the guesses (N, 2), and their differences from the first.
+
+    Grey is no difference, white and black are 60 grey levels.
+    """
+    shown = guesses[:7]
+    size = WIDTH // (len(shown) + 1) - 4
+    window = _window(pair[0], at, half)
+    above = [caption(_enlarged(window, size), "the window")]
+    below = [np.full((size, size + 4, 3), 255, np.uint8)]
+    for number, guess in enumerate(shown):
+        there = _window(pair[1], guess, half)
+        rest = window.astype(float) - there
+        tones = np.asarray(np.clip(128 + 127 / 60 * rest, 0, 255), np.uint8)
+        above.append(caption(_enlarged(there, size), f"step {number}" if number else "the start"))
+        below.append(caption(_enlarged(tones, size), f"mean {np.abs(rest).mean():.1f}"))
+    gap = np.full((4, len(above) * (size + 4), 3), 255, np.uint8)
+    return np.concatenate([np.concatenate(above, axis=1), gap, np.concatenate(below, axis=1)])
+
+
+def _window(image: Image, place: Array, half: int) -> Image:
+    """The (2 half + 1)² grey levels around a place (2,) between the pixels."""
+    side = (2 * half + 1, 2 * half + 1)
+    return np.asarray(cv2.getRectSubPix(image, side, (float(place[0]), float(place[1]))), np.uint8)
+
+
+def _enlarged(pixels: Image, size: int) -> Image:
+    """A small grey picture, enlarged to `size` pixels, with a white edge on the right."""
+    large = cv2.resize(pixels, (size, size), interpolation=cv2.INTER_NEAREST)
+    return np.pad(photo(np.asarray(large, np.uint8), size), ((0, 0), (0, 4), (0, 0)), constant_values=255)
 
 
 def fates_picture(image: Image, trace: Trace, wrong: NDArray[np.bool_], words: str) -> Image:
@@ -141,22 +233,34 @@ def fates_picture(image: Image, trace: Trace, wrong: NDArray[np.bool_], words: s
     order = np.concatenate([np.flatnonzero(names == name) for name in list(FATES)[::-1]])
     colours = [FATES[name] for name in names[order].tolist()]
     draw_flow(picture, matches.prev_left[order], matches.cur_left[order], colours, 2.5)
-    for place in np.rint(16 * matches.cur_left[wrong & (names == CHOSEN)]).astype(int).tolist():
-        for shade, width in (((255, 255, 255), 3), (bgr(DARK), 1)):
-            cv2.circle(picture, place, 6 * 16, shade, width, cv2.LINE_AA, shift=4)
+    for place in matches.cur_left[wrong & (names == CHOSEN)]:
+        draw_ring(picture, place, 6)
     return caption(photo(picture, WIDTH, PHOTO_HEIGHT), words)
 
 
-def by_fate(trace: Trace, error: Array) -> dict[str, Array]:
-    """The errors of the kept matches and of the dropped matches, from the errors (M,) of all matches."""
+def by_fate(trace: Trace, error: Array, lost: Array | None = None) -> dict[str, Array]:
+    """The errors of the kept and of the dropped matches, from the errors (M,) of all matches.
+
+    lost : errors of `trace.lost`, which count as dropped.
+    """
     fate = trace.fate[trace.index]
-    return {"kept": error[fate == CHOSEN], "dropped": error[~np.isin(fate, (CHOSEN, SURPLUS))]}
+    dropped = error[~np.isin(fate, (CHOSEN, SURPLUS))]
+    if lost is not None:
+        dropped = np.concatenate([dropped, lost])
+    return {"kept": error[fate == CHOSEN], "dropped": dropped}
 
 
-def step_figure(trace: Trace, error: Array, height: int = 290) -> Figure:
-    """Number of features by fate and, with truth, the errors (M,) of all matches, pixels (NaN if unknown).
+def step_figure(
+    trace: Trace,
+    error: Array,
+    height: int = 290,
+    lost: Array | None = None,
+    measured: str = "error [px]",
+) -> Figure:
+    """Number of features by fate and the errors (M,) of all matches, pixels (NaN if unknown), if any is known.
 
-    The dark parts of the bars count wrong matches.
+    The dark parts of the bars count wrong matches; `lost` are the errors of `trace.lost`, whose bar has no
+    dark part without them. `measured` : name of the errors.
     """
     with_truth = bool(np.isfinite(error).any())
     made, (axis, *right) = figure(height, 1 + with_truth)
@@ -166,11 +270,17 @@ def step_figure(trace: Trace, error: Array, height: int = 290) -> Figure:
     words = [str(count) for count in counts]
     x = "features"
     if with_truth:
-        errors_chart(right[0], by_fate(trace, error))
-        bad = [np.count_nonzero(error[trace.fate[trace.index] == name] > RIGHT) for name in names]
-        axis.barh(names, bad, 0.7, color=DARK, alpha=0.6)
-        # A feature that was not found again has no right or wrong match.
-        words = [w if n in (OPEN, LOST) else f"{w} ({b})" for n, w, b in zip(names, words, bad, strict=True)]
+        errors_chart(right[0], by_fate(trace, error, lost), measured=measured)
+        wrong = {name: np.count_nonzero(error[trace.fate[trace.index] == name] > RIGHT) for name in names}
+        if lost is not None:
+            wrong[LOST] = np.count_nonzero(lost > RIGHT)
+        axis.barh(names, [wrong[name] for name in names], 0.7, color=DARK, alpha=0.6)
+        # An open loop is no match, and a feature that was not found again has none in fractions of a pixel.
+        judged = set(names) - {OPEN} - (set() if lost is not None else {LOST})
+        words = [
+            f"{count} ({wrong[name]})" if name in judged else str(count)
+            for name, count in zip(names, counts, strict=True)
+        ]
         x = "features (in brackets and dark: wrong by more than 1 px)"
     axis.bar_label(bars, words, padding=4, fontsize=SMALL_SIZE)
     box = axis.get_position()
@@ -181,7 +291,12 @@ def step_figure(trace: Trace, error: Array, height: int = 290) -> Figure:
     return made
 
 
-def errors_chart(axis: Axes, errors: dict[str, Array], title: str = "errors of the matches") -> None:
+def errors_chart(
+    axis: Axes,
+    errors: dict[str, Array],
+    title: str = "errors of the matches",
+    measured: str = "error [px]",
+) -> None:
     """Cumulative distributions of errors, pixels, by name; an error is NaN if the truth is unknown."""
     for (name, values), colour in zip(errors.items(), CYCLE, strict=False):
         finite = np.sort(values[np.isfinite(values)])
@@ -191,4 +306,4 @@ def errors_chart(axis: Axes, errors: dict[str, Array], title: str = "errors of t
     axis.axvline(RIGHT, color=DARK, linewidth=1, linestyle=":")
     log_axis(axis.xaxis, LEAST, MOST)
     axis.set_ylim(0, 102)
-    finish(axis, title, "error [px]", "share of matches [%]", "upper left")
+    finish(axis, title, measured, "share of matches [%]", "upper left")

@@ -11,7 +11,8 @@ from ..drawing import PHOTO_HEIGHT
 from ..frames import stereo, truth
 from ..panel import Control, Drawing, Fact, Panel, State
 from ..simulation.true_matches import match_errors
-from .figures import RIGHT, by_fate, fates_picture, step_figure
+from .errors import RIGHT
+from .figures import by_fate, fates_picture, step_figure
 from .trace import trace
 
 CHART_HEIGHT = 252

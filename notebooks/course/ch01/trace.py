@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vo_lib.data.sequence import Sequence
-from vo_lib.geometry.matches import StereoMatches
-from vo_lib.geometry.types import Index
+from vo_lib.geometry.matches import StereoMatches, empty_matches
+from vo_lib.geometry.types import Array, Index
 from vo_lib.paper.buckets import select_by_bucket
+from vo_lib.paper.features import best_matches
 from vo_lib.paper.matching import DescribedPair, close_loop
 from vo_lib.paper.settings import MethodConfig, PublishedConfig, StereoLimits
 from vo_lib.runs.drive import single_threaded
@@ -49,6 +50,7 @@ class Trace:
     fates : possible fates of a feature, in the order of the steps; fate : (N,) fate of each feature.
     matches : the M matched features, before all checks; index : (M,) their indices in `id`.
     kept : matches that pass the checks; chosen : kept matches that are also selected by the buckets.
+    lost : matches of closed loops in whole pixels that Lucas-Kanade does not find again; none for the kit.
     """
 
     id: NDArray[np.int64]
@@ -58,6 +60,7 @@ class Trace:
     index: NDArray[np.int64]
     kept: StereoMatches
     chosen: StereoMatches
+    lost: StereoMatches
 
 
 def trace(sequence: Sequence, frame: int, config: MethodConfig) -> Trace:
@@ -96,22 +99,49 @@ def trace(sequence: Sequence, frame: int, config: MethodConfig) -> Trace:
     passed = [each.id for each in (*results, chosen)]
     if isinstance(config, PublishedConfig):
         number = before._id[before._previous.to_right >= 0]
-        closed = close_loop(before._previous, pair, config.matching.search_radius)[0]
+        loops = close_loop(before._previous, pair, config.matching.search_radius)
         fates = (OPEN, *fates)
-        passed = [before._id[closed], *passed]
+        passed = [before._id[loops[0]], *passed]
+        lost = whole_pixels(before._previous, pair, *loops)[~np.isin(before._id[loops[0]], results[0].id)]
     else:
         number = before._previous[1].id
+        lost = empty_matches()
     steps = np.cumprod([np.isin(number, each) for each in passed], axis=0).sum(axis=0)
     order = np.argsort(number)
     index = order[np.searchsorted(number, results[0].id, sorter=order)]
-    return Trace(number, fates, np.array(fates)[steps], results[0], index, kept, chosen)
+    return Trace(number, fates, np.array(fates)[steps], results[0], index, kept, chosen, lost)
 
 
-def whole_pixels(before: DescribedPair, now: DescribedPair, pl_pr: Index, pr_cr: Index) -> StereoMatches:
-    """Whole-pixel positions of the best matches of previous left features; undefined where a match is -1."""
-    cur_right = pr_cr[pl_pr]
-    cur_left = now.to_left[cur_right]
-    number = np.arange(len(pl_pr))
-    previous = before.in_left.uv, before.in_right.uv[pl_pr]
-    current = now.in_left.uv[cur_left], now.in_right.uv[cur_right]
-    return StereoMatches(*previous, *current, np.ones_like(number), before.in_left.strength, number)
+def whole_pixels(
+    before: DescribedPair,
+    now: DescribedPair,
+    prev_left: Index,
+    prev_right: Index,
+    cur_left: Index,
+    cur_right: Index,
+) -> StereoMatches:
+    """Whole-pixel positions of N loops, from the indices (N,) of their features in each image.
+
+    The numbers of the matches are the indices of the previous left features.
+    """
+    return StereoMatches(
+        before.in_left.uv[prev_left],
+        before.in_right.uv[prev_right],
+        now.in_left.uv[cur_left],
+        now.in_right.uv[cur_right],
+        np.ones(len(prev_left), np.int64),
+        before.in_left.strength[prev_left],
+        prev_left,
+    )
+
+
+def open_loops(before: DescribedPair, now: DescribedPair, radius: int) -> tuple[StereoMatches, Array]:
+    """Matches whose loop is complete but ends at another feature, and the places (N, 2) where it ends."""
+    start = np.flatnonzero(before.to_right >= 0)
+    prev_right = before.to_right[start]
+    cur_right = best_matches(before.in_right, now.in_right, radius)[prev_right]
+    cur_left = np.where(cur_right >= 0, now.to_left[cur_right], -1)
+    end = np.where(cur_left >= 0, best_matches(now.in_left, before.in_left, radius)[cur_left], -1)
+    astray = (end >= 0) & (end != start)
+    loops = start[astray], prev_right[astray], cur_left[astray], cur_right[astray]
+    return whole_pixels(before, now, *loops), before.in_left.uv[end[astray]]

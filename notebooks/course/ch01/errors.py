@@ -1,0 +1,126 @@
+"""Chapter 1: how wrong matches are, by the truth of a drawn scene or, without it, by epipolar lines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vo_lib.config import preset
+from vo_lib.data.sequence import Sequence
+from vo_lib.data.truth import Truth
+from vo_lib.geometry.matches import StereoMatches
+from vo_lib.geometry.types import Array, BoolArray
+from vo_lib.paper.selection import truncated_errors
+
+from ..frames import frame_points, truth
+from ..lessons import candidates_of
+from ..simulation.true_matches import depth, match_errors, predict
+
+RIGHT = 1.0  # largest error of a right match, pixels
+GROSS = 5.0  # an error above is no matter of accuracy: the match is another point, pixels
+SETS = 200  # of five matches, for the motion that most matches agree with
+OUTLINE_WINDOW = 11  # side of the window that an outline crosses, pixels
+OUTLINE_RATIO = 1.2  # of the largest and the smallest depth in this window
+
+
+@dataclass(frozen=True)
+class Measure:
+    """The error of matches between a frame and the frame before, pixels; a call returns the errors (N,).
+
+    In a drawn scene: the largest of the distances from the true places in the other three images; NaN where
+    these are not known. Elsewhere: the distance of the current left place from its epipolar line, for the
+    motion with which most matches agree (chapters 2 and 3). It misses errors along the line, and errors in the
+    right images.
+
+    Attributes
+    ----------
+    E : (3, 3) essential matrix of that motion. known : truth of the scene, or None.
+    """
+
+    sequence: Sequence
+    frame: int
+    E: Array
+    known: Truth | None
+
+    @property
+    def name(self) -> str:
+        """What the numbers are, for an axis."""
+        return "error [px]" if self.known is not None else "distance from the epipolar line [px]"
+
+    def __call__(self, matches: StereoMatches) -> Array:
+        if self.known is None:
+            return self.from_lines(matches)
+        return match_errors(self.known, matches, self.frame)
+
+    def lines(self, matches: StereoMatches) -> Array:
+        """Epipolar lines a u + b v + c = 0 in the current left image, (N, 3) pixels, with a² + b² = 1."""
+        camera = self.sequence.camera
+        x_p = np.column_stack([camera.normalise(matches.prev_left), np.ones(len(matches))])
+        lines = x_p @ self.E.T @ np.linalg.inv(camera.K)
+        return np.asarray(lines / np.linalg.norm(lines[:, :2], axis=1, keepdims=True))
+
+    def from_lines(self, matches: StereoMatches) -> Array:
+        """Distances (N,) of the current left places from their epipolar lines, pixels."""
+        lines = self.lines(matches)
+        return np.asarray(np.abs(np.sum(lines[:, :2] * matches.cur_left, axis=1) + lines[:, 2]))
+
+    def true_places(self, matches: StereoMatches) -> dict[str, Array]:
+        """True places (N, 2) by the name of the image; empty if they are not known."""
+        if self.known is None:
+            return {}
+        start = matches.prev_left
+        _, prev_right, _ = predict(self.known, self.frame - 1, self.frame - 1, start)
+        cur_left, cur_right, _ = predict(self.known, self.frame - 1, self.frame, start)
+        return {"previous right": prev_right, "current right": cur_right, "current left": cur_left}
+
+    def on_outline(self, matches: StereoMatches) -> BoolArray | None:
+        """Mask (N,) of the matches with two depths in the window around them; None without true depths."""
+        if self.known is None:
+            return None
+        near = 1.0 / depth(self.known, self.frame - 1)
+        reach = OUTLINE_WINDOW // 2
+        mask = []
+        for u, v in np.rint(matches.prev_left).astype(int).tolist():
+            around = near[max(v - reach, 0) : v + reach + 1, max(u - reach, 0) : u + reach + 1]
+            mask.append(around.max() > OUTLINE_RATIO * around.min())
+        return np.array(mask, np.bool_)
+
+
+def measure_of(sequence: Sequence, frame: int) -> Measure:
+    """The measure of errors for a frame >= 1."""
+    config = preset("solution_selection")
+    points = frame_points(sequence, frame, config)
+    E = candidates_of(points, SETS, 0).E
+    limit = config.selection.threshold / sequence.camera.f
+    return Measure(
+        sequence, frame, E[np.argmin(truncated_errors(E, points.x_p, points.x_c, limit))], truth(sequence)
+    )
+
+
+def count_line(name: str, error: Array) -> str:
+    """A line with the number of matches, and of wrong and gross errors among those whose error is known."""
+    known = error[np.isfinite(error)]
+    wrong = np.count_nonzero(known > RIGHT)
+    gross = np.count_nonzero(known > GROSS)
+    share = f" = {gross / len(known):.0%}" if len(known) else ""
+    unknown = len(error) - len(known)
+    rest = f"; {unknown} more have no known error" if unknown else ""
+    return (
+        f"{name}: {len(known)} matches, {wrong} above {RIGHT:g} px, {gross} above {GROSS:g} px{share}{rest}"
+    )
+
+
+def strongest_wrong(
+    matches: StereoMatches, error: Array, least: float = GROSS, most: float = 40.0
+) -> int | None:
+    """Index of the strongest match with an error between two limits, pixels; else of the largest one above `RIGHT`.
+
+    None if no match is wrong.
+    """
+    known = np.nan_to_num(error, nan=0.0)
+    shown = np.flatnonzero((known > least) & (known < most))
+    if len(shown):
+        return int(shown[np.argmax(matches.strength[shown])])
+    largest = int(np.argmax(known)) if len(known) else 0
+    return largest if len(known) and known[largest] > RIGHT else None
