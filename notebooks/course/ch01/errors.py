@@ -103,7 +103,7 @@ def count_line(name: str, error: Array) -> str:
     known = error[np.isfinite(error)]
     wrong = np.count_nonzero(known > RIGHT)
     gross = np.count_nonzero(known > GROSS)
-    share = f" = {gross / len(known):.0%}" if len(known) else ""
+    share = f" = {gross / len(known):.1%}" if len(known) else ""
     unknown = len(error) - len(known)
     rest = f"; {unknown} more have no known error" if unknown else ""
     return (

@@ -64,7 +64,7 @@ def alone(response: Array, cell: int, least: float) -> Array:
     """Wrong answer: pixels whose response is larger than all others of their square, so no equal ones."""
     reach = (cell - 1) // 2
     kept = []
-    for u, v in largest_in_squares(response, cell, least):
+    for u, v in largest_in_squares(response, cell, least).astype(int).tolist():
         square = response[max(v - reach, 0) : v + reach + 1, max(u - reach, 0) : u + reach + 1]
         if np.count_nonzero(square == response[v, u]) == 1:
             kept.append((u, v))
@@ -378,7 +378,6 @@ lucas_kanade_step = Exercise(
     library=("calcOpticalFlowPyrLK", "track"),
     slips={
         "sign": "the sign is wrong: the difference is window - there.",
-        "order": "the two numbers are exchanged: δ is (along u, along v).",
     },
     mistakes={
         "without Σ gx gy the two directions are separate, which is right only for windows whose gradients are "
@@ -386,8 +385,8 @@ lucas_kanade_step = Exercise(
         "this is the right-hand side; the equation still has to be solved.": right_side,
         "this multiplies by the matrix; solve with it.": multiplied,
         "the sums have products, pixel by pixel: gx times the difference, and gx times gx.": of_sums,
-        "`gx` and `gy` are exchanged in the sums.": lambda window, there, gx, gy: shift(
-            window, there, gy, gx
+        "the two numbers are exchanged: δ is (along u, along v), and `gx` belongs to u.": lambda window, there, gx, gy: (
+            shift(window, there, gy, gx)
         ),
     },
 )

@@ -124,10 +124,11 @@ def descriptor_figure(
     """
     made, (axis,) = figure(SQUARE, width=2 * SQUARE)
     disparity = left[0] - right[:, 0]
-    axis.plot(disparity, difference / 1000, "o", color=GOOD, markersize=4, label="a candidate")
-    axis.plot(disparity[best], difference[best] / 1000, "o", color=BAD, markersize=7, label="the match")
+    axis.plot(disparity, difference / 1000, "o", color=GOOD, markersize=4)
+    axis.plot(disparity[best], difference[best] / 1000, "o", color=BAD, markersize=7)
     axis.set_ylim(bottom=0)
-    finish(axis, "all candidates of the feature", "disparity [px]", "difference [1000 grey levels]", "above")
+    title = "candidates of the feature; orange: the match"
+    finish(axis, title, "disparity [px]", "difference [1000 grey levels]")
     places = {SIDES[0]: left, SIDES[1]: right[best]}
     pictures = [caption(descriptor_picture(images[side], uv), side) for side, uv in places.items()]
     return np.hstack([*pictures, raster(made)])
@@ -211,6 +212,14 @@ def steps_picture(pair: tuple[Image, Image], at: Array, guesses: Array, half: in
         below.append(caption(_enlarged(tones, size), f"mean {np.abs(rest).mean():.1f}"))
     gap = np.full((4, len(above) * (size + 4), 3), 255, np.uint8)
     return np.concatenate([np.concatenate(above, axis=1), gap, np.concatenate(below, axis=1)])
+
+
+def fading(pair: tuple[Image, Image], at: Array, guesses: Array, half: int = 5) -> float:
+    """How much smaller the mean difference of the windows is at the last of the guesses (N, 2) than at the first."""
+    window = _window(pair[0], at, half).astype(float)
+    start = np.abs(window - _window(pair[1], guesses[0], half)).mean()
+    end = np.abs(window - _window(pair[1], guesses[-1], half)).mean()
+    return float(start / max(end, 1e-9))
 
 
 def _window(image: Image, place: Array, half: int) -> Image:
