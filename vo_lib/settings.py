@@ -16,6 +16,8 @@ from typing import Any
 
 from .errors import DataError, did_you_mean, shorten
 
+# Pattern of a setting that is a list of names or numbers: what can be typed between two commas.
+WORD_OF_LIST = r"[^\s,-][^,\n]{0,99}"
 SWITCH = {"true": True, "on": True, "1": True, "false": False, "off": False, "0": False}
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from vo_lib.geometry.camera import StereoCamera
-from vo_lib.geometry.motion import rotation_from_vector
+from vo_lib.geometry.matches import StereoMatches
+from vo_lib.geometry.motion import rigid, rotation_from_vector, transform
 from vo_lib.geometry.reprojection import fit_motion, linearise
 from vo_lib.geometry.types import Array
 
@@ -13,34 +14,45 @@ CAMERA = StereoCamera(f=700.0, cx=600.0, cy=180.0, baseline=0.54, width=1241, he
 R_CP, T_CP = rotation_from_vector(np.array([0.02, -0.15, 0.05])), np.array([0.1, -0.05, -1.2])
 
 
-def observations(n: int = 60) -> tuple[Array, Array, Array]:
-    """Points (n, 3) of the previous frame, and their pixels (n, 2) in the current pair."""
-    X_p = np.random.default_rng(3).uniform([-8, -2, 6], [8, 2, 40], (n, 3))
-    return X_p, *CAMERA.project(X_p @ R_CP.T + T_CP)
+TRUE = rigid(R_CP, T_CP)
+
+
+def observations(n: int = 60) -> StereoMatches:
+    """Matches of n points that are at rest."""
+    return match_points_at(np.random.default_rng(3).uniform([-8, -2, 6], [8, 2, 40], (n, 3)))
+
+
+def match_points_at(X_p: Array) -> StereoMatches:
+    """Matches of points (N, 3) of the previous frame that are at rest."""
+    numbers = np.arange(len(X_p))
+    before = CAMERA.project(X_p)
+    now = CAMERA.project(transform(TRUE, X_p))
+    return StereoMatches(*before, *now, np.ones_like(numbers), np.ones(len(X_p)), numbers)
 
 
 def test_fit_motion_tolerates_outliers() -> None:
-    X_p, left, right = observations()
-    left[:20] += np.random.default_rng(4).uniform(30, 90, (20, 2))
-    R, t, residual = fit_motion(CAMERA, X_p, left, right, np.eye(3), np.zeros(3), scale=0.5)
-    np.testing.assert_allclose(R, R_CP, atol=2e-4)
-    np.testing.assert_allclose(t, T_CP, atol=5e-3)
+    matches = observations()
+    matches.cur_left[:20] += np.random.default_rng(4).uniform(30, 90, (20, 2))
+    T_cp, residual = fit_motion(CAMERA, matches, np.eye(4), scale=0.5)
+    np.testing.assert_allclose(T_cp[:3, :3], R_CP, atol=2e-4)
+    np.testing.assert_allclose(T_cp[:3, 3], T_CP, atol=5e-3)
     assert residual[20:].max() < 0.3
     assert residual[:20].min() > 20.0
 
 
 def test_residual_is_the_norm_of_four_coordinates() -> None:
-    X_p, left, right = observations()
-    left[:, 0] += 3.0
-    right[:, 1] -= 4.0
-    _, _, residual = fit_motion(CAMERA, X_p, left, right, R_CP, T_CP, scale=1e6, iterations=0)
+    matches = observations()
+    matches.cur_left[:, 0] += 3.0
+    matches.cur_right[:, 1] -= 4.0
+    residual = fit_motion(CAMERA, matches, TRUE, scale=1e6, iterations=0).residual
     np.testing.assert_allclose(residual, 5.0, rtol=1e-9)
 
 
 def test_points_behind_the_camera_have_infinite_residuals() -> None:
-    X_p, left, right = observations()
-    X_p[0] = [0.0, 0.0, -5.0]
-    _, _, residual = fit_motion(CAMERA, X_p, left, right, R_CP, T_CP, scale=1.0, iterations=0)
+    # Exchanged images of the previous pair: the disparity is negative, so the point is behind the camera.
+    matches = observations()
+    matches.prev_left[0], matches.prev_right[0] = matches.prev_right[0].copy(), matches.prev_left[0].copy()
+    residual = fit_motion(CAMERA, matches, TRUE, scale=1.0, iterations=0).residual
     assert residual[0] == np.inf
     assert residual[1:].max() < 1e-6
 

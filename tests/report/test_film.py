@@ -46,7 +46,8 @@ def test_film_has_the_same_bytes_from_cached_matches(bands: Path, capsys: pytest
     command = ["run", str(bands), "--out", str(base / "out"), "--video"]
     assert main([*command, str(base / "a.webm")]) == 0
     assert str(base / "a.webm") in capsys.readouterr().out
-    assert main([*command, str(base / "b.webm"), "--cache", str(base / "cache")]) == 0
+    assert main([*command, str(base / "b.webm"), "--keep-matches", "--cache", str(base / "cache")]) == 0
+    assert list((base / "cache").rglob("*.npz"))
     assert (base / "a.webm").read_bytes() == (base / "b.webm").read_bytes()
     video = cv2.VideoCapture(str(base / "a.webm"))
     # An image of 480×240, a square for the path beside it, words above.

@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import DataError, did_you_mean
-from ..geometry.boxes import CLASS_WORD, VEHICLES, Boxes
+from ..geometry.boxes import VEHICLES, Boxes
 from ..geometry.types import IntArray
+from ..settings import WORD_OF_LIST
 
 _COCO = """
     person, bicycle, car, motorcycle, airplane, bus, train, truck, boat, traffic light, fire hydrant,
@@ -198,7 +199,7 @@ class ClassNames:
         possible = [number for number in numbers if _may_be_vehicle(self._name(number))]
         if proposed := vehicles or possible:
             name = self._name(proposed[0])
-            value = name if re.fullmatch(CLASS_WORD, name) else self._number_to_type(proposed[0])
+            value = name if re.fullmatch(WORD_OF_LIST, name) else self._number_to_type(proposed[0])
             condition = "" if len(numbers) == 1 or vehicles else ", for example, if these are the vehicles"
         return ClassesError(problem, self.source or None, value, condition)
 

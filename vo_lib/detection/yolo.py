@@ -87,18 +87,23 @@ class YoloDetector:
         self.path = find_model(model)
         self.config = config or DetectorConfig()
         self._session = _open_session(self.path, self.config.threads, provider)
+        # What the network takes; a side of the image that the file leaves open is 0.
         self._input, self._sizes_input = self._check_inputs()
-        self._height, self._width = (side if isinstance(side, int) else 0 for side in self._input.shape[2:])
         self._type = INPUT_TYPES[self._input.type]
-        self._sizes_swapped = False
+        _, _, height, width = self._input.shape
+        self._height = height if isinstance(height, int) else 0
+        self._width = width if isinstance(width, int) else 0
         try:
             self._metadata = read_metadata(self._session.get_modelmeta().custom_metadata_map)
         except ValueError as error:
             raise DataError(str(error), self.path) from None
+        # What the network gives, from its outputs for black images.
+        self._height_first = False  # the order of the image's size, for networks that ask for it
         self._layout = self._recognised()
         if self._sizes_input is not None:
-            self._sizes_swapped = self._expects_height_first()
+            self._height_first = self._expects_height_first()
         self.layout = self._layout.name
+        # The classes, by the file's own names or by COCO's.
         self.class_count = self._layout.classes
         self.named = self._metadata.names is not None
         default_names = COCO if self.class_count == len(COCO) else None
@@ -174,7 +179,7 @@ class YoloDetector:
         """The outputs for a network's image; width, height : size of the original image, pixels."""
         feed = {self._input.name: images}
         if self._sizes_input is not None:
-            sizes = (height, width) if self._sizes_swapped else (width, height)
+            sizes = (height, width) if self._height_first else (width, height)
             feed[self._sizes_input.name] = np.array([sizes], np.int64)
         try:
             return [np.asarray(output) for output in self._session.run(None, feed)]

@@ -15,7 +15,6 @@ UNKNOWN = 1
 MOVING = 2
 
 VEHICLES = "vehicles"  # in a choice of classes: all classes with the name of a vehicle
-CLASS_WORD = r"[^\s,-][^,\n]{0,99}"  # a name or number in a choice of classes, as a regular expression
 
 
 @dataclass(frozen=True, eq=False)

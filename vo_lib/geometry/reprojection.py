@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from .camera import StereoCamera
 from .matches import StereoMatches
-from .motion import rotation_from_vector
+from .motion import rigid, rotation_from_vector
 from .types import Array
 
 CONVERGED_STEP = 1e-9  # step at which the iteration ends, radians and metres
@@ -14,35 +16,35 @@ CONVERGED_TRIAL_STEP = 1e-4  # step at which the iteration of a trial ends; only
 MAX_AGREEMENT_RESIDUAL_PX = 2.0  # residual norm of a match below which the match agrees with a motion
 
 
+class MotionFit(NamedTuple):
+    """A motion T_cp (4, 4), and the residual norm of each match over its four coordinates, (N,) pixels."""
+
+    T_cp: Array
+    residual: Array
+
+
 def fit_motion(
     camera: StereoCamera,
-    X_p: Array,
-    cur_left: Array,
-    cur_right: Array,
-    R_cp: Array,
-    t_cp: Array,
+    matches: StereoMatches,
+    start: Array,
     scale: float = 1.0,
     iterations: int = 8,
     tolerance: float = CONVERGED_STEP,
-) -> tuple[Array, Array, Array]:
-    """Robust motion from points of the previous frame and their pixels in the current pair.
+) -> MotionFit:
+    """Robust motion that moves the points of the previous pair to their pixels in the current pair.
 
     Parameters
     ----------
-    X_p : (N, 3) points in the previous left frame, metres.
-    cur_left, cur_right : (N, 2) pixels.
-    R_cp, t_cp : start of the iteration.
+    matches : N matches whose points have a depth.
+    start : T_cp (4, 4) at which the iteration starts.
     scale : pixel residual at which a point's weight is halved (Cauchy weights, 1 / (1 + r² / scale²)),
         or the median residual if the median is larger.
     tolerance : step at which the iteration ends, radians and metres.
-
-    Returns
-    -------
-    R_cp (3, 3), t_cp (3,) and the residual norm of each point over its four coordinates, (N,) pixels.
     """
-    R = R_cp
-    t = t_cp
-    measured = measured_pixels(camera, cur_left, cur_right)
+    X_p = camera.triangulate(matches.prev_left, matches.prev_right)
+    R = start[:3, :3]
+    t = start[:3, 3]
+    measured = measured_pixels(camera, matches.cur_left, matches.cur_right)
     residual = np.full(len(X_p), np.inf)
     converged = False
     for step in range(iterations + 1):
@@ -64,7 +66,7 @@ def fit_motion(
         R = rotation_from_vector(delta[:3]) @ R
         t = t + delta[3:]
         converged = float(delta @ delta) < tolerance**2
-    return R, t, residual
+    return MotionFit(rigid(R, t), residual)
 
 
 def stereo_residuals(camera: StereoCamera, matches: StereoMatches, T_cp: Array) -> Array:

@@ -72,7 +72,7 @@ def refine_over_time(
     previous: tuple[Array, Array],
     slope: Array,
     start: tuple[Array, Array],
-    motion: tuple[Array, Array],
+    motion: Array,
     config: KitMatchingConfig,
 ) -> tuple[Array, Array, BoolArray]:
     """Sub-pixel positions in the current pair: each image is compared with the previous image of its camera.
@@ -82,7 +82,7 @@ def refine_over_time(
     before, pair : images of the previous and the current pair.
     previous : (N, 2) pixels in the previous left and right image; slope : (N, 2) slope of the surfaces.
     start : (N, 2) start positions in the current left and right image, pixels.
-    motion : predicted R_cp and t_cp, metres.
+    motion : predicted T_cp (4, 4).
 
     Returns
     -------
@@ -90,7 +90,8 @@ def refine_over_time(
     """
     if "motion-fit" in config.without:
         return start[0], start[1], np.ones(len(slope), np.bool_)
-    R, t = motion
+    R = motion[:3, :3]
+    t = motion[:3, 3]
     # The right camera is one baseline to the right of the left camera.
     t_right = t + camera.baseline * (R[:, 0] - (1.0, 0.0, 0.0))
     sides = ((slope, t), (right_slope(slope), t_right))

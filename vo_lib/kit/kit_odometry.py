@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -18,10 +17,10 @@ from ..geometry.camera import StereoCamera
 from ..geometry.matches import StereoMatches
 from ..geometry.motion import essential_angle, essential_from_motion, essential_vector, rigid
 from ..geometry.reprojection import stereo_residuals
-from ..geometry.result import Flag, FrameResult
+from ..geometry.result import Flag
 from ..geometry.types import Array, Index
 from ..paper.five_point import five_point
-from ..paper.odometry import Odometry, Rotation, StepResult, Winner
+from ..paper.odometry import Odometry, Rotation, Solution, StepResult, Winner
 from ..paper.selection import WINNER_CRITERIA, sampson_inliers
 from ..paper.settings import ReprojectionConfig
 from ..paper.viso2 import Viso2, ransac_motion
@@ -104,14 +103,6 @@ class SelfCalibratingOdometry(Odometry):
         return replace(result, motion=replace(motion, ms=self.clock.ms))
 
 
-class Alternative(NamedTuple):
-    """Another motion of a frame: the results of its winner, t_cp (3,), metres, and its error, pixels."""
-
-    rotation: Rotation
-    t_cp: Array
-    error: float
-
-
 class KitOdometry(SelfCalibratingOdometry):
     """Rotation from a refined winner, then a robust weighted translation.
 
@@ -121,25 +112,26 @@ class KitOdometry(SelfCalibratingOdometry):
 
     fit_gain = 2.0  # the motions are more precise than those of the paper's method: right ones reach 1.3
 
-    def motion(self, matches: StereoMatches) -> FrameResult | None:
-        """The paper's motion or, if stereo contradicts it, the alternative that stereo supports best."""
-        e_before = self.e_prev
-        motion = super().motion(matches)
-        if motion is None or Flag.CONTRADICTS_STEREO not in motion.flags:
-            return motion
-        self.e_prev = e_before  # the contradicted winner is no prior, neither here nor in the next frame
-        best = min(self.alternatives(matches), key=lambda alternative: alternative.error, default=None)
-        error = support_error(self.camera, matches, motion.T_cp)
-        if best is None or self.fit_gain * best.error > error:
-            return motion
-        flags = tuple(flag for flag in motion.flags if flag != Flag.CONTRADICTS_STEREO)
-        return self.finish_frame(best.rotation, best.t_cp, flags)
+    def solve(self, matches: StereoMatches) -> Solution | None:
+        """The paper's solution or, if stereo contradicts it, the alternative that stereo supports best."""
+        solution = super().solve(matches)
+        if solution is None or Flag.CONTRADICTS_STEREO not in solution.flags:
+            return solution
+        flags = tuple(flag for flag in solution.flags if flag != Flag.CONTRADICTS_STEREO)
+        others = [Solution(rotation, t_cp, flags) for rotation, t_cp in self.alternatives(matches)]
+        best = min(others, key=lambda other: self.error(matches, other), default=solution)
+        is_clearly_better = self.fit_gain * self.error(matches, best) <= self.error(matches, solution)
+        return best if is_clearly_better else solution
 
-    def alternatives(self, matches: StereoMatches) -> Iterator[Alternative]:
-        """Other motions of a frame: those of the best other candidates, and a fit of the reprojection error.
+    def next_prior(self, e: Array, flags: tuple[Flag, ...]) -> Array | None:
+        """The winner, but not one that stereo contradicts: then the prior stays."""
+        return self.e_prev if Flag.CONTRADICTS_STEREO in flags else e
+
+    def alternatives(self, matches: StereoMatches) -> Iterator[tuple[Rotation, Array]]:
+        """Rotation and translation t_cp (3,) of other motions: of the best other candidates, and of a fit.
 
         Two essential matrices fit the images of a plane, so one of the candidates may be the right one. The
-        fit needs no essential matrix.
+        fit, of the reprojection error, needs no essential matrix.
         """
         x_p, x_c = self.points(matches)
         sets = self.draw_sets(x_p, x_c)
@@ -149,18 +141,17 @@ class KitOdometry(SelfCalibratingOdometry):
             rotation = self.rotation(candidate, matches)
             t_cp = self.translate(matches, rotation)
             if t_cp is not None:
-                yield self.measured(matches, rotation, t_cp)
+                yield rotation, t_cp
         fitted = ransac_motion(self.camera, matches, self.random(), SUPPORTED_FIT)
         if fitted is not None:
             R_cp, t_cp, _ = fitted
             E_fitted = essential_from_motion(R_cp, t_cp)
             inliers = sampson_inliers(E_fitted, x_p, x_c, self.threshold)
-            yield self.measured(matches, Rotation(R_cp, E_fitted, inliers), t_cp)
+            yield Rotation(R_cp, E_fitted, inliers), t_cp
 
-    def measured(self, matches: StereoMatches, rotation: Rotation, t_cp: Array) -> Alternative:
-        """A motion with its error."""
-        error = support_error(self.camera, matches, rigid(rotation.R_cp, t_cp))
-        return Alternative(rotation, t_cp, error)
+    def error(self, matches: StereoMatches, solution: Solution) -> float:
+        """The `support_error` of a solution, pixels."""
+        return support_error(self.camera, matches, rigid(solution.rotation.R_cp, solution.t_cp))
 
     def draw_sets(self, x_p: Array, x_c: Array) -> Index:
         """Five-point sets: at most n, and only as many as should give `clean_sets` sets without an outlier.

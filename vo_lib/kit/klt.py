@@ -9,6 +9,7 @@ import numpy as np
 
 from ..geometry.camera import StereoCamera
 from ..geometry.matches import StereoMatches, empty_matches
+from ..geometry.motion import transform
 from ..geometry.reprojection import CONVERGED_TRIAL_STEP, MAX_AGREEMENT_RESIDUAL_PX, fit_motion
 from ..geometry.rows import Rows, joined
 from ..geometry.types import Array, BoolArray, Image, IntArray
@@ -26,6 +27,7 @@ MAX_CONTRAST_RATIO = 1.25  # a larger change of contrast makes Lucas-Kanade fail
 # matches that agree with one motion.
 MIN_MATCHED_SHARE = 0.3
 MIN_AGREEING_SHARE = 0.5
+COARSE_ENDS = (10, 0.03)  # iterations, and step in pixels, at which the coarse search ends
 MIN_MOTION_MATCHES = 10  # smallest number of matches for a motion
 
 
@@ -71,7 +73,7 @@ class KltMatcher:
         self.features = features
         self.config = matching
         self._previous: tuple[PreparedPair, _Features] | None = None
-        self._motion: tuple[Array, Array] | None = None  # R_cp and t_cp, metres
+        self._motion: Array | None = None  # T_cp (4, 4) of the last pair
         self._next_id = 0
 
     def prepare(self, pair: Pair) -> PreparedPair:
@@ -105,8 +107,8 @@ class KltMatcher:
         result = NO_MATCHES
         agree = 0
         if last is not None and predicts:
-            R, t = last
-            guess = self.camera.project(self.camera.triangulate(features.left, features.right) @ R.T + t)
+            X_p = self.camera.triangulate(features.left, features.right)
+            guess = self.camera.project(transform(last, X_p))
             result = self._close_loop(before, pair, features, guess, self.config.levels, motion)
             motion, agree = next_motion(self.camera, result[0], last)
         failed = len(result[0]) < MIN_MATCHED_SHARE * len(features)
@@ -135,11 +137,11 @@ class KltMatcher:
         features: _Features,
         guess: tuple[Array, Array],
         levels: int,
-        motion: tuple[Array, Array] | None,
+        motion: Array | None,
     ) -> tuple[StereoMatches, Array]:
         """Matches that pass all checks, and the slopes (N, 2) of their surfaces.
 
-        guess : (N, 2) start positions in the current left and right image; motion : predicted R_cp and t_cp.
+        guess : (N, 2) start positions in the current left and right image; motion : predicted T_cp.
 
         Lucas-Kanade (left image) and block matching (right image) give coarse positions, which are refined.
         """
@@ -154,7 +156,7 @@ class KltMatcher:
             self.config.window,
             np.inf,
             levels,
-            ends=(10, 0.03),
+            ends=COARSE_ENDS,
         )
         ok &= (difference <= self.config.max_difference) & _inside(cur_left, left)
         over_time, has_depth = _in_right_image(pair.disparity, cur_left)
@@ -167,7 +169,7 @@ class KltMatcher:
             (tracks.left, tracks.right),
             tracks.slope,
             (cur_left[ok], over_time[ok]),
-            motion or (np.eye(3), np.zeros(3)),
+            np.eye(4) if motion is None else motion,
             self.config,
         )
         tracks = tracks[ok]
@@ -226,18 +228,13 @@ def lit_like(image: Image, target: Image) -> Image:
     return np.asarray(cv2.LUT(image, tone.astype(np.uint8)), np.uint8)
 
 
-def next_motion(
-    camera: StereoCamera, matches: StereoMatches, last: tuple[Array, Array] | None
-) -> tuple[tuple[Array, Array] | None, int]:
-    """The motion from matches, for the prediction of the next positions, and the number of inliers.
+def next_motion(camera: StereoCamera, matches: StereoMatches, last: Array | None) -> tuple[Array | None, int]:
+    """The motion T_cp (4, 4) for the prediction of the next positions, and the number of inliers.
 
-    With too few matches, the motion is None. The fit starts from the previous motion.
+    With too few matches, the motion is None. The fit starts from the previous motion `last`.
     """
     if len(matches) < MIN_MOTION_MATCHES:
         return None, 0
-    X_p = camera.triangulate(matches.prev_left, matches.prev_right)
-    start = last or (np.eye(3), np.zeros(3))
-    R, t, residual = fit_motion(
-        camera, X_p, matches.cur_left, matches.cur_right, *start, tolerance=CONVERGED_TRIAL_STEP
-    )
-    return (R, t), int(np.count_nonzero(residual < MAX_AGREEMENT_RESIDUAL_PX))
+    start = np.eye(4) if last is None else last
+    T_cp, residual = fit_motion(camera, matches, start, tolerance=CONVERGED_TRIAL_STEP)
+    return T_cp, int(np.count_nonzero(residual < MAX_AGREEMENT_RESIDUAL_PX))

@@ -15,7 +15,6 @@ import numpy as np
 from ..geometry.boxes import Boxes
 from ..geometry.camera import StereoCamera
 from ..geometry.matches import StereoMatches
-from ..geometry.motion import rigid
 from ..geometry.reprojection import fit_motion
 from ..geometry.rows import Rows
 from ..geometry.types import Array, IntArray
@@ -67,11 +66,7 @@ def background_motion(camera: StereoCamera, matches: StereoMatches, start: Array
     selected = select_by_bucket(matches.cur_left, matches.age, matches.strength, BACKGROUND_BUCKETS)
     sample = matches[selected]
     sample = sample[sample.prev_left[:, 0] > sample.prev_right[:, 0]]
-    X_p = camera.triangulate(sample.prev_left, sample.prev_right)
-    R, t, _ = fit_motion(
-        camera, X_p, sample.cur_left, sample.cur_right, start[:3, :3], start[:3, 3], 0.5, iterations
-    )
-    return rigid(R, t)
+    return fit_motion(camera, sample, start, scale=0.5, iterations=iterations).T_cp
 
 
 def point_steps(camera: StereoCamera, matches: StereoMatches, T_cp: Array) -> PointSteps:

@@ -68,6 +68,14 @@ class Rotation(NamedTuple):
     inliers: BoolArray
 
 
+class Solution(NamedTuple):
+    """A frame's rotation, its translation t_cp (3,) in metres, and remarks on both."""
+
+    rotation: Rotation
+    t_cp: Array
+    flags: tuple[Flag, ...] = ()
+
+
 class Odometry:
     """The paper's method on a sequence, frame by frame.
 
@@ -131,6 +139,11 @@ class Odometry:
         return self.motion(matches) or FrameResult(self._last_motion, flags=(Flag.NO_MOTION,))
 
     def motion(self, matches: StereoMatches) -> FrameResult | None:
+        """Steps 3 to 7; None without a result."""
+        solution = self.solve(matches)
+        return None if solution is None else self.finish_frame(solution)
+
+    def solve(self, matches: StereoMatches) -> Solution | None:
         """Rotation from the essential matrix, then the translation; None without a result."""
         x_p, x_c = self.points(matches)
         sets = self.draw_sets(x_p, x_c)
@@ -145,9 +158,7 @@ class Odometry:
         if t_cp is not None and self.contradicts_stereo(matches, rotation, t_cp):
             flags = (*flags, Flag.CONTRADICTS_STEREO)
         self.clock.stage("translation")
-        if t_cp is None:
-            return None
-        return self.finish_frame(rotation, t_cp, flags)
+        return None if t_cp is None else Solution(rotation, t_cp, flags)
 
     def bucketed(self, matches: StereoMatches) -> StereoMatches:
         """Step 2 (section 1): the selected matches of each bucket."""
@@ -182,17 +193,22 @@ class Odometry:
         t_cp, agrees = solution
         return t_cp if np.count_nonzero(agrees) >= self.config.min_matches else None
 
-    def finish_frame(self, rotation: Rotation, t_cp: Array, flags: tuple[Flag, ...]) -> FrameResult:
+    def finish_frame(self, solution: Solution) -> FrameResult:
         """Step 7 (section 2.2): the winner becomes E_prev."""
+        rotation = solution.rotation
         e = essential_vector(rotation.E)
         angle = np.nan if self.e_prev is None else np.degrees(essential_angle(e, self.e_prev))
-        self.e_prev = e
+        self.e_prev = self.next_prior(e, solution.flags)
         return FrameResult(
-            rigid(rotation.R_cp, t_cp),
+            rigid(rotation.R_cp, solution.t_cp),
             inliers=int(np.count_nonzero(rotation.inliers)),
             prior_angle=float(angle),
-            flags=flags,
+            flags=solution.flags,
         )
+
+    def next_prior(self, e: Array, flags: tuple[Flag, ...]) -> Array | None:
+        """The E_prev of the next frame, as a vector (9,): that of the winner, e."""
+        return e
 
     def stands_still(self, matches: StereoMatches) -> bool:
         """Whether the camera stands still: the selected static features hardly move.
@@ -212,15 +228,13 @@ class Odometry:
         agreeing = matches[rotation.inliers]
         noise = row_noise(agreeing)
         limit = self.config.stereo_limit
-        error = float(np.median(stereo_residuals(self.camera, agreeing, rigid(rotation.R_cp, t_cp))))
+        T_cp = rigid(rotation.R_cp, t_cp)
+        error = float(np.median(stereo_residuals(self.camera, agreeing, T_cp)))
         if error <= max(min(limit, SUSPICION_OVER_NOISE * noise), LEAST_SUSPICION_PX):
             return False
         X_p = self.camera.triangulate(agreeing.prev_left, agreeing.prev_right)
-        near = np.isfinite(X_p).all(axis=1)
-        _, _, residual = fit_motion(
-            self.camera, X_p[near], agreeing.cur_left[near], agreeing.cur_right[near], rotation.R_cp, t_cp
-        )
-        fitted = float(np.median(residual))
+        with_depth = agreeing[np.flatnonzero(np.isfinite(X_p).all(axis=1))]
+        fitted = float(np.median(fit_motion(self.camera, with_depth, start=T_cp).residual))
         return error > self.fit_gain * fitted or fitted > contradiction_limit(noise, limit)
 
     def stationary_motion(self, matches: StereoMatches) -> FrameResult:

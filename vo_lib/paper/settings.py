@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from ..geometry.boxes import CLASS_WORD, VEHICLES
-from ..settings import Checked, section, setting
+from ..geometry.boxes import VEHICLES
+from ..settings import WORD_OF_LIST, Checked, section, setting
 
 # Values of other settings for which a setting is used.
 ESSENTIAL = {"estimator": ("essential",)}
@@ -90,7 +90,7 @@ class FilterConfig(Checked):
         "classes of the boxes that count, names or numbers of the label folder or model; vehicles: cars, "
         "buses and trucks by name, or, without class names, COCO's numbers 2, 5 and 7",
         noun="class name",
-        pattern=CLASS_WORD,
+        pattern=WORD_OF_LIST,
         when=BOXES,
     )
     score: float = setting(

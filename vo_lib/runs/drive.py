@@ -266,30 +266,44 @@ def run_methods(
 
 
 class _ThreadLimit:
-    """The number of open `single_threaded` contexts in this process, and callbacks that end the limit."""
+    """The limit of one thread for BLAS and OpenCV in this process, held by any number of runs.
 
-    lock = threading.Lock()
-    contexts = 0
-    undo = ExitStack()
+    Runs of several threads begin and end in any order: the first one sets the limit, the last one removes it.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._holders = 0
+        self._undo = ExitStack()
+
+    def acquire(self) -> None:
+        """Set the limit, unless another run holds it."""
+        with self._lock:
+            self._holders += 1
+            if self._holders == 1:
+                self._undo.callback(cv2.setNumThreads, cv2.getNumThreads())
+                cv2.setNumThreads(1)
+                self._undo.enter_context(threadpool_limits(limits=1, user_api="blas"))
+
+    def release(self) -> None:
+        """Remove the limit, unless another run holds it."""
+        with self._lock:
+            self._holders -= 1
+            if self._holders == 0:
+                self._undo.close()
+
+
+_thread_limit = _ThreadLimit()  # one for the process, like the settings of both libraries
 
 
 @contextmanager
 def single_threaded() -> Iterator[None]:
     """A context without threads of BLAS and OpenCV, which slow down work on small matrices and images.
 
-    The kit itself prepares frames in threads. Threads enter and leave the context in any order: the first
-    thread sets the limit, the last thread removes the limit.
+    The kit itself prepares frames in threads.
     """
-    with _ThreadLimit.lock:
-        _ThreadLimit.contexts += 1
-        if _ThreadLimit.contexts == 1:
-            _ThreadLimit.undo.callback(cv2.setNumThreads, cv2.getNumThreads())
-            cv2.setNumThreads(1)
-            _ThreadLimit.undo.enter_context(threadpool_limits(limits=1, user_api="blas"))
+    _thread_limit.acquire()
     try:
         yield
     finally:
-        with _ThreadLimit.lock:
-            _ThreadLimit.contexts -= 1
-            if _ThreadLimit.contexts == 0:
-                _ThreadLimit.undo.close()
+        _thread_limit.release()

@@ -19,7 +19,7 @@ from vo_lib.detection.models import find_model
 from vo_lib.detection.settings import DetectorConfig
 from vo_lib.detection.yolo import NetworkOutput, YoloDetector
 from vo_lib.errors import DataError, did_you_mean
-from vo_lib.geometry.boxes import CLASS_WORD, VEHICLES, Boxes, no_boxes, overlap
+from vo_lib.geometry.boxes import VEHICLES, Boxes, no_boxes, overlap
 from vo_lib.geometry.matches import StereoMatches, empty_matches
 from vo_lib.geometry.result import Flag, FrameResult
 from vo_lib.geometry.types import Array, BoolArray, Image
@@ -29,7 +29,7 @@ from vo_lib.paper.buckets import select_by_bucket
 from vo_lib.paper.selection import sampson_inliers
 from vo_lib.paper.settings import FilterConfig, MethodConfig
 from vo_lib.runs.drive import make_odometry
-from vo_lib.settings import Checked, setting
+from vo_lib.settings import WORD_OF_LIST, Checked, setting
 
 from ..drawing import PHOTO_HEIGHT, WIDTH, caption, photo
 from ..frames import frame_matches, key_of, stereo, true_motion, truth
@@ -131,7 +131,7 @@ def _possible(names: ClassNames) -> str:
     """The classes that can be typed for a model or a label folder, as text."""
     if not names.names:
         return f"{VEHICLES}, a number, or a name of COCO such as truck"
-    words = [VEHICLES, *(name for name in names.names.values() if re.fullmatch(CLASS_WORD, name))]
+    words = [VEHICLES, *(name for name in names.names.values() if re.fullmatch(WORD_OF_LIST, name))]
     possible = [word for word in words if _choosing(names, word) is None]
     return f"one of: {listed(possible)}" if possible else "the number of a class"
 
