@@ -1,4 +1,4 @@
-"""Exercises of the appendix: depths and steps from too large disparities, roll from rows, shrinkage."""
+"""Exercises of the appendix: depths and steps from too large disparities, roll, two terms, shrinkage."""
 
 from __future__ import annotations
 
@@ -36,6 +36,33 @@ def rolled() -> list[Case]:
     y = rng.uniform(-0.2, 0.3, 60) + 0.4 * x
     sizes = (0.8, 0.0, 0.0, 0.0), (-0.3, 0.5, 0.0, 0.0), (0.4, -0.2, 0.7, 0.0), (0.4, -0.2, 0.7, 0.1)
     return [(x, y, a + c * y - roll * x + noise * rng.normal(size=60)) for roll, a, c, noise in sizes]
+
+
+def fitted_terms(k: Array, d_p: Array, d_c: Array, q_p: Array, q_c: Array) -> Array:
+    """Errors a and b, pixels, of the disparity error a + b q, from the depth ratios k and disparities (N,)."""
+    A = np.column_stack([k - 1.0, k * q_p - q_c])
+    return np.asarray(np.linalg.lstsq(A, k * d_p - d_c, rcond=None)[0])
+
+
+def one_term(k: Array, d_p: Array, d_c: Array, *_: Array) -> Array:
+    """The mean of the shifts that the single features give, and no second term."""
+    return np.array([np.mean((k * d_p - d_c) / (k - 1.0)), 0.0])
+
+
+def measured_ratios() -> list[Case]:
+    """40 features on a drive: ratios of depths, disparities and shapes at both places; also with noise."""
+    rng = np.random.default_rng(5)
+    Z = rng.uniform(8.0, 40.0, 40)
+    y = rng.uniform(-0.2, 0.3, 40)
+    cases: list[Case] = []
+    for step, a, b, noise in ((4.0, 0.5, 0.0, 0.0), (2.0, -0.6, 6.3, 0.0), (3.0, 0.2, -4.0, 0.1)):
+        k = Z / (Z - step)
+        q_p = y**2
+        q_c = (k * y) ** 2
+        d_p = FB / Z + a + b * q_p + noise * rng.normal(size=40)
+        d_c = k * FB / Z + a + b * q_c + noise * rng.normal(size=40)
+        cases.append((k, d_p, d_c, q_p, q_c))
+    return cases
 
 
 def shrunk(estimate: Array, covariance: Array, spare: float = 0.0) -> Array:
@@ -110,6 +137,31 @@ roll = Exercise(
         ),
     },
     slips={"sign": "the sign is wrong: with a roll above 0, the row differences decrease with x."},
+)
+
+two_terms = Exercise(
+    fitted_terms,
+    measured_ratios,
+    parts=("a", "b"),
+    praise="a = {got[0]:.2f} px and b = {got[1]:.2f} px, without the length of the step.",
+    hint="one row for each feature: the factors of a and b. The right side is k d_p - d_c.",
+    line="np.linalg.lstsq(np.column_stack([k - 1, k * q_p - q_c]), k * d_p - d_c, rcond=None)[0]",
+    mistakes={
+        "this has the shape at one place only; both places have their own q.": (
+            lambda k, d_p, d_c, q_p, q_c: fitted_terms(k, d_p, d_c, q_p, q_p),
+            lambda k, d_p, d_c, q_p, q_c: fitted_terms(k, d_p, d_c, q_c, q_c),
+        ),
+        "the places have changed: k belongs to the previous frame, k d_p - d_c.": lambda k, d_p, d_c, q_p, q_c: (
+            fitted_terms(k, d_c, d_p, q_c, q_p)
+        ),
+        "this is the mean of what each feature says: features with k near 1 say nothing, and count as much.": (
+            one_term
+        ),
+        "the factor of a is k - 1: the error is in both disparities.": lambda k, d_p, d_c, q_p, q_c: (
+            np.linalg.lstsq(np.column_stack([k, k * q_p - q_c]), k * d_p - d_c, rcond=None)[0]
+        ),
+    },
+    slips={"sign": "the sign is wrong: measured minus true disparity is the error."},
 )
 
 shrink = Exercise(
