@@ -8,9 +8,7 @@ from typing import Any
 
 import nbformat
 import pytest
-from test_notebooks import CHAPTERS, complaints, execute, name, read
-
-from course.marks import tasks
+from test_notebooks import APPENDICES, CHAPTERS, complaints, execute, name, read
 
 CALL = re.compile(r"own_or_library\(\s*(\w+),")
 PICTURES = "image/png", "image/jpeg", "text/html"
@@ -27,12 +25,24 @@ def own_functions(source: str) -> list[str]:
     return CALL.findall(source)
 
 
-def other_answer(function: str, wrong: bool) -> str:
+def check_of(notebook: Any, function: str) -> tuple[str, str] | None:
+    """The package of a chapter and the name of the check of a function; None without a check."""
+    for cell in notebook.cells:
+        found = re.search(rf"^(\w+)\.(\w+)\({function}\)$", cell.source, re.MULTILINE)
+        if found and f"def {function}(" in cell.source:
+            return found[1], found[2]
+    return None
+
+
+def other_answer(notebook: Any, function: str, wrong: bool) -> str:
     """Code that replaces a function of the notebook by a right or by a wrong answer."""
     if wrong and function in WRONG:
         return f"{function} = {WRONG[function]}"
+    check = check_of(notebook, function)
+    assert check, f"{function} has no check"
+    chapter, exercise = check
     which = "[*exercise.answers.values()][0][0]" if wrong else "exercise.right"
-    return f"from course.marks import tasks\nexercise = tasks()[{function!r}][1]\n{function} = {which}"
+    return f"from course.{chapter}.exercises import {exercise} as exercise\n{function} = {which}"
 
 
 def with_answers(path: Path, folder: Path) -> tuple[Path, list[str]]:
@@ -46,8 +56,9 @@ def with_answers(path: Path, folder: Path) -> tuple[Path, list[str]]:
         if not functions:
             continue
         names.append(", ".join(functions))
-        for wrong in (False, True):
-            given = "\n".join(other_answer(each, wrong) for each in functions)
+        # The right answer comes last, so that the cells below work with its results.
+        for wrong in (True, False):
+            given = "\n".join(other_answer(notebook, each, wrong) for each in functions)
             cells.append(nbformat.v4.new_code_cell(f"{given}\n# again\n{cell.source}"))  # type: ignore[no-untyped-call]
         # What follows uses no answer, as in a fresh notebook.
         empty = "\n".join(f"def {each}(*inputs): ..." for each in functions)
@@ -69,7 +80,7 @@ def drawn(cell: Any) -> list[str]:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("street")
-@pytest.mark.parametrize("path", CHAPTERS, ids=name)
+@pytest.mark.parametrize("path", [*CHAPTERS, *APPENDICES], ids=name)
 def test_a_wrong_function_changes_the_picture_and_the_numbers_of_its_cell(path: Path, tmp_path: Path) -> None:
     copy, names = with_answers(path, tmp_path)
     if not names:
@@ -77,14 +88,15 @@ def test_a_wrong_function_changes_the_picture_and_the_numbers_of_its_cell(path: 
     notebook = execute(copy, tmp_path, short=True)
     assert complaints(notebook) == []
     again = [cell for cell in notebook.cells if "\n# again\n" in cell.source]
-    for functions, right, wrong in zip(names, again[::2], again[1::2], strict=True):
+    for functions, wrong, right in zip(names, again[::2], again[1::2], strict=True):
         assert "library's function runs here" not in printed(right), functions
         assert printed(wrong) != printed(right), f"{functions}: the numbers are the same"
         assert not drawn(right) or drawn(wrong) != drawn(right), f"{functions}: the picture is the same"
 
 
 def test_functions_of_own_cells_are_exercises() -> None:
-    for path in CHAPTERS:
-        for cell in read(path).cells:
+    for path in [*CHAPTERS, *APPENDICES]:
+        notebook = read(path)
+        for cell in notebook.cells:
             for function in own_functions(cell.source):
-                assert function in tasks(), f"{path.name}: {function} has no check"
+                assert check_of(notebook, function), f"{path.name}: {function} has no check"
