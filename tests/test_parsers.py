@@ -21,7 +21,7 @@ from vo_lib.data.catalogue import parse_sequences
 from vo_lib.detection.settings import DetectorConfig
 from vo_lib.errors import DataError
 from vo_lib.kit.settings import KitConfig
-from vo_lib.report.sweep_table import parse_axis
+from vo_lib.report.blocks import parse_axis
 from vo_lib.settings import declared
 
 # Unusual words: first those without blanks, then those with blanks and long ones.

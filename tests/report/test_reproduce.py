@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 import re
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from urllib.parse import unquote
@@ -20,16 +22,19 @@ from vo_lib.errors import DataError
 from vo_lib.evaluation.kitti_errors import KITTI_LENGTHS, KITTI_PROTOCOL, SHORT_PROTOCOL, SubsequenceProtocol
 from vo_lib.evaluation.statistics import mean_and_deviation
 from vo_lib.files import only_process
+from vo_lib.report.blocks import Block
 from vo_lib.report.page import ReportTable, markdown, plus_minus, records_csv
 from vo_lib.report.table1 import (
     AVERAGE,
     PAPER_METHODS,
     PAPER_ROWS,
+    Cell,
     Entry,
     Group,
     Reproduction,
     group_entries,
-    plan_jobs,
+    jobs_of,
+    plan_cells,
     table_records,
 )
 from vo_lib.report.table1_page import layout_tables, results
@@ -222,13 +227,19 @@ def test_table_as_markdown_and_csv() -> None:
 
 def test_jobs_have_separate_folders() -> None:
     sequences = [sequence_of("kitti/00", 5), sequence_of("a b", 5)]
-    jobs = plan_jobs(sequences, {"published": ["viso2"], "kit": ["viso2", "mesvo_f"]}, 3, Path("out"))
+    by_name = {sequence.name: sequence for sequence in sequences}
+    methods = {"published": ["viso2"], "kit": ["viso2", "mesvo_f"]}
+
+    def plan(blocks: list[Block], names: list[str]) -> list[Cell]:
+        return plan_cells(blocks, methods, names, 3, Path("out"), lambda name, config: by_name[name])
+
+    jobs = jobs_of(plan([Block("published"), Block("kit")], list(by_name)))
     assert len({job.folder for job in jobs}) == len(jobs) == 18
     assert jobs[0].folder == Path("out/runs/published/kitti_00/viso2/seed_0")
     assert [job.config.variant for job in jobs] == ["published"] * 6 + ["kit"] * 12
     assert [job.config.seed for job in jobs[:3]] == [0, 1, 2]
     with pytest.raises(DataError, match="two sequences have the name a b"):
-        plan_jobs([sequences[1], sequences[1]], {"kit": ["viso2"]}, 1, Path("out"))
+        plan([Block("kit")], ["a b", "a b"])
 
 
 @pytest.fixture
@@ -249,12 +260,19 @@ def reproduce(tree: Path, *words: str) -> int:
 
 
 def test_reproduce_writes_all_files(tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert reproduce(tree, "--sequences", "02,07-08,11") == 0
-    assert "Not found, so not run: kitti/08" in capsys.readouterr().out
+    assert reproduce(tree, "--sequences", "02,07-08,11") == 1
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "Not found, so not run: kitti/08" in printed
+    told = "1 of 4 sequences are not on this machine, so they are not run: kitti/08"
+    assert 0 <= printed.index(told) < printed.index("Not found")
+    assert "The other runs will take about" in printed
+    assert "All of KITTI 00-10 (23,201 frames), the same methods and seeds: about" in printed
     out, numbers = tree / "out", ("02", "07", "11")
     figures = [f"trajectory_{variant}_kitti_{n}" for variant in ("published", "kit") for n in numbers]
     figures += ["figure4_published", "figure4_kit"]
-    expected = {f"{name}.png" for name in figures} | {"table1.md", "table1.csv", "report.html", "runs"}
+    expected = {f"{name}.png" for name in figures} | {
+        *("table1.md", "table1.csv", "table1.json", "report.html", "runs")
+    }
     assert {p.name for p in out.glob("[!.]*")} == expected
     table = list(csv.DictReader(io.StringIO((out / "table1.csv").read_text(encoding="utf-8"))))
     assert [(row["sequence"], row["seeds"]) for row in table[2:4]] == [("kitti/02", "2")] * 2
@@ -313,3 +331,118 @@ def test_folder_in_use_is_refused(
         assert main([command, *words, "--seeds", "1", "--out", str(tmp_path)]) == 2
     assert "another process is working in this folder" in capsys.readouterr().err
     assert not [path for path in tmp_path.rglob("poses.txt") if bands not in path.parents]
+
+
+def table_rows(tree: Path) -> list[dict[str, str]]:
+    """The rows of the last table."""
+    text = (tree / "out" / "table1.csv").read_text(encoding="utf-8")
+    return list(csv.DictReader(io.StringIO(text)))
+
+
+def poses_of(tree: Path) -> dict[str, tuple[int, bytes]]:
+    """Time and content of the poses of each run, by its folder."""
+    root = tree / "out" / "runs" / "published"
+    return {
+        path.parent.relative_to(root).as_posix(): (path.stat().st_mtime_ns, path.read_bytes())
+        for path in root.rglob("poses.txt")
+    }
+
+
+def test_a_setting_is_changed_in_the_whole_table(tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["--sequences", "02,07", "--variant", "published"]
+    assert reproduce(tree, *words) == 0
+    presets = poses_of(tree)
+    capsys.readouterr()
+    assert reproduce(tree, *words, "--set", "selection.sets=20,200") == 0
+    runs = poses_of(tree)
+    # The runs of the presets are kept: those of viso2, which does not draw five-point sets, are the same in
+    # all blocks, and 200 sets are the preset of mesvo_f.
+    new = set(runs) - set(presets)
+    assert {folder: runs[folder] for folder in presets} == presets
+    assert {folder.split("/")[2] for folder in new} == {"selection.sets=20"}
+    assert len(new) == 4
+    for folder in new:
+        config = json.loads(
+            (tree / "out/runs/published" / folder / "config.json").read_text(encoding="utf-8")
+        )
+        assert config["settings"]["selection"]["sets"] == 20
+    rows = table_rows(tree)
+    assert [row["settings"] for row in rows] == ["selection.sets=20"] * 8 + ["selection.sets=200"] * 8
+    assert {row["method"]: row["not_used"] for row in rows} == {"viso2": "selection.sets", "mesvo_f": ""}
+    printed = " ".join(capsys.readouterr().out.split())
+    says = "selection.sets is 20, instead of 200; viso2 does not use it, since estimator is reprojection."
+    page = (tree / "out" / "report.html").read_text(encoding="utf-8")
+    text = (tree / "out" / "table1.md").read_text(encoding="utf-8")
+    for where in (printed, page, text):
+        assert f"Settings: {says}" in where
+    data = json.loads((tree / "out" / "table1.json").read_text(encoding="utf-8"))
+    assert [block["settings"] for block in data["blocks"]] == [
+        {"selection.sets": 20},
+        {"selection.sets": 200},
+    ]
+    assert data["blocks"][0]["differs"] == [says]
+    assert len(data["rows"]) == len(rows)
+    assert (tree / "out" / "trajectory_published_selection.sets=20_kitti_02.png").exists()
+    # The same call again does nothing, and one more value does only its runs.
+    assert reproduce(tree, *words, "--set", "selection.sets=20,200,30") == 0
+    again = poses_of(tree)
+    assert {folder: again[folder] for folder in runs} == runs
+    assert {folder.split("/")[2] for folder in set(again) - set(runs)} == {"selection.sets=30"}
+
+
+def test_a_setting_gives_the_poses_of_a_run_with_it(tree: Path) -> None:
+    words = ["--sequences", "02", "--variant", "published", "--set", "selection.threshold=1"]
+    assert reproduce(tree, *words) == 0
+    single = ["--method", "mesvo_f", "--selection.threshold", "1", "--out", str(tree / "single")]
+    assert main(["run", "kitti/02", *single]) == 0
+    table = tree / "out/runs/published/kitti_02/mesvo_f/selection.threshold=1.0/seed_0"
+    assert (table / "poses.txt").read_bytes() == (tree / "single" / "poses.txt").read_bytes()
+
+
+def test_the_settings_of_a_run_are_those_of_the_table(tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    single = ["--method", "feature_selection", "--selection.sets", "20", "--out", str(tree / "single")]
+    assert main(["run", "kitti/02", *single]) == 0
+    words = ["--sequences", "02", "--config", str(tree / "single" / "config.json")]
+    assert reproduce(tree, *words) == 0  # with --methods viso2,mesvo_f
+    assert [row["settings"] for row in table_rows(tree)] == ["selection.sets=20"] * 2
+    assert {row["variant"] for row in table_rows(tree)} == {"published"}
+    capsys.readouterr()
+    assert reproduce(tree, *words, "--set", "selection.sets=30") == 0
+    assert [row["settings"] for row in table_rows(tree)] == ["selection.sets=30"] * 2
+    places = ["--out", str(tree / "alone"), "--cache", str(tree / "cache"), "--lengths", "1"]
+    assert main(["reproduce", *words, "--seeds", "1", *places]) == 0
+    text = (tree / "alone" / "table1.csv").read_text(encoding="utf-8")
+    assert [row["method"] for row in csv.DictReader(io.StringIO(text))] == ["feature_selection"]
+
+
+def test_missing_sequences_may_be_accepted(tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["--sequences", "02,08", "--variant", "published"]
+    assert reproduce(tree, *words, "--missing", "ok") == 0
+    assert "exit code" not in capsys.readouterr().out
+    assert reproduce(tree, *words) == 1
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "The exit code will be 1; --missing ok accepts this." in printed
+    assert "All of KITTI" not in printed  # nothing was run, so nothing was measured
+    assert "The other runs" not in printed
+
+
+def test_part_of_each_sequence(tree: Path) -> None:
+    words = ["--sequences", "02,07", "--variant", "published", "--frames", "1:5"]
+    assert reproduce(tree, *words) == 0
+    configs = [
+        json.loads(path.read_text(encoding="utf-8")) for path in (tree / "out" / "runs").rglob("config.json")
+    ]
+    assert {tuple(config["frames"]) for config in configs} == {("000001", "000004")}
+    # The same folder has the whole sequences only with --fresh.
+    assert reproduce(tree, *words[:4]) == 2
+
+
+def test_dask_runs_the_table(tree: Path) -> None:
+    distributed = pytest.importorskip("distributed")
+    words = ["--sequences", "02", "--variant", "published", "--set", "selection.sets=20"]
+    assert reproduce(tree, *words) == 0
+    local = {folder: content for folder, (_, content) in poses_of(tree).items()}
+    shutil.rmtree(tree / "out")
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster:
+        assert reproduce(tree, *words, "--dask", cluster.scheduler_address) == 0
+    assert {folder: content for folder, (_, content) in poses_of(tree).items()} == local

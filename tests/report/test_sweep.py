@@ -17,7 +17,8 @@ from vo_lib.commands.cli import main
 from vo_lib.config import change
 from vo_lib.evaluation.kitti_errors import SHORT_PROTOCOL, kitti_errors
 from vo_lib.files import read_csv
-from vo_lib.report.sweep_table import Sweep, heat_map, parse_axis, run_sweep, sweep_table
+from vo_lib.report.blocks import parse_axis
+from vo_lib.report.sweep_table import Sweep, heat_map, run_sweep, sweep_table
 from vo_lib.runs.jobs import run_jobs
 
 
@@ -33,8 +34,12 @@ def axis(text: str) -> tuple[str, tuple[Any, ...]]:
 
 def sweep_of(sequence: Sequence, place: Path, *axes: str) -> Sweep:
     """A sweep of `feature_selection` with two seeds; cache and runs are in a temporary folder."""
-    do, config = partial(run_jobs, cache=place / "cache"), preset("feature_selection")
-    return run_sweep(sequence, "feature_selection", config, dict(map(axis, axes)), 2, place, do)
+    do = partial(run_jobs, cache=place / "cache")
+    bases = {"feature_selection": preset("feature_selection")}
+    (sweep,) = run_sweep(
+        [sequence.name], bases, dict(map(axis, axes)), 2, place, lambda name, config: sequence, do
+    )
+    return sweep
 
 
 def test_axis_values_have_the_declared_type() -> None:
@@ -120,3 +125,75 @@ def test_rows_that_a_setting_does_not_touch_are_marked(
     printed = capsys.readouterr().out
     assert printed.count("1 (not used)") == printed.count("2 (not used)") == 1
     assert "(not used): the setting has no effect on the runs of this row." in printed
+
+
+def records_of(folder: Path) -> list[dict[str, str]]:
+    """The rows of sweep.csv."""
+    (_, names), *rows = read_csv(folder / "sweep.csv")
+    return [dict(zip(names, cells, strict=True)) for _, cells in rows]
+
+
+def test_a_sweep_of_several_methods_and_sequences(
+    sequence: Sequence, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = write_bands(tmp_path / "other", 43)
+    words = ["sweep", "--sequences", f"{sequence.folder},{other}", "--methods", "viso2,mesvo_f"]
+    words += ["--seeds", "1", "--cache", str(tmp_path / "cache"), "--out", str(tmp_path / "out")]
+    assert main([*words, "--set", "selection.sets=10,20"]) == 0
+    records = records_of(tmp_path / "out")
+    assert [(record["sequence"], record["method"], record["selection.sets"]) for record in records] == [
+        (name, method, sets)
+        for name in ("bands", "other")
+        for method in ("viso2", "mesvo_f")
+        for sets in ("10", "20")
+    ]
+    # The sequences have the same images, so the same cell has the same errors.
+    assert [record["te_percent"] for record in records[:4]] == [
+        record["te_percent"] for record in records[4:]
+    ]
+    assert {record["method"]: record["not_used"] for record in records} == {
+        "viso2": "selection.sets",
+        "mesvo_f": "",
+    }
+    assert len({path.parent for path in (tmp_path / "out").rglob("poses.txt")}) == 8
+    assert {path.name for path in (tmp_path / "out").glob("*.png")} == {"sweep_bands.png", "sweep_other.png"}
+    printed = capsys.readouterr().out
+    assert printed.count("20 (not used)") == 2
+
+
+def test_a_sweep_without_truth_compares_with_the_default(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    folder = write_bands(tmp_path / "street")
+    (folder / "poses.txt").unlink()
+    words = ["sweep", "--sequence", str(folder), "--method", "mesvo_f", "--seeds", "2"]
+    words += ["--cache", str(tmp_path / "cache"), "--out", str(tmp_path / "out")]
+    assert main([*words, "--set", "selection.sets=5,20"]) == 0
+    printed = capsys.readouterr().out
+    assert "street, 6 frames, mesvo_f, published: no ground truth, so these numbers are no errors" in printed
+    assert "mesvo_f: two seeds of the default settings are" in printed
+    assert (tmp_path / "out" / "sweep.png").exists()
+    sequence = open_sequence(folder)
+    for record in records_of(tmp_path / "out"):
+        ends = []
+        for seed in (0, 1):
+            config = preset("mesvo_f", seed=seed)
+            changed = change(config, "selection.sets", int(record["selection.sets"]))
+            ends.append(np.linalg.norm(run(sequence, changed).poses[-1] - run(sequence, config).poses[-1]))
+        assert float(record["end_apart_m"]) == pytest.approx(np.mean(ends), abs=1e-3)
+        assert "te_percent" not in record
+    # The preset has 200 sets; as a value on the axis, it is nothing apart from itself.
+    assert main([*words, "--set", "selection.sets=200,5"]) == 0
+    assert float(records_of(tmp_path / "out")[0]["rmse_apart_m"]) == 0.0
+
+
+def test_a_sweep_detects_its_boxes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = write_bands(tmp_path / "street")
+    words = ["sweep", "--sequence", str(folder), "--set", "filter.margin=0,0.1", "--seeds", "1"]
+    words += ["--cache", str(tmp_path / "cache"), "--out", str(tmp_path / "out"), "--detector", "street"]
+    assert main(words) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "`street` was trained on drawn streets" in printed
+    assert "No vehicle boxes" not in printed
+    assert list((tmp_path / "cache" / "labels").iterdir())

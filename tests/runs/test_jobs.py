@@ -141,8 +141,9 @@ def test_killed_worker_gives_one_line(
     assert [outcome.error for outcome in run_jobs(jobs, 2, cache=tmp_path / "cache")] == [None] * 4
 
 
-def _killed(job: Job, cache: Path | None) -> None:
+def _killed(job: Job, cache: Path | None) -> bool:
     os.kill(os.getpid(), signal.SIGKILL)
+    return False
 
 
 def test_failed_workers_keep_the_cause(

@@ -69,7 +69,7 @@ def close_outcomes(outcomes: list[Outcome], config: LoopConfig) -> list[ReportTa
         before = read_kitti_poses(job.folder / POSES)
         closure = close_run(job.folder, job.sequence, before, compared[key], config)
         if job.sequence.truth is not None:
-            row = f"{job.sequence.name}, {job.config.variant}, {job.method}"
+            row = f"{job.sequence.name}, {job.config.variant}, {job.system}"
             errors = _errors_before_and_after(job.sequence.truth, before, closure)
             errors_of_row.setdefault(row, []).append(errors)
     return [_errors_table(errors_of_row)] if errors_of_row else []

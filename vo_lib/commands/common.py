@@ -7,12 +7,13 @@ import dataclasses
 import os
 import re
 import shlex
+import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
 from statistics import fmean
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from ..config import METHODS, VARIANTS, preset
 from ..data.catalogue import SYNTHETIC, open_sequence
 from ..data.class_names import ClassesError
 from ..data.drawn import cache_folder
-from ..data.label_remarks import label_remarks
+from ..data.label_remarks import label_remarks, missing_labels
 from ..data.poses import MAX_COORDINATE_M
 from ..data.sequence import Sequence
 from ..detection.label_folders import labelled_sequence
@@ -30,7 +31,9 @@ from ..errors import DataError
 from ..evaluation.ate_rpe import Delta
 from ..geometry.boxes import VEHICLES
 from ..paper.settings import MethodConfig
+from ..report.blocks import Changes, differences
 from ..report.plots import require_matplotlib
+from ..runs.durations import DETECTION, Durations, Task, duration_words
 from ..runs.folder import read_config, settings_in
 from ..runs.jobs import Outcome
 from .console import continues_when_repeated, print_wrapped, reporting
@@ -43,6 +46,7 @@ DEFAULT_METHOD = "feature_selection"
 DEFAULT_VARIANT = "published"
 DETECT = "For boxes, add `--detector MODEL`, an ONNX file or a model of `vo data get_detector`."
 TYPED_CLASSES = "--filter.classes {}"  # how `vo run` takes the setting
+TYPED_SET_CLASSES = "--set filter.classes={}"  # how `vo reproduce` and `vo sweep` take it
 MASKS_MEASURED = 20  # a mask takes 2.5 ms; a KITTI sequence may have thousands of masks
 
 
@@ -79,6 +83,23 @@ def add_part(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--masks", type=Path, metavar="PATH", help=text)
 
 
+def add_set(parser: argparse.ArgumentParser, purpose: str, required: bool = False) -> None:
+    """Add the option that changes settings; `purpose` : what several values of a setting give."""
+    text = (
+        f"values of a setting of `vo run --help-settings`: {purpose}; repeat the option for more settings. "
+        "Semicolons separate values that are lists: filter.classes='car;car,truck'"
+    )
+    parser.add_argument(
+        "--set",
+        dest="axes",
+        action="append",
+        required=required,
+        default=None if required else [],
+        metavar="SETTING=V,V,…",
+        help=text,
+    )
+
+
 def add_config(parser: argparse.ArgumentParser) -> None:
     """Add the option for a run's settings."""
     text = "config.json of a run: method, variant and thresholds"
@@ -92,11 +113,14 @@ def add_detector(parser: argparse.ArgumentParser, where: str = "") -> None:
     parser.add_argument("--provider", default="cpu", choices=list(PROVIDERS), help="processor; default cpu")
 
 
-def add_many(parser: argparse.ArgumentParser, jobs: Any) -> None:
-    """Add the options of commands with many runs; --jobs is added to the option group `jobs`."""
+def add_many(parser: argparse.ArgumentParser) -> None:
+    """Add the options of commands with many runs."""
     text = "number of random seeds, 0 … N-1; default %(default)s"
     parser.add_argument("--seeds", metavar="N", default="5", help=text)
-    jobs.add_argument("--jobs", metavar="N", default="1", help="parallel processes; default %(default)s")
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--jobs", metavar="N", default="1", help="parallel processes; default %(default)s")
+    text = "Dask scheduler, tcp://host:port; its workers need the same file paths (extra [cluster])"
+    where.add_argument("--dask", metavar="ADDRESS", help=text)
     parser.add_argument("--fresh", action="store_true", help="repeat finished runs")
     add_cache(parser)
 
@@ -105,7 +129,8 @@ def open_with_bar(name: str, cache: Path | None, part: argparse.Namespace | None
     """A sequence by name, with the options of `add_part`; a progress bar appears while a scene is drawn."""
     if part and part.frames:
         parse_frames(part.frames, 0)  # a wrong form is refused before a scene is drawn
-    with reporting(f"drawing {name}") as report:
+    verb = "drawing" if name.startswith(SYNTHETIC) else "opening"
+    with reporting(f"{verb} {name}") as report:
         sequence = open_sequence(name, part.labels if part else None, cache, report)
     print_wrapped(*(f"note: {sentence}" for sentence in sequence.notes()))
     if part is None:
@@ -160,6 +185,102 @@ def read_settings(options: argparse.Namespace) -> MethodConfig:
             raise DataError(f"is a run of {name} {value}, not {option}: omit --{name}", options.config)
         setattr(options, name, value)
     return settings_in(data, options.config)
+
+
+def read_base(options: argparse.Namespace) -> Changes:
+    """The settings of --config that differ from the preset of its method; nothing without --config.
+
+    Sets `options.variant`, and `options.methods` if it is None, to those of the file. Raises `DataError` if
+    the variant in the file differs from the option.
+    """
+    if options.config is None:
+        return ()
+    data = read_config(options.config)
+    config = settings_in(data, options.config)
+    if options.variant not in (None, BOTH, config.variant):
+        raise DataError(f"is a run of variant {config.variant}, not {options.variant}", options.config)
+    options.variant = config.variant
+    method = str(data.get("method"))
+    try:
+        usual = preset(method, variant=config.variant)
+    except DataError as error:
+        raise DataError(str(error), options.config) from None
+    if options.methods is None:
+        options.methods = method
+    return differences(config, usual)
+
+
+class Opener:
+    """The sequences of a table by name, with the boxes of --detector for the classes of a configuration.
+
+    Attributes
+    ----------
+    names : names of the sequences.
+    durations : gets the time of the detector.
+    """
+
+    def __init__(self, sequences: list[Sequence], options: argparse.Namespace, durations: Durations):
+        self._sequences = {sequence.name: sequence for sequence in sequences}
+        self.names = [sequence.name for sequence in sequences]
+        self._options = options
+        self._boxed: dict[tuple[str, tuple[str, ...]], Sequence] = {}
+        self._durations = durations
+
+    def __call__(self, name: str, config: MethodConfig) -> Sequence:
+        """The sequence with its labels if every image has a label file, else with the boxes of --detector."""
+        sequence = self._sequences[name]
+        if self._options.detector is None or not missing_labels(sequence):
+            return sequence
+        key = (name, config.filter.classes)
+        if key not in self._boxed:
+            self._boxed[key] = self._detected(sequence, config)
+        return self._boxed[key]
+
+    def _detected(self, sequence: Sequence, config: MethodConfig) -> Sequence:
+        missing = len(missing_labels(sequence))
+        if sequence.labels is not None:
+            print_wrapped(
+                f"note: {sequence.name}: {missing} of {len(sequence)} images have no label file, so the "
+                "boxes of all images are those of --detector"
+            )
+        return labelled(
+            sequence,
+            self._options,
+            self._options.cache,
+            classes=config.filter.classes,
+            option=TYPED_SET_CLASSES,
+            durations=self._durations,
+        )
+
+
+def refuse_labels_of_several(options: argparse.Namespace, names: list[str]) -> None:
+    """Raise `DataError` for a folder of labels beside a detector, or for several sequences."""
+    if options.labels is not None and options.detector is not None:
+        raise DataError("--labels and --detector: use only one of them, since both give boxes")
+    if options.labels is not None and len(names) > 1:
+        raise DataError(
+            f"--labels: one folder of labels belongs to one sequence, and there are {len(names)}; labels/ in "
+            "the folder of each sequence is found without this option"
+        )
+
+
+def warn_missing(missing: list[str], total: int, accepted: bool) -> None:
+    """Before the runs, say which sequences are not on this machine."""
+    if not missing:
+        return
+    words = f"{len(missing)} of {total} sequences are not on this machine, so they are not run: "
+    words += f"{', '.join(missing)}; `vo check` says how to get them"
+    end = "" if accepted else ". The exit code will be 1; --missing ok accepts this"
+    print_wrapped(f"warning: {words}{end}.")
+
+
+def print_rest(seconds: float, durations: Durations) -> None:
+    """Print how long the rest of the runs will take."""
+    processes = "process" if durations.workers == 1 else "processes"
+    print_wrapped(
+        f"The other runs will take about {duration_words(seconds)} ({durations.workers} {processes}; "
+        "estimated from the first runs)."
+    )
 
 
 def parse_methods(text: str | None, variant: str | None) -> dict[str, list[str]]:
@@ -291,11 +412,12 @@ def labelled(
     config: DetectorConfig | None = None,
     classes: tuple[str, ...] = (VEHICLES,),
     option: str = TYPED_CLASSES,
+    durations: Durations | None = None,
 ) -> Sequence:
     """The sequence, with the boxes of --detector if the option is present; the cache stores the boxes.
 
     classes : the classes to detect (setting filter.classes); option : how they are typed, as in
-    `naming_classes`.
+    `naming_classes`; durations : gets the time of the images that are not in the cache.
     """
     if options.detector is None:
         return sequence
@@ -304,7 +426,15 @@ def labelled(
             f"warning: `street` was trained on drawn streets; its boxes on {sequence.name} may be wrong"
         )
     label = f"detecting vehicles in {sequence.name}"
+    start = time.perf_counter()
+    detected = 0
     with reporting(label) as report, continues_when_repeated(), naming_classes(option):
+
+        def count(done: int, total: int) -> None:
+            nonlocal detected
+            detected += 1
+            report(done, total)
+
         sequence = labelled_sequence(
             sequence,
             options.detector,
@@ -313,8 +443,10 @@ def labelled(
             provider=options.provider,
             cache=cache,
             waiting=_print_waiting,
-            progress=report,
+            progress=count,
         )
+    if durations is not None and detected:
+        durations.add(Task(DETECTION, detected), time.perf_counter() - start)
     warn_without_vehicles(sequence)
     return sequence
 

@@ -77,8 +77,24 @@ class OneLineParser(argparse.ArgumentParser):
                 hint = f"; {did_you_mean(name, options) or self.get_default('others') or ''}".rstrip("; ")
                 page = SETTINGS_PAGE if "." in name and SETTINGS_PAGE in options else page
                 break
+        if not hint:
+            hint = self._comma_hint(message)
         text = one_line(message, self._words)
         self.exit(2, f"{self.prog}: error: {text}{hint} (see {self.prog} {page})\n")
+
+    def _comma_hint(self, message: str) -> str:
+        """For values that are separated by blanks instead of commas: how to type them; otherwise ""."""
+        unknown = message.partition("unrecognized arguments: ")[2].split()
+        if not unknown:
+            return ""
+        words = list(self._words)
+        for place, word in enumerate(words[:-2]):
+            action = self._option_string_actions.get(word)
+            separated = action is not None and "," in str(action.metavar)
+            following = list(itertools.takewhile(lambda each: not each.startswith("-"), words[place + 1 :]))
+            if separated and len(following) > 1 and following[1:] == unknown[: len(following) - 1]:
+                return f"; separate the values of {word} by commas: {','.join(following)}"
+        return ""
 
 
 def one_line(message: str, words: Iterable[str]) -> str:

@@ -5,47 +5,48 @@ from __future__ import annotations
 import argparse
 import math
 from contextlib import ExitStack
+from pathlib import Path
 
+from ..config import METHODS, preset
+from ..data.catalogue import parse_sequences
+from ..detection.models import find_model
 from ..errors import DataError
 from ..files import only_process, refuse_foreign, write_atomic, written_together
+from ..report.blocks import changed, combinations, parse_axes
 from ..report.page import records_csv
-from ..report.sweep_table import (
-    CELLS,
-    grid_of,
-    heat_map,
-    parse_axis,
-    refuse_unused,
-    run_sweep,
-    sweep_table,
-)
-from ..report.table1 import is_own_table
+from ..report.sweep_table import CELLS, Sweep, heat_map, refuse_unused, run_sweep, sweep_table
+from ..report.table1 import is_own_table, slug
+from ..runs.durations import Durations
 from ..runs.folder import has_runs, run_folder
 from ..runs.jobs import Job, Outcome, run_jobs
 from . import common
 from .console import print_lines, reporting, show_report_table
 
 TABLE = "sweep.csv"
-HEAT_MAP = "sweep.png"
 
 
 def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo sweep`."""
     parser.epilog = (
         "A second call with the same folder does only the missing runs, such as runs with new values. "
-        "Exit code 1: a run failed. Example: vo sweep --sequence synthetic/traffic --variant published "
-        "--jobs 2 --set selection.sets=50,200 --set filter.margin=0,0.1"
+        "Exit code 1: a run failed. Examples: vo sweep --sequence synthetic/traffic --jobs 2 --set "
+        "selection.sets=50,200 --set filter.margin=0,0.1; vo sweep --sequences 00,01 --methods "
+        "mesvo_f,feature_selection --set selection.threshold=0.25,0.5,1"
     )
     option = parser.add_argument
-    option("--sequence", required=True, metavar="S", help="a name from `vo list`, or a folder")
-    common.add_method(parser)
-    text = "values of a setting of `vo run --help-settings`; repeat the option for more settings. "
-    text += "Semicolons separate values that are lists: filter.classes='car;car,truck'"
-    option("--set", dest="axes", action="append", required=True, metavar="SETTING=V,V,…", help=text)
+    text = "KITTI numbers, names from `vo list`, or folders; several need a single --set"
+    option("--sequence", "--sequences", dest="sequences", required=True, metavar="S,S,…", help=text)
+    text = (
+        f"one or more of {', '.join(METHODS)}; default {common.DEFAULT_METHOD}; several need a single --set"
+    )
+    option("--method", "--methods", dest="methods", metavar="M,M,…", help=text)
+    common.add_variant(parser)
+    text = "config.json of a run: what differs there from the preset is changed in all methods"
+    option("--config", type=Path, metavar="FILE", help=text)
+    common.add_set(parser, "the table has a row for each combination of the values", required=True)
     common.add_part(parser)
-    where = parser.add_mutually_exclusive_group()
-    common.add_many(parser, where)
-    text = "Dask scheduler, tcp://host:port; its workers need the same file paths (extra [cluster])"
-    where.add_argument("--dask", metavar="ADDRESS", help=text)
+    common.add_detector(parser, " in sequences whose images do not all have labels")
+    common.add_many(parser)
     option("--out", default="runs/sweep", metavar="DIR", help="folder; default %(default)s")
     parser.set_defaults(command=_sweep, others="--set gives the values of a threshold")
 
@@ -53,35 +54,82 @@ def add(parser: argparse.ArgumentParser) -> None:
 def _sweep(options: argparse.Namespace) -> int:
     common.require_drawing()
     seeds = common.parse_whole("--seeds", options.seeds)
-    base = common.read_settings(options)
-    axes = dict(parse_axis(text, base) for text in options.axes)
-    if len(axes) < len(options.axes):
-        raise DataError("--set: a setting is repeated")
-    refuse_unused(options.method, base, axes)
-    workers = common.parse_jobs(options.jobs, seeds * math.prod(map(len, axes.values())))
-    sequence = common.open_with_bar(options.sequence, options.cache, options)
-    remedy = "For boxes, call `vo data write_labels`, then add `--labels DIR`."
-    runs = [(sequence, config) for _, config in grid_of(base, axes)]
-    common.warn_without_boxes(runs, remedy)
-    common.note_label_remarks(runs, "--set filter.classes={}")
+    base = common.read_base(options)
+    variant = options.variant or common.DEFAULT_VARIANT
+    methods = common.parse_methods(options.methods or common.DEFAULT_METHOD, variant)[variant]
+    bases = {method: changed(preset(method, variant=variant), base) for method in methods}
+    axes = parse_axes(options.axes, bases[methods[0]])
+    refuse_unused(bases, axes)
+    if options.detector is not None:
+        find_model(options.detector)
+    names = _sequence_names(options.sequences)
+    if len(axes) > 1 and (len(names) > 1 or len(methods) > 1):
+        raise DataError(
+            "several sequences or methods need a single --set: for a grid of more settings, call the command "
+            "once for each of them"
+        )
+    common.refuse_labels_of_several(options, names)
+    count = seeds * math.prod(map(len, axes.values())) * len(names) * len(methods)
+    workers = common.parse_jobs(options.jobs, count)
+    durations = Durations()
+    opened = [common.open_with_bar(name, options.cache, options) for name in names]
+    if len({sequence.name for sequence in opened}) < len(opened):
+        raise DataError("two sequences have the same name: sweep them separately")
+    opener = common.Opener(opened, options, durations)
+    runs = []
+    for config in bases.values():
+        for changes in combinations(axes):
+            of_cell = changed(config, changes)
+            runs += [(opener(name, of_cell), of_cell) for name in opener.names]
+    common.warn_without_boxes(runs)
+    common.note_label_remarks(runs, common.TYPED_SET_CLASSES)
+    maps = [_map_name(name, opener.names) for name in opener.names]
     with ExitStack() as stack:
         folder = stack.enter_context(run_folder(options.out))
         own = is_own_table(folder / TABLE) or has_runs(folder / CELLS)
-        refuse_foreign(folder, (TABLE, HEAT_MAP), own)  # before the lock, which marks the folder as the kit's
+        refuse_foreign(folder, (TABLE, *maps), own)  # before the lock, which marks the folder as the kit's
         stack.enter_context(only_process(folder))
-        with reporting(f"{sequence.name}, {options.method}") as report:
+        with reporting(f"{', '.join(opener.names)}; {', '.join(methods)}") as report:
 
             def run(jobs: list[Job]) -> list[Outcome]:
-                return run_jobs(jobs, workers, report, options.cache, options.dask, options.fresh)
+                return run_jobs(
+                    jobs,
+                    workers,
+                    report,
+                    options.cache,
+                    options.dask,
+                    options.fresh,
+                    durations,
+                    lambda seconds: common.print_rest(seconds, durations),
+                )
 
-            sweep = run_sweep(sequence, options.method, base, axes, seeds, folder, run)
-        if not any(record["seeds"] for record in sweep.records):  # an earlier table is kept
-            raise DataError(sweep.records[0]["failed"])
-        with written_together(folder, stale=() if sweep.has_errors else (HEAT_MAP,)) as draft:
-            write_atomic(draft / TABLE, records_csv(sweep.records))
-            if sweep.has_errors:
-                write_atomic(draft / HEAT_MAP, heat_map(sweep))
-    show_report_table(sweep_table(sweep))
-    common.note_repeated_runs(sweep.outcomes)
-    print_lines(f"written to {folder}: {TABLE}{f', {HEAT_MAP}' if sweep.has_errors else ''}")
-    return int(any(record["failed"] for record in sweep.records))
+            sweeps = run_sweep(opener.names, bases, axes, seeds, folder, opener, run)
+        if not any(record["seeds"] for sweep in sweeps for record in sweep.records):
+            raise DataError(sweeps[0].records[0]["failed"])  # an earlier table is kept
+        drawn = [name for name, sweep in zip(maps, sweeps, strict=True) if sweep.has_numbers]
+        with written_together(folder, stale=[name for name in maps if name not in drawn]) as draft:
+            write_atomic(draft / TABLE, records_csv(_records(sweeps)))
+            for name, sweep in zip(maps, sweeps, strict=True):
+                if sweep.has_numbers:
+                    write_atomic(draft / name, heat_map(sweep))
+    for sweep in sweeps:
+        show_report_table(sweep_table(sweep))
+        common.note_repeated_runs(sweep.outcomes)
+    print_lines(f"written to {folder}: {', '.join([TABLE, *drawn])}")
+    return int(any(record["failed"] for sweep in sweeps for record in sweep.records))
+
+
+def _sequence_names(text: str) -> list[str]:
+    """The sequences in a text; the path of a folder may have a comma."""
+    return [text] if Path(text).is_dir() else list(dict.fromkeys(parse_sequences(text)))
+
+
+def _map_name(sequence: str, names: list[str]) -> str:
+    """The file of a sequence's heat map."""
+    return "sweep.png" if len(names) == 1 else f"sweep_{slug(sequence)}.png"
+
+
+def _records(sweeps: list[Sweep]) -> list[dict[str, object]]:
+    """The records of all sweeps with the same fields; a field that a sequence lacks is None."""
+    fields = list(dict.fromkeys(field for sweep in sweeps for record in sweep.records for field in record))
+    return [{field: record.get(field) for field in fields} for sweep in sweeps for record in sweep.records]

@@ -1,11 +1,10 @@
-"""A sweep: runs of one method on one sequence over a grid of settings and several seeds."""
+"""Sweeps: runs of methods over a grid of settings and several seeds, on each of several sequences."""
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
-import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,177 +12,290 @@ from typing import Any
 import numpy as np
 
 from .. import settings
-from ..config import SETTINGS, change
 from ..data.sequence import Sequence
-from ..errors import DataError, did_you_mean
+from ..errors import DataError
 from ..evaluation.kitti_errors import count_words, is_as_kitti, kitti_errors, suitable_protocol
-from ..evaluation.statistics import change_limit
+from ..evaluation.path_facts import path_difference, path_facts
+from ..evaluation.statistics import change_limit, mean_and_deviation
+from ..geometry.types import Array
 from ..paper.settings import MethodConfig
+from ..runs.drive import Run
 from ..runs.folder import read_run, warnings_of
 from ..runs.jobs import Job, Outcome
+from .blocks import Axes, Changes, changed, combinations, settings_folder, settings_words
 from .page import (
     NO_NUMBER,
     ReportTable,
+    finite_or_none,
     format_number,
     plus_minus,
     seeds_text,
     without_empty_columns,
 )
 from .plots import SMALL_PAGE, figure_page, png
-from .table1 import ERROR_KINDS, measure_runs, number_fields
+from .table1 import ERROR_KINDS, back_end_ms, measure_runs, number_fields, slug
 
 NOT_USED = " (not used)"
 CELLS = "cells"  # folder of the runs in the folder of a sweep
-Axes = dict[str, tuple[Any, ...]]  # values of each setting, by dotted name; the last changes fastest
+DEFAULT = "default"  # folder of the runs with the settings that are not changed
+# Fields and columns for a path without ground truth: how far it is from that of the default settings.
+APART_KINDS = {"end_apart_m": "end apart m", "rmse_apart_m": "rmse apart m"}
+METHOD_AXIS = "method"
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """The results on a grid.
+    """The results on a grid, on one sequence.
 
-    The record of a combination has the value of each axis as text, the number of successful seeds, errors and
-    costs as in a record of Table 1, the settings that the method does not use with the other values, and the
-    causes of failed runs. `outcomes` : of all jobs, in order.
+    The record of a combination has the sequence, the method, the value of each axis as text, the number of
+    successful seeds, errors and costs as in a record of Table 1, the settings that the method does not use
+    with the other values, and the causes of failed runs; without ground truth, it also has the length of the
+    path and its distance from the path of the default settings. `axes` : of the table, with the methods if
+    there are several. `notes` : sentences below the table. `outcomes` : of all jobs, in order.
     """
 
     title: str
     axes: Axes
     records: list[dict[str, Any]]
     outcomes: list[Outcome] = dataclasses.field(default_factory=list)
+    has_truth: bool = True
+    notes: tuple[str, ...] = ()
 
     @property
-    def has_errors(self) -> bool:
-        """Whether a sub-sequence fits into the path of a run."""
-        return any(record["te_percent"] is not None for record in self.records)
+    def kinds(self) -> dict[str, str]:
+        """The fields with what is compared, and their names in tables."""
+        return {kind: unit for kind, (unit, _) in ERROR_KINDS.items()} if self.has_truth else APART_KINDS
+
+    @property
+    def has_numbers(self) -> bool:
+        """Whether there is something to compare: with truth, a sub-sequence that fits into the path."""
+        return any(record[kind] is not None for record in self.records for kind in self.kinds)
 
 
-def parse_axis(text: str, config: MethodConfig) -> tuple[str, tuple[Any, ...]]:
-    """Name and values in a text such as "selection.sets=50,100,200"; semicolons separate values with commas.
+@dataclass(frozen=True)
+class _SweepCell:
+    """The runs of a method on a sequence with some changes, one per seed."""
 
-    config : a configuration of the variant that has the setting.
+    sequence: Sequence
+    method: str
+    changes: Changes
+    config: MethodConfig
+    jobs: list[Job]
 
-    Raises `DataError` for an unknown setting or an invalid value.
+
+def refuse_unused(bases: Mapping[str, MethodConfig], axes: Axes) -> None:
+    """Raise `DataError` for a setting that no method uses in any combination of the values.
+
+    bases : by method, the settings that are not on an axis.
     """
-    name, equals, rest = text.partition("=")
-    item = (SETTINGS | {item.name: item for item in settings.declared(type(config))}).get(name)
-    if name == "seed":
-        raise DataError("--set seed: all cells have the same seeds; set the number of seeds with --seeds")
-    if item is None or not equals:
-        near = did_you_mean(name, SETTINGS) if item is None else ""
-        page = f"`vo run --variant {config.variant} --help-settings`"
-        raise DataError(f"--set {text!r}: {near}expected SETTING=VALUE,VALUE,… with a setting of {page}")
-    values = tuple(item.parse(word) for word in rest.split(";" if isinstance(item.default, tuple) else ","))
-    for value in values:
-        change(config, name, value)  # raises for a setting or value of the other variant
-    if len(set(values)) < len(values):
-        raise DataError(f"--set {text!r}: a value is repeated")
-    return name, values
-
-
-def grid_of(base: MethodConfig, axes: Axes) -> list[tuple[dict[str, str], MethodConfig]]:
-    """The combinations of the values: each setting's value as typed, by name, and the configuration."""
-    grid = []
-    for values in itertools.product(*axes.values()):
-        config = base
-        for name, value in zip(axes, values, strict=True):
-            config = change(config, name, value)  # raises for settings that contradict each other
-        words = dict(zip(axes, map(settings.as_typed, values), strict=True))
-        grid.append((words, config))
-    return grid
-
-
-def refuse_unused(method: str, base: MethodConfig, axes: Axes) -> None:
-    """Raise `DataError` for a setting that the method uses in no combination of the values."""
-    configs = [config for _, config in grid_of(base, axes)]
     for name in axes:
-        reasons = [settings.unused_because(config, name) for config in configs]
+        reasons = []
+        for base in bases.values():
+            configs = [changed(base, changes) for changes in combinations(axes)]
+            reasons += [settings.unused_because(config, name) for config in configs]
         if all(reasons):
-            raise DataError(f"{name}: {method} does not use this setting, since {reasons[0]}")
+            words = f"{next(iter(bases))} does not use" if len(bases) == 1 else "no method uses"
+            raise DataError(f"{name}: {words} this setting, since {reasons[0]}")
 
 
 def run_sweep(
-    sequence: Sequence,
-    method: str,
-    base: MethodConfig,
+    sequences: list[str],
+    bases: Mapping[str, MethodConfig],
     axes: Axes,
     seeds: int,
     folder: Path,
+    opened: Callable[[str, MethodConfig], Sequence],
     run: Callable[[list[Job]], list[Outcome]],
-) -> Sweep:
+) -> list[Sweep]:
     """Run all combinations with seeds 0 … seeds - 1, each in its own folder in `folder`/cells.
 
     Parameters
     ----------
-    sequence : a sequence with ground truth.
-    base : the settings that are not on an axis.
+    sequences : names; bases : by method, the settings that are not on an axis.
+    opened : the sequence of a name for a configuration. Without ground truth, the default settings are run as
+        well, and the paths are compared with theirs.
     run : function that does the jobs, such as `jobs.run_jobs` with its options.
+
+    Returns
+    -------
+    A sweep for each sequence.
     """
-    if sequence.truth is None:
-        raise DataError(f"{sequence.name} has no ground truth, so a sweep has no errors to compare")
-    refuse_unused(method, base, axes)
-    grid = grid_of(base, axes)
+    refuse_unused(bases, axes)
+    cells = list[_SweepCell]()
+    defaults: dict[tuple[str, str], _SweepCell] = {}
+    for name, (method, base) in itertools.product(sequences, bases.items()):
+        of_method = [
+            _make_cell(opened, name, method, base, changes, seeds, folder) for changes in combinations(axes)
+        ]
+        cells += of_method
+        if of_method[0].sequence.truth is None:
+            same = [cell for cell in of_method if cell.config == base]
+            default = same[0] if same else _make_cell(opened, name, method, base, (), seeds, folder)
+            defaults[name, method] = default
+    jobs = [job for cell in [*cells, *defaults.values()] for job in cell.jobs]
+    outcomes = run(list({job.folder: job for job in jobs}.values()))
+    errors = {outcome.job.folder: outcome.error for outcome in outcomes}
+    sweeps = []
+    for name in sequences:
+        of_sequence = [cell for cell in cells if cell.sequence.name == name]
+        sequence = of_sequence[0].sequence
+        records = []
+        for cell in of_sequence:
+            default_cell = defaults.get((name, cell.method))
+            records.append(_record(cell, default_cell, errors))
+        title = _title(sequence, bases, seeds)
+        table_axes = {METHOD_AXIS: tuple(bases)} | axes if len(bases) > 1 else axes
+        notes = [
+            _seeds_note(default, errors) for (at, _), default in defaults.items() if at == name and seeds > 1
+        ]
+        done = [outcome for outcome in outcomes if outcome.job.sequence.name == name]
+        sweeps.append(Sweep(title, table_axes, records, done, sequence.truth is not None, tuple(notes)))
+    return sweeps
+
+
+def _make_cell(
+    opened: Callable[[str, MethodConfig], Sequence],
+    name: str,
+    method: str,
+    base: MethodConfig,
+    changes: Changes,
+    seeds: int,
+    folder: Path,
+) -> _SweepCell:
+    """The cell of a method on a sequence with some changes, and its jobs."""
+    config = changed(base, changes)
+    sequence = opened(name, config)
+    place = folder / CELLS / base.variant / slug(name) / method
+    place /= settings_folder(changes) if changes else DEFAULT
     jobs = []
-    for words, config in grid:
-        cell = "+".join(f"{name}={word}" for name, word in words.items()).replace(",", "-")
-        cell = re.sub(r"[^\w.=+-]+", "_", cell)  # a class name may have any letter
-        for seed in range(seeds):
-            place = folder / CELLS / base.variant / cell / f"seed{seed}"
-            jobs.append(Job(sequence, method, dataclasses.replace(config, seed=seed), place))
-    outcomes = run(jobs)
-    remaining = iter(outcomes)
-    measure = suitable_protocol(sequence.truth)
-    records = list[dict[str, Any]]()
-    for words, config in grid:
-        done = list(itertools.islice(remaining, seeds))
-        runs = [read_run(outcome.job.folder, sequence) for outcome in done if outcome.error is None]
-        causes = [f"seed {outcome.job.config.seed}: {outcome.error}" for outcome in done if outcome.error]
-        entry = measure_runs(method, runs, measure) if runs else None
-        fields = number_fields(np.zeros((2, 0)) if entry is None else entry.errors, entry)
-        not_used = [name for name in axes if settings.unused_because(config, name)]
-        warnings = dict.fromkeys(warning for result in runs for warning in warnings_of(result))
-        notes = {"not_used": " ".join(not_used), "warnings": "; ".join(warnings), "failed": "; ".join(causes)}
-        records.append(words | {"seeds": len(runs)} | fields | notes)
+    for seed in range(seeds):
+        of_seed = dataclasses.replace(config, seed=seed)
+        jobs.append(
+            Job(sequence, method, of_seed, (place / f"seed{seed}").resolve(), settings_words(changes))
+        )
+    return _SweepCell(sequence, method, changes, config, jobs)
+
+
+def _read(cell: _SweepCell, errors: Mapping[Path, str | None]) -> list[Run]:
+    """The finished runs of a cell."""
+    return [read_run(job.folder, job.sequence) for job in cell.jobs if errors[job.folder] is None]
+
+
+def _record(
+    cell: _SweepCell, default: _SweepCell | None, errors: Mapping[Path, str | None]
+) -> dict[str, Any]:
+    """The numbers of a cell; `default` : the cell of the default settings, for a path without truth."""
+    runs = _read(cell, errors)
+    causes = [f"seed {job.config.seed}: {errors[job.folder]}" for job in cell.jobs if errors[job.folder]]
+    record: dict[str, Any] = {"sequence": cell.sequence.name, METHOD_AXIS: cell.method}
+    record |= {name: settings.as_typed(value) for name, value in cell.changes}
+    record["seeds"] = len(runs)
+    truth = cell.sequence.truth
+    if truth is not None:
+        entry = measure_runs(cell.method, runs, suitable_protocol(truth)) if runs else None
+        record |= number_fields(np.zeros((2, 0)) if entry is None else entry.errors, entry)
+    else:
+        record |= _fields_without_truth(runs, [] if default is None else _read(default, errors))
+    unused = [name for name, _ in cell.changes if settings.unused_because(cell.config, name)]
+    warnings = dict.fromkeys(warning for result in runs for warning in warnings_of(result))
+    notes = {"not_used": " ".join(unused), "warnings": "; ".join(warnings), "failed": "; ".join(causes)}
+    return record | notes
+
+
+def _fields_without_truth(runs: list[Run], defaults: list[Run]) -> dict[str, float | None]:
+    """Length of the paths, and their distance from those of the default settings with the same seeds."""
+    of_default = {result.config.seed: result.poses for result in defaults}
+    lengths = [path_facts(result.poses, None).length for result in runs]
+    pairs = [
+        (result.poses, of_default[result.config.seed]) for result in runs if result.config.seed in of_default
+    ]
+    apart = [path_difference("a path", poses, "the default", default) for poses, default in pairs]
+    values = {
+        "length_m": lengths,
+        "end_apart_m": [each.end for each in apart],
+        "rmse_apart_m": [each.rmse for each in apart],
+    }
+    fields: dict[str, float | None] = {}
+    for name, of_seeds in values.items():
+        mean, deviation = mean_and_deviation(of_seeds)
+        fields[name] = finite_or_none(mean)
+        fields[f"{name}_std"] = finite_or_none(deviation)
+    fields["removed_share"] = runs[0].removed_share if runs else None
+    fields["back_end_ms"] = back_end_ms(runs) if runs else None
+    return fields
+
+
+def _seeds_note(default: _SweepCell, errors: Mapping[Path, str | None]) -> str:
+    """A sentence on how far the seeds of the default settings are apart, as a measure of chance."""
+    paths: list[Array] = [result.poses for result in _read(default, errors)]
+    apart = [
+        path_difference("", first, "", second).rmse for first, second in itertools.combinations(paths, 2)
+    ]
+    mean, deviation = mean_and_deviation(apart)
+    return (
+        f"{default.method}: two seeds of the default settings are {plus_minus(mean, deviation)} m apart "
+        "(rmse), so a difference of this size may be chance."
+    )
+
+
+def _title(sequence: Sequence, bases: Mapping[str, MethodConfig], seeds: int) -> str:
+    """The runs of a sweep on a sequence, and the sub-sequences of its errors."""
     part = " (part of a sequence)" if sequence.is_part else ""
-    runs_text = f"{sequence.name}, {len(sequence)} frames{part}, {method}, {base.variant}"
+    variant = next(iter(bases.values())).variant
+    runs_text = f"{sequence.name}, {len(sequence)} frames{part}, {', '.join(bases)}, {variant}"
+    if sequence.truth is None:
+        return f"{runs_text}: no ground truth, so these numbers are no errors; {seeds_text(seeds)}"
+    measure = suitable_protocol(sequence.truth)
     count = len(kitti_errors(sequence.truth, sequence.truth, measure.lengths, measure.step))
     measure_words = measure.words_with(is_as_kitti(measure, count, not sequence.is_part))
-    title = f"{runs_text}: {count_words(count)} of {measure_words}; {seeds_text(seeds)}"
-    return Sweep(title, axes, records, outcomes)
+    return f"{runs_text}: {count_words(count)} of {measure_words}; {seeds_text(seeds)}"
 
 
 def sweep_table(sweep: Sweep) -> ReportTable:
-    """A table with a row per combination; failed runs are in the notes."""
-    columns = [*sweep.axes, *(unit for unit, _ in ERROR_KINDS.values()), "removed", "back end ms"]
+    """A table with a row per combination; failed runs are in the notes.
+
+    A terminal of 80 columns has no room for everything: with several methods or without truth, the costs are
+    only in the records.
+    """
+    lengths = [] if sweep.has_truth else ["length m"]
+    costs = ["removed", "back end ms"] if sweep.has_truth and METHOD_AXIS not in sweep.axes else []
+    columns = [*sweep.axes, *lengths, *sweep.kinds.values(), *costs]
     rows = list[list[str]]()
     notes = list[str]()
     for record in sweep.records:
         share = record["removed_share"]
-        errors = [plus_minus(record[kind], record[f"{kind}_std"]) for kind in ERROR_KINDS]
-        removed = NO_NUMBER if share is None else f"{100 * share:.1f} %"
+        numbers = [plus_minus(record[kind], record[f"{kind}_std"]) for kind in sweep.kinds]
+        if lengths:
+            numbers.insert(0, format_number(record["length_m"], 2))
+        if costs:
+            numbers.append(NO_NUMBER if share is None else f"{100 * share:.1f} %")
+            numbers.append(format_number(record["back_end_ms"], 1))
         not_used = record.get("not_used", "").split()
-        rows.append(
-            [
-                *(f"{record[name]}{NOT_USED}" if name in not_used else record[name] for name in sweep.axes),
-                *errors,
-                removed,
-                format_number(record["back_end_ms"], 1),
-            ]
-        )
+        values = [f"{record[name]}{NOT_USED}" if name in not_used else record[name] for name in sweep.axes]
+        rows.append([*values, *numbers])
+        label = ", ".join(f"{name}={record[name]}" for name in sweep.axes)
         if record["failed"]:
-            label = ", ".join(f"{name}={record[name]}" for name in sweep.axes)
             notes.append(f"Failed: {label}, {record['failed']}")
         if record.get("warnings"):
-            label = ", ".join(f"{name}={record[name]}" for name in sweep.axes)
             notes.append(f"Warning: {label}: {record['warnings']}")
     if any(record.get("not_used") for record in sweep.records):
         notes.append(f"{NOT_USED.strip()}: the setting has no effect on the runs of this row.")
-    if not sweep.has_errors:
+    if not sweep.has_truth:
+        notes.append(
+            "apart: distance of the positions from those of the default settings with the same seed, from "
+            "the same start, at the end and as rmse. These are no errors: they do not tell "
+            "which path is right."
+        )
+    elif not sweep.has_numbers:
         notes.append("No errors and no heat map: the path is shorter than every sub-sequence.")
-    return without_empty_columns(ReportTable(sweep.title, columns, rows, notes))
+    return without_empty_columns(ReportTable(sweep.title, columns, rows, [*notes, *sweep.notes]))
 
 
 def heat_map(sweep: Sweep) -> bytes:
-    """PNG of TE and RE; the last setting is the horizontal axis; dark is a large error, a cross no result."""
+    """PNG of TE and RE, or of the distances from the default; the last setting is the horizontal axis.
+
+    Dark is a large number, a cross no result.
+    """
     *down, across = sweep.axes
     columns = [*map(settings.as_typed, sweep.axes[across])]
     grid = itertools.product(*(sweep.axes[name] for name in down))
@@ -191,7 +303,8 @@ def heat_map(sweep: Sweep) -> bytes:
     width = max(SMALL_PAGE[0], 1.5 + 1.1 * len(columns))
     height = 2 * (1.2 + 0.55 * len(rows)) + 0.8
     figure = figure_page(sweep.title, width, height)
-    for axis, (kind, (label, _)) in zip(figure.subplots(2), ERROR_KINDS.items(), strict=True):
+    better = "\nlower is better" if sweep.has_truth else "\nno error"
+    for axis, (kind, label) in zip(figure.subplots(2), sweep.kinds.items(), strict=True):
         pairs = np.array([(record[kind], record[f"{kind}_std"]) for record in sweep.records], float)
         values = pairs[:, 0].reshape(len(rows), -1)
         # A difference that one run would not show has no strong colour.
@@ -200,7 +313,7 @@ def heat_map(sweep: Sweep) -> bytes:
         deviation = np.nan_to_num(pairs[:, 1]).mean()
         margin = max(0.0, change_limit(low, deviation, deviation) - (high - low)) / 2
         image = axis.imshow(values, "YlGnBu", aspect="auto", vmin=low - margin, vmax=high + margin)
-        figure.colorbar(image, ax=axis, label=f"{label}\nlower is better", format="%.4g")
+        figure.colorbar(image, ax=axis, label=f"{label}{better}", format="%.4g")
         axis.set_xticks(range(len(columns)), columns)
         axis.set_yticks(range(len(rows)) if down else [], rows if down else [])
         axis.set(xlabel=across, ylabel=",\n".join(down))

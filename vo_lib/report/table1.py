@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..config import preset
 from ..data.catalogue import KITTI, SYNTHETIC, available
 from ..data.kitti import EXPECTED_FRAMES
 from ..data.scenes import TABLE_SCENES
@@ -32,8 +31,10 @@ from ..geometry.rows import joined
 from ..geometry.types import Array
 from ..paper.settings import MethodConfig
 from ..runs.drive import Run
+from ..runs.durations import DETECTION, Durations, Task, duration_words
 from ..runs.folder import read_run, warnings_of
-from ..runs.jobs import Job, Outcome
+from ..runs.jobs import Job, Outcome, matching_task, running_task
+from .blocks import Block, Changes, settings_folder, settings_words
 from .page import finite_or_none
 
 PAPER_METHODS = ("viso2", "mesvo_f", "solution_selection", "feature_selection")
@@ -100,6 +101,8 @@ class Entry:
     Attributes
     ----------
     sequence, method : names; seeds : (S) seeds of the runs; variant : `published` or `kit`.
+    settings : the settings of the block that differ from the presets, as typed; empty for the presets.
+    unused : names of those settings that have no effect on the method.
     measure : the sub-sequences of TE and RE.
     results : (S) KITTI errors, ATE (SE3 alignment) and RPE of each seed.
     poses : (N, 4, 4) trajectory of the first seed; truth : (N, 4, 4).
@@ -121,6 +124,8 @@ class Entry:
     removed_share: float
     back_end_ms: float
     is_part: bool
+    settings: str = ""
+    unused: tuple[str, ...] = ()
 
     @property
     def subsequences(self) -> int:
@@ -145,12 +150,14 @@ class Entry:
 
 @dataclass(frozen=True)
 class Group:
-    """Entries that may be averaged: equal variant and measure; either all from KITTI or none.
+    """Entries that may be averaged: equal variant, settings and measure; either all from KITTI or none.
 
-    `entries` : entries by (sequence, method); `kitti` : whether the sequences are from the benchmark.
+    `entries` : entries by (sequence, method); `kitti` : whether the sequences are from the benchmark;
+    `settings` : what differs from the presets, as typed.
     """
 
     variant: str
+    settings: str
     kitti: bool
     measure: SubsequenceProtocol
     entries: dict[tuple[str, str], Entry]
@@ -212,19 +219,23 @@ def te_and_re(parts: Iterable[KittiErrors]) -> Array:
     return np.array([(part.te, part.re) for part in parts], float).reshape(-1, 2).T
 
 
-def measure_runs(method: str, runs: list[Run], measure: SubsequenceProtocol | None = None) -> Entry:
-    """Errors of a method's runs, one per seed; the default measure is from `suitable_protocol`."""
+def measure_runs(
+    method: str,
+    runs: list[Run],
+    measure: SubsequenceProtocol | None = None,
+    settings: str = "",
+    unused: Iterable[str] = (),
+) -> Entry:
+    """Errors of a method's runs, one per seed; the default measure is from `suitable_protocol`.
+
+    settings, unused : what differs from the presets, see `Entry`.
+    """
     sequence = runs[0].sequence
     if sequence.truth is None:
         raise DataError(f"{sequence.name} has no ground truth, so there are no errors")
     measure = suitable_protocol(sequence.truth) if measure is None else measure
     estimates = {f"seed {run.config.seed}": run.poses for run in runs}
     errors = evaluate(sequence.truth, estimates, measure, sequence.times, is_part=sequence.is_part)
-    back_end_ms = [
-        sum(ms for stage, ms in motion.ms.items() if stage not in FRONT_END_STAGES)
-        for run in runs
-        for motion in run.motions
-    ]
     return Entry(
         sequence=sequence.name,
         method=method,
@@ -236,16 +247,28 @@ def measure_runs(method: str, runs: list[Run], measure: SubsequenceProtocol | No
         truth=sequence.truth,
         labels=sequence.labels is not None,
         removed_share=runs[0].removed_share,
-        back_end_ms=float(np.mean(back_end_ms)),
+        back_end_ms=back_end_ms(runs),
         is_part=sequence.is_part,
+        settings=settings,
+        unused=tuple(unused),
     )
+
+
+def back_end_ms(runs: Iterable[Run]) -> float:
+    """Mean time per frame of everything after the matches, milliseconds."""
+    times = [
+        sum(ms for stage, ms in motion.ms.items() if stage not in FRONT_END_STAGES)
+        for run in runs
+        for motion in run.motions
+    ]
+    return float(np.mean(times))
 
 
 def group_entries(entries: list[Entry]) -> list[Group]:
     """Groups of entries that may be averaged, in the order of the entries."""
-    groups: dict[tuple[str, bool, SubsequenceProtocol], Group] = {}
+    groups: dict[tuple[str, str, bool, SubsequenceProtocol], Group] = {}
     for entry in entries:
-        key = entry.variant, entry.sequence in BENCHMARK_FRAMES, entry.measure
+        key = entry.variant, entry.settings, entry.sequence in BENCHMARK_FRAMES, entry.measure
         groups.setdefault(key, Group(*key, {})).entries[entry.sequence, entry.method] = entry
     return list(groups.values())
 
@@ -259,7 +282,7 @@ class Reproduction:
     missing : KITTI sequences that are not on this machine.
     failed : names of failed runs, by cause.
     entries : errors by sequence and method, for sequences with ground truth.
-    paths : for each variant and sequence, the truth or None, and each method's path for the first seed, all
+    paths : for each block and sequence, the truth or None, and each method's path for the first seed, all
         (N, 4, 4).
     warned : names of the runs with a warning, by the sentence of the warning.
     """
@@ -267,7 +290,7 @@ class Reproduction:
     missing: list[str]
     failed: dict[str, list[str]]
     entries: list[Entry] = field(default_factory=list)
-    paths: dict[tuple[str, str], tuple[Array | None, dict[str, Array]]] = field(default_factory=dict)
+    paths: dict[tuple[Block, str], tuple[Array | None, dict[str, Array]]] = field(default_factory=dict)
     warned: dict[str, list[str]] = field(default_factory=dict)
 
     @property
@@ -311,33 +334,60 @@ def split_missing(names: list[str]) -> tuple[list[str], list[str]]:
     return present, missing
 
 
-def plan_jobs(
-    sequences: list[Sequence],
+@dataclass(frozen=True)
+class Cell:
+    """The runs of a method on a sequence in a block, one per seed."""
+
+    block: Block
+    sequence: Sequence
+    method: str
+    jobs: tuple[Job, ...]
+
+
+def plan_cells(
+    blocks: Iterable[Block],
     methods: Mapping[str, list[str]],
+    sequences: list[str],
     seeds: int,
     folder: Path,
-    config: MethodConfig | None = None,
-) -> list[Job]:
-    """A job for each variant, sequence, method and seed 0 … seeds - 1.
+    opened: Callable[[str, MethodConfig], Sequence],
+) -> list[Cell]:
+    """A cell for each block, sequence and method, with seeds 0 … seeds - 1.
 
-    methods : names by variant; config : settings of a single method, in place of its preset.
+    Where no change of a block has an effect on a method, the cell has the runs of the method's preset.
+
+    methods : names by variant; sequences : names; opened : the sequence of a name for a configuration.
     """
-    names = [sequence.name for sequence in sequences]
-    duplicates = [name for name in names if names.count(name) > 1]
-    if duplicates:
-        raise DataError(f"two sequences have the name {duplicates[0]}: run them separately")
-    jobs = []
-    for variant, of_variant in methods.items():
-        for sequence, method, seed in itertools.product(sequences, of_variant, range(seeds)):
-            settings = replace(config or preset(method, variant=variant), seed=seed)
-            path = job_folder(folder, variant, sequence.name, method, seed)
-            jobs.append(Job(sequence, method, settings, path))
-    return jobs
+    repeated = [name for name in sequences if sequences.count(name) > 1]
+    if repeated:
+        raise DataError(f"two sequences have the name {repeated[0]}: run them separately")
+    cells = []
+    for block in blocks:
+        for name, method in itertools.product(sequences, methods[block.variant]):
+            config = block.config(method)
+            sequence = opened(name, config)
+            used = block.used(method)
+            jobs = []
+            for seed in range(seeds):
+                path = job_folder(folder, block.variant, name, method, seed, used)
+                jobs.append(Job(sequence, method, replace(config, seed=seed), path, settings_words(used)))
+            cells.append(Cell(block, sequence, method, tuple(jobs)))
+    return cells
 
 
-def job_folder(folder: Path, variant: str, sequence: str, method: str, seed: int) -> Path:
-    """The run folder of a job, inside the folder of the table."""
-    return folder / RUNS / variant / slug(sequence) / method / f"seed_{seed}"
+def jobs_of(cells: Iterable[Cell]) -> list[Job]:
+    """The jobs of all cells, each once."""
+    return list({job.folder: job for cell in cells for job in cell.jobs}.values())
+
+
+def job_folder(
+    folder: Path, variant: str, sequence: str, method: str, seed: int, changes: Changes = ()
+) -> Path:
+    """The run folder of a job, inside the folder of the table; `changes` : of the method's preset."""
+    place = folder / RUNS / variant / slug(sequence) / method
+    if changes:
+        place /= settings_folder(changes)
+    return place / f"seed_{seed}"
 
 
 def is_own_table(path: Path) -> bool:
@@ -355,28 +405,59 @@ def slug(name: str) -> str:
 
 
 def collect(
-    outcomes: list[Outcome], missing: list[str], measure: SubsequenceProtocol | None = None
+    cells: list[Cell], outcomes: list[Outcome], missing: list[str], measure: SubsequenceProtocol | None = None
 ) -> Reproduction:
-    """Errors and paths of finished jobs, read from their folders."""
+    """Errors and paths of the cells, read from the folders of their finished jobs."""
     table = Reproduction(missing, {})
-    jobs_of: dict[tuple[str, str, str], list[Job]] = {}
     for outcome in outcomes:
-        job = outcome.job
         if outcome.error is not None:
-            table.failed.setdefault(outcome.error, []).append(job.name)
+            table.failed.setdefault(outcome.error, []).append(outcome.job.name)
+    failed = {outcome.job.folder.resolve() for outcome in outcomes if outcome.error is not None}
+    for cell in cells:
+        done = [job for job in cell.jobs if job.folder.resolve() not in failed]
+        if not done:
             continue
-        jobs_of.setdefault((job.config.variant, job.sequence.name, job.method), []).append(job)
-    for (variant, name, method), jobs in jobs_of.items():
-        runs = [read_run(job.folder, job.sequence) for job in jobs]
-        for job, result in zip(jobs, runs, strict=True):
+        runs = [read_run(job.folder, job.sequence) for job in done]
+        for job, result in zip(done, runs, strict=True):
             for warning in warnings_of(result):
-                table.warned.setdefault(warning, []).append(job.name)
-        truth = runs[0].sequence.truth
-        _, path_of_method = table.paths.setdefault((variant, name), (truth, {}))
-        path_of_method[method] = runs[0].poses
+                names = table.warned.setdefault(warning, [])
+                if job.name not in names:  # cells may share a job
+                    names.append(job.name)
+        truth = cell.sequence.truth
+        _, path_of_method = table.paths.setdefault((cell.block, cell.sequence.name), (truth, {}))
+        path_of_method[cell.method] = runs[0].poses
         if truth is not None:
-            table.entries.append(measure_runs(method, runs, measure))
+            unused = cell.block.unused(cell.method)
+            table.entries.append(measure_runs(cell.method, runs, measure, cell.block.words, unused))
     return table
+
+
+def kitti_duration(jobs: list[Job], durations: Durations) -> list[str]:
+    """A sentence on how long these methods and seeds would take on all of KITTI's sequences 00-10.
+
+    Empty if the jobs have all of them, or none, or if nothing was run.
+    """
+    names = {f"{KITTI}{number}": EXPECTED_FRAMES[number] for number in ("01", *SUB_SEQUENCES)}
+    of_kitti = [job for job in jobs if job.sequence.name in names]
+    frames = {job.sequence.name: len(job.sequence) for job in of_kitti}
+    if not of_kitti or frames == names or not durations.frames:
+        return []
+    matching = dict.fromkeys(matching_task(job).kind for job in of_kitti)
+    running = [running_task(job).kind for job in of_kitti if job.sequence.name == of_kitti[0].sequence.name]
+    seconds = durations.estimate(
+        [Task(kind, count) for kind in matching for count in names.values()],
+        [Task(kind, count) for kind in running for count in names.values()],
+    )
+    total = sum(names.values())
+    start = f"All of KITTI 00-10 ({total:,} frames), the same methods and seeds"
+    if seconds is None:
+        return [f"{start}: the time is not known from this call, since its matches or runs were kept ones."]
+    processes = "1 process" if durations.workers == 1 else f"{durations.workers} processes"
+    sentence = f"{start}: about {duration_words(seconds)} ({processes}), extrapolated from these runs"
+    detection = durations.seconds_of(Task(DETECTION, total))
+    if detection is not None:
+        sentence += f", and {duration_words(detection)} for the detector"
+    return [f"{sentence}."]
 
 
 def table_records(groups: list[Group], paper: PaperTable) -> list[dict[str, Any]]:
@@ -421,7 +502,8 @@ def _record(group: Group, paper: PaperTable, row: str, method: str, errors: Arra
     }
     for kind, value in zip(ERROR_KINDS, printed, strict=True):
         record[f"paper_{kind}"] = value
-    return record | number_fields(errors, entry)
+    unused = {name: None for each in counted for name in each.unused}
+    return record | number_fields(errors, entry) | {"settings": group.settings, "not_used": " ".join(unused)}
 
 
 def number_fields(errors: Array, entry: Entry | None) -> dict[str, float | None]:

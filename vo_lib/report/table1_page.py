@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import json
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -14,6 +15,7 @@ from ..evaluation.kitti_errors import FEW_SUBSEQUENCES, KITTI_PROTOCOL, count_wo
 from ..evaluation.statistics import COUNTED, NO_CHANGE, mean_and_deviation, one_run_shows
 from ..files import write_atomic, written_together
 from ..geometry.types import Array
+from .blocks import Block, settings_folder
 from .film import FILM_ENDING, poster
 from .page import (
     COUNT_COLUMN,
@@ -49,6 +51,7 @@ from .table1 import (
 )
 
 TABLE = "table1.csv"
+NUMBERS = "table1.json"
 MARKDOWN = "table1.md"
 REPORT = "report.html"
 VARIANT_WORDS = {"published": "variant published", "kit": "variant kit"}
@@ -73,10 +76,10 @@ def printed_table() -> ReportTable:
     )
 
 
-def layout_tables(group: Group, paper: PaperTable) -> list[ReportTable]:
+def layout_tables(group: Group, paper: PaperTable, differs: Iterable[str] = ()) -> list[ReportTable]:
     """Tables of a group's records: one table, or two (TE and RE) with the paper's numbers.
 
-    A group without errors has no table.
+    A group without errors has no table. `differs` : sentences on what differs from the presets.
     """
     records = [record for record in group_records(group, paper) if record["te_percent"] is not None]
     if not records:
@@ -85,6 +88,7 @@ def layout_tables(group: Group, paper: PaperTable) -> list[ReportTable]:
         tables = [_table_beside_paper(group, records, kind) for kind in ERROR_KINDS]
     else:
         tables = [_table_of_ours(group, records)]
+    tables[0].head.extend(f"Settings: {sentence}" for sentence in differs)
     tables[0].head.extend(caveats(group))
     count = max(record["seeds"] for record in records)
     seeds = seeds_text(count).capitalize()
@@ -114,7 +118,12 @@ def _title(group: Group) -> str:
         sequences = "KITTI"
     else:
         sequences = f"{len(group.sequences)} sequences"
-    return f"{sequences}, {VARIANT_WORDS[group.variant]}"
+    return f"{sequences}, {block_words(group.variant, group.settings)}"
+
+
+def block_words(variant: str, settings: str) -> str:
+    """The variant and the settings of a block, such as "variant published, selection.threshold=1.0"."""
+    return f"{VARIANT_WORDS[variant]}, {settings}" if settings else VARIANT_WORDS[variant]
 
 
 def _table_of_ours(group: Group, records: list[dict[str, Any]]) -> ReportTable:
@@ -201,8 +210,8 @@ def _comparison(group: Group, other: str) -> list[str]:
     rows = group.averaged
     where = rows[0] if len(rows) == 1 else f"Mean of {len(rows)} sequences"
     sentence = (
-        f"{where}, {VARIANT_WORDS[group.variant]}: {PROPOSAL}, which removes the features in vehicle boxes, "
-        f"{words} compared with {other}"
+        f"{where}, {block_words(group.variant, group.settings)}: {PROPOSAL}, which removes the features in "
+        f"vehicle boxes, {words} compared with {other}"
     )
     count = sum(entry.subsequences for entry in group.of_method(PROPOSAL) if entry.sequence in rows)
     if count < FEW_SUBSEQUENCES:
@@ -248,53 +257,75 @@ def write_table_files(
     tables: list[ReportTable],
     conclusions: list[str],
     origin: list[str],
+    differs: Mapping[Block, list[str]],
 ) -> None:
-    """Write tables, report and figures; `conclusions` : sentences; `origin` : command and duration.
+    """Write tables, report and figures.
+
+    conclusions : sentences; origin : command and duration; differs : for each block, sentences on what
+    differs from the presets.
 
     All files are written, or none.
     """
     printed = [printed_table()] if any(group.kitti for group in groups) else []
     films = _films(folder, result)
     sentences = "".join(f"{line}\n\n" for line in [*conclusions, *result.problems])
+    records = table_records(groups, paper)
+    data = {
+        "command": origin[0],
+        "blocks": [
+            {"variant": block.variant, "settings": dict(block.changes), "differs": sentences_of_block}
+            for block, sentences_of_block in differs.items()
+        ],
+        "problems": result.problems,
+        "rows": records,
+    }
     with written_together(folder) as draft:
         pictures = _pictures(draft, result, groups)
         page = render_report(conclusions, tables, printed, pictures, origin, result.problems, films)
         write_atomic(draft / MARKDOWN, sentences + "\n".join(map(markdown, [*tables, *printed])))
-        write_atomic(draft / TABLE, records_csv(table_records(groups, paper)))
+        write_atomic(draft / TABLE, records_csv(records))
+        write_atomic(draft / NUMBERS, json.dumps(data, indent=2, allow_nan=False) + "\n")
         write_atomic(draft / REPORT, page)
 
 
-def table_files(variants: Iterable[str], sequences: list[str]) -> list[str]:
-    """Names of the files of `write_table_files` for these variants and sequences."""
-    names = [TABLE, MARKDOWN, REPORT]
-    for variant in variants:
-        names += [_figure_4_name(variant), *(_picture_name(variant, sequence) for sequence in sequences)]
+def table_files(blocks: Iterable[Block], sequences: list[str]) -> list[str]:
+    """Names of the files of `write_table_files` for these blocks and sequences."""
+    names = [TABLE, MARKDOWN, NUMBERS, REPORT]
+    for block in blocks:
+        names += [_figure_4_name(block), *(_picture_name(block, sequence) for sequence in sequences)]
     return names
 
 
-def _picture_name(variant: str, sequence: str) -> str:
-    return f"trajectory_{variant}_{slug(sequence)}.png"
+def _picture_name(block: Block, sequence: str) -> str:
+    return f"trajectory_{_block_name(block)}_{slug(sequence)}.png"
 
 
-def _figure_4_name(variant: str) -> str:
-    return f"figure4_{variant}.png"
+def _figure_4_name(block: Block) -> str:
+    return f"figure4_{_block_name(block)}.png"
+
+
+def _block_name(block: Block) -> str:
+    """The part of a file's name that tells the block."""
+    return f"{block.variant}_{settings_folder(block.changes)}" if block.changes else block.variant
 
 
 def _pictures(folder: Path, result: Reproduction, groups: list[Group]) -> list[Picture]:
     """Pictures: the first path, errors, the other paths, and Figure 4 if one of its sequences was run."""
     bars = []
     paths = []
-    for variant in dict.fromkeys(variant for variant, _ in result.paths):
-        bars += _error_bars([group for group in groups if group.variant == variant])
-        panels = {name: panel for (key, name), panel in result.paths.items() if key == variant}
+    for block in dict.fromkeys(block for block, _ in result.paths):
+        bars += _error_bars(
+            [group for group in groups if (group.variant, group.settings) == (block.variant, block.words)]
+        )
+        panels = {name: panel for (key, name), panel in result.paths.items() if key == block}
         for name, panel in panels.items():
-            picture = _path_picture(variant, {name: panel})
-            write_atomic(folder / _picture_name(variant, name), picture.data)
+            picture = _path_picture(block, {name: panel})
+            write_atomic(folder / _picture_name(block, name), picture.data)
             paths.append(picture)
         figure_4 = {name: panels[name] for name in FIGURE_4_SEQUENCES if name in panels}
         if figure_4:
-            picture = _path_picture(variant, figure_4, "Figure 4: ")
-            write_atomic(folder / _figure_4_name(variant), picture.data)
+            picture = _path_picture(block, figure_4, "Figure 4: ")
+            write_atomic(folder / _figure_4_name(block), picture.data)
             paths.append(picture)
     return [*paths[:1], *bars, *paths[1:]]
 
@@ -307,28 +338,28 @@ def _error_bars(groups: list[Group]) -> list[Picture]:
         finite = {key: values for key, values in errors.items() if np.isfinite(values).all()}
         if finite:
             figure = errors_figure(f"sub-sequences of {group.measure_words}", finite)
-            caption = f"Errors, one bar per method; {VARIANT_WORDS[group.variant]}."
+            caption = f"Errors, one bar per method; {block_words(group.variant, group.settings)}."
             pictures.append(Picture(png(figure), caption))
     return pictures
 
 
-def _path_picture(variant: str, panels: dict[str, Panel], heading: str = "") -> Picture:
+def _path_picture(block: Block, panels: dict[str, Panel], heading: str = "") -> Picture:
     """The paths of the sequences in `panels` from above, with distances where there is truth."""
     caption = f"{heading}{' and '.join(panels)}, paths from above"
     if any(truth is not None for truth, _ in panels.values()):
         caption += ", and distances from the truth"
-    caption += f"; {VARIANT_WORDS[variant]}, first seed."
+    caption += f"; {block_words(block.variant, block.words)}, first seed."
     return Picture(png(trajectories_figure(panels)), caption)
 
 
 def _films(folder: Path, result: Reproduction) -> list[ShownFilm]:
     """The films in the run folders of the first seed."""
-    films = []
-    for (variant, name), (_, methods) in result.paths.items():
+    films: dict[str, ShownFilm] = {}
+    for (block, name), (_, methods) in result.paths.items():
         for method in methods:
-            run_folder = job_folder(folder, variant, name, method, 0)
+            run_folder = job_folder(folder, block.variant, name, method, 0, block.used(method))
             for film in sorted(run_folder.glob(f"*{FILM_ENDING}")):
-                caption = f"{name}, {method}; {VARIANT_WORDS[variant]}, first seed."
+                caption = f"{name}, {method}; {block_words(block.variant, block.words)}, first seed."
                 address = quote(film.relative_to(folder).as_posix())
-                films.append(ShownFilm(address, caption, poster(film)))
-    return films
+                films.setdefault(address, ShownFilm(address, caption, poster(film)))  # blocks may share it
+    return list(films.values())

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
+import time
 import traceback
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Executor
@@ -10,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..data.sequence import Sequence
 from ..errors import DataError
@@ -19,6 +21,7 @@ from ..geometry.types import Progress
 from ..paper.settings import MethodConfig
 from ..parallel import local_pool
 from .drive import Run, run_methods, single_threaded
+from .durations import Durations, Task
 from .folder import (
     changed_files,
     delete_unfinished,
@@ -38,6 +41,7 @@ if TYPE_CHECKING:
     from ..kit.calibration import Calibration
 
 MATCHING_FRAMES = 4  # cost of matching one frame, in back-end frames
+SIZE_CLASSES = 4  # of images, from a number of pixels to its double
 DASK_WORKER_KILLED = "KilledWorker"  # the exception of Dask, which is not always installed
 CONNECT_TIMEOUT_S = 10.0
 
@@ -105,17 +109,26 @@ def _flat(mapping: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]
 
 @dataclass(frozen=True)
 class Job:
-    """A run to do. A missing folder is created; a folder with the finished run is not changed."""
+    """A run to do. A missing folder is created; a folder with the finished run is not changed.
+
+    `settings` : the settings that differ from the method's preset, for messages.
+    """
 
     sequence: Sequence
     method: str
     config: MethodConfig
     folder: Path
+    settings: str = ""
+
+    @property
+    def system(self) -> str:
+        """The method, with the settings that differ from its preset."""
+        return f"{self.method}, {self.settings}" if self.settings else self.method
 
     @property
     def name(self) -> str:
-        """Sequence, method and seed, for messages."""
-        return f"{self.sequence.name}, {self.method}, seed {self.config.seed}"
+        """Sequence, method, settings and seed, for messages."""
+        return f"{self.sequence.name}, {self.system}, seed {self.config.seed}"
 
 
 @dataclass(frozen=True)
@@ -137,6 +150,8 @@ def run_jobs(
     cache: Path | None = None,
     scheduler: str | None = None,
     fresh: bool = False,
+    durations: Durations | None = None,
+    estimated: Callable[[float], None] | None = None,
 ) -> list[Outcome]:
     """Do all jobs; each front end runs once per sequence and stores its matches in the match cache.
 
@@ -149,6 +164,9 @@ def run_jobs(
     scheduler : address of a Dask scheduler, "tcp://host:port", used instead of local processes; the workers
         need the same files under the same paths.
     fresh : repeat finished runs.
+    durations : gets the time of each job, and the number of processes.
+    estimated : called with the estimated seconds of the rest, after the first job of each kind: the shortest
+        sequences are done first.
 
     Returns
     -------
@@ -161,6 +179,7 @@ def run_jobs(
     if len({job.folder for job in jobs}) < len(jobs):
         raise DataError("two jobs share a folder")
     cache = None if cache is None else cache.resolve()
+    durations = Durations() if durations is None else durations
     changed = {job.folder: () if fresh else tuple(changed_files(job.folder)) for job in jobs}
     to_run = [job for job in jobs if fresh or changed[job.folder] or not is_finished(job.folder)]
     front_ends = {_front_end(job): job for job in to_run}  # one job per front end to run
@@ -175,32 +194,103 @@ def run_jobs(
         if progress is not None:
             progress(done, total)
 
-    def in_pool(function: Callable[[Job], None], jobs: Iterable[Job], weight: int = 1) -> list[str | None]:
-        """Call `function` for each job; return the causes of failure, in order, None for success."""
-        futures = []
-        for job in jobs:
-            futures.append(pool.submit(_attempt, function, job))
-            futures[-1].add_done_callback(partial(frames_done, weight * len(job.sequence)))
-        return [future.result() for future in futures]
-
     frames_done(0)
-    with executor(min(workers, max(len(jobs), 1)), scheduler) as pool:
+    causes: dict[Path, str | None] = {}
+    failures: dict[Hashable, str] = {}
+    with executor(min(workers, max(len(jobs), 1)), scheduler, durations) as pool:
+
+        def in_pool(stage: _Stage, jobs: Iterable[Job]) -> list[str | None]:
+            """Do a stage of each job; return the causes of failure, in order, None for success."""
+            futures = []
+            for job in jobs:
+                futures.append(pool.submit(_attempt, stage.function, job))
+                futures[-1].add_done_callback(partial(frames_done, stage.weight * len(job.sequence)))
+            attempts = [future.result() for future in futures]
+            for job, attempt in zip(jobs, attempts, strict=True):
+                if attempt.worked:
+                    durations.add(stage.task(job), attempt.seconds)
+            return [attempt.cause for attempt in attempts]
+
+        def do(fronts: dict[Hashable, Job], runs: list[Job]) -> None:
+            """Run the front ends, then the jobs whose front ends have not failed."""
+            for key, cause in zip(fronts, in_pool(matching, list(fronts.values())), strict=True):
+                if cause:
+                    failures[key] = cause
+            ready = [job for job in runs if _front_end(job) not in failures]
+            for job, cause in zip(ready, in_pool(running, ready), strict=True):
+                causes[job.folder] = cause
+
+        matching = _Stage(partial(_fill, cache=cache), matching_task, MATCHING_FRAMES)
+        running = _Stage(partial(_run, cache=cache, fresh=fresh), running_task)
         try:
-            causes = in_pool(partial(_fill, cache=cache), front_ends.values(), MATCHING_FRAMES)
-            failures = {key: cause for key, cause in zip(front_ends, causes, strict=True) if cause}
-            ready = [job for job in jobs if _front_end(job) not in failures]
-            causes = in_pool(partial(_run, cache=cache, fresh=fresh), ready)
+            # The first jobs of each kind say how long the others will take.
+            unfilled = {
+                key: job
+                for key, job in front_ends.items()
+                if not CachedMatches(job.sequence, job.config, cache).path.exists()
+            }
+            first_runs = _first_of_each_kind(to_run, running_task, workers)
+            first_fronts = {_front_end(job): front_ends[_front_end(job)] for job in first_runs}
+            for job in _first_of_each_kind(list(unfilled.values()), matching_task, workers):
+                first_fronts[_front_end(job)] = job
+            do(first_fronts, first_runs)
+            other_fronts = {key: job for key, job in front_ends.items() if key not in first_fronts}
+            other_runs = [job for job in jobs if job not in first_runs]
+            rest = [job for job in to_run if job not in first_runs]
+            to_match = [matching_task(job) for key, job in other_fronts.items() if key in unfilled]
+            seconds = durations.estimate(to_match, map(running_task, rest))
+            if rest and seconds is not None and estimated is not None:
+                estimated(seconds)
+            do(other_fronts, other_runs)
         except Exception as error:  # `_attempt` catches the exceptions of the jobs
             if isinstance(error, BrokenExecutor) or type(error).__name__ == DASK_WORKER_KILLED:
                 raise DataError(
                     "a worker process was killed, perhaps for lack of memory; repeat the command to continue"
                 ) from error
             raise DataError(f"the workers failed: {_in_one_line(error)}") from error
-    errors = {job.folder: cause for job, cause in zip(ready, causes, strict=True)}
     return [
-        Outcome(job, errors.get(job.folder, failures.get(_front_end(job))), changed[job.folder])
+        Outcome(job, causes.get(job.folder, failures.get(_front_end(job))), changed[job.folder])
         for job in jobs
     ]
+
+
+class _Stage(NamedTuple):
+    """One half of the jobs: the function that does it, its task for an estimate, and the cost of a frame."""
+
+    function: Callable[[Job], bool]
+    task: Callable[[Job], Task]
+    weight: int = 1
+
+
+def matching_task(job: Job) -> Task:
+    """The front end of a job, as a task."""
+    config = job.config
+    return Task(
+        ("matching", _size_class(job), config.variant, config.features, config.matching), len(job.sequence)
+    )
+
+
+def running_task(job: Job) -> Task:
+    """The run of a job with given matches, as a task."""
+    return Task(("run", _size_class(job), job.method, replace(job.config, seed=0)), len(job.sequence))
+
+
+def _size_class(job: Job) -> int:
+    """A number that is equal for images whose numbers of pixels differ by less than about a tenth."""
+    return round(SIZE_CLASSES * math.log2(job.sequence.camera.width * job.sequence.camera.height))
+
+
+def _first_of_each_kind(jobs: list[Job], task: Callable[[Job], Task], workers: int) -> list[Job]:
+    """A job of each kind, on the shortest sequence, and others until every process has work."""
+    by_length = sorted(jobs, key=lambda job: len(job.sequence))
+    first = {task(job).kind: job for job in reversed(by_length)}
+    chosen = list(first.values())
+    for job in by_length:
+        if len(chosen) >= workers:
+            break
+        if job not in chosen:
+            chosen.append(job)
+    return chosen
 
 
 def _front_end(job: Job) -> Hashable:
@@ -209,31 +299,44 @@ def _front_end(job: Job) -> Hashable:
     return job.sequence.folder, job.sequence.frames, config.variant, config.features, config.matching
 
 
-def _fill(job: Job, cache: Path | None) -> None:
-    """Run the front end for matches that are not in the cache."""
+def _fill(job: Job, cache: Path | None) -> bool:
+    """Run the front end for matches that are not in the cache; return whether it ran."""
     with single_threaded():
-        CachedMatches(job.sequence, job.config, cache).fill()
+        return CachedMatches(job.sequence, job.config, cache).fill()
 
 
-def _run(job: Job, cache: Path | None, fresh: bool) -> None:
-    """Run the back end in the job's folder."""
+def _run(job: Job, cache: Path | None, fresh: bool) -> bool:
+    """Run the back end in the job's folder; return whether it ran, because its run was not there."""
     matches = CachedMatches(job.sequence, job.config, cache)
     with run_folder(job.folder) as folder:
         # Beside other runs, a folder of a table without a config.json has an unfinished run.
         own = has_runs(folder.parent)
-        run_once(folder, job.sequence, job.config, job.method, matches=matches, fresh=fresh, own=own)
+        _, read_back = run_once(
+            folder, job.sequence, job.config, job.method, matches=matches, fresh=fresh, own=own
+        )
+    return not read_back
 
 
-def _attempt(function: Callable[[Job], None], job: Job) -> str | None:
-    """Do one job; return an exception as one line with its origin, or None."""
+class _Attempt(NamedTuple):
+    """The end of a job: the cause of its failure or None, whether it had work to do, and its seconds."""
+
+    cause: str | None
+    worked: bool
+    seconds: float
+
+
+def _attempt(function: Callable[[Job], bool], job: Job) -> _Attempt:
+    """Do one job; an exception becomes one line with its origin."""
+    start = time.perf_counter()
     try:
-        function(job)
+        worked = function(job)
     except DataError as error:
-        return str(error)
+        return _Attempt(str(error), False, 0.0)
     except Exception as error:
         origin = traceback.extract_tb(error.__traceback__)[-1]
-        return f"{_in_one_line(error)} ({Path(origin.filename).name}, line {origin.lineno})"
-    return None
+        cause = f"{_in_one_line(error)} ({Path(origin.filename).name}, line {origin.lineno})"
+        return _Attempt(cause, False, 0.0)
+    return _Attempt(None, worked, time.perf_counter() - start)
 
 
 def _in_one_line(error: BaseException) -> str:
@@ -241,9 +344,16 @@ def _in_one_line(error: BaseException) -> str:
 
 
 @contextmanager
-def executor(workers: int, scheduler: str | None = None) -> Iterator[Executor]:
-    """Local processes, or the workers of a Dask scheduler; `DataError` if the scheduler has no workers."""
+def executor(
+    workers: int, scheduler: str | None = None, durations: Durations | None = None
+) -> Iterator[Executor]:
+    """Local processes, or the workers of a Dask scheduler; `DataError` if the scheduler has no workers.
+
+    durations : gets the number of jobs that are done at the same time.
+    """
+    durations = Durations() if durations is None else durations
     if scheduler is None:
+        durations.workers = workers
         with local_pool(workers) as pool:
             yield pool
         return
@@ -260,6 +370,8 @@ def executor(workers: int, scheduler: str | None = None) -> Iterator[Executor]:
             f"Dask scheduler {scheduler}: no scheduler answers at this address ({error})"
         ) from None
     with client:
-        if not client.scheduler_info()["workers"]:
+        threads = client.nthreads()
+        if not threads:
             raise DataError(f"Dask scheduler {scheduler}: the scheduler has no workers")
+        durations.workers = sum(threads.values())
         yield client.get_executor(pure=False)

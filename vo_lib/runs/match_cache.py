@@ -68,11 +68,13 @@ class CachedMatches:
                 clock.stage("cached_matches")
                 yield matches, clock.ms
 
-    def fill(self) -> None:
-        """Compute and store the matches unless they are in the cache."""
-        if not self._is_intact():
-            for _ in self._find():
-                pass
+    def fill(self) -> bool:
+        """Compute and store the matches unless they are in the cache; return whether they were computed."""
+        if self._is_intact():
+            return False
+        for _ in self._find():
+            pass
+        return True
 
     def _is_intact(self) -> bool:
         """Whether the file exists and passes the checksums of the zip format."""
