@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 from matplotlib import rcParams
@@ -21,12 +21,12 @@ from vo_lib.geometry.types import Image
 from .memory import Memory
 
 LAYERS = 200  # that are kept, each a strip of about 50 kB
-TEXTS = 1000  # that are kept, each of about 5 kB
+TEXTS = 200  # that are kept for each size of figures, each of about 5 kB
 SIZES = 12  # of figures
-# Settings of a style sheet that change the look of an axis.
+# Settings of a style sheet that change the look of texts and of an axis.
+FONTS = ("font.family", "font.sans-serif")
 STYLE = (
-    "font.family",
-    "font.sans-serif",
+    *FONTS,
     "xtick.color",
     "ytick.color",
     "xtick.labelcolor",
@@ -58,6 +58,10 @@ class Words:
 class _Renderer(RendererAgg):
     """Agg's renderer, but a text is drawn once for each place, then copied: a third of the time of a chart."""
 
+    def __init__(self, width: float, height: float, dpi: float):
+        super().__init__(width, height, dpi)  # type: ignore[no-untyped-call]
+        self._words: Memory[Words] = Memory(TEXTS)
+
     # A function of the base class, which is without types.
     def draw_text(  # type: ignore[no-untyped-def]
         self, gc, x, y, s, prop, angle, ismath=False, mtext=None
@@ -73,9 +77,8 @@ class _Renderer(RendererAgg):
         if gc.get_clip_rectangle() is not None or gc.get_clip_path()[0] is not None:
             super().draw_text(gc, x, y, s, prop, angle, ismath, mtext)  # type: ignore[no-untyped-call]
             return
-        size = self.width, self.height, self.dpi
         look = hash(prop), angle, ismath, gc.get_rgb(), gc.get_alpha(), gc.get_antialiased()
-        words = _words.get((s, x, y, *size, *look), draw)
+        words = self._words.get((s, x, y, *look), draw)
         if words.pixels.size:
             plain = self.new_gc()
             self.draw_image(plain, words.x, words.y, words.pixels)
@@ -85,14 +88,13 @@ class _Renderer(RendererAgg):
 class _Canvas(FigureCanvasAgg):
     """A canvas whose renderer is shared by all figures of a size, since it knows the sizes of their texts."""
 
-    def get_renderer(self) -> Any:
+    def get_renderer(self) -> _Renderer:
         width, height = self.figure.bbox.size
         size = width, height, self.figure.dpi
-        return _renderers.get(size, lambda: _Renderer(*size))  # type: ignore[no-untyped-call]
+        return _renderers.get((*size, *_style(FONTS)), lambda: _Renderer(*size))
 
 
 _layers: Memory[Layer] = Memory(LAYERS)
-_words: Memory[Words] = Memory(TEXTS)
 _renderers: Memory[_Renderer] = Memory(SIZES)
 
 
@@ -125,7 +127,7 @@ def fast_raster(chart: Figure) -> Image:
                 for side in (axes.xaxis, axes.yaxis):
                     hidden.append(side)
                     layers.append(_layer(renderer, side))
-        pixels = np.asarray(renderer.buffer_rgba())
+        pixels = np.asarray(renderer.buffer_rgba())  # type: ignore[no-untyped-call]
         pixels[...] = 255
         for layer in layers:
             below = pixels[layer.rows, layer.columns]
@@ -142,7 +144,6 @@ def fast_raster(chart: Figure) -> Image:
 def forget_layers() -> None:
     """Draw all axes and texts anew from now on."""
     _layers.clear()
-    _words.clear()
     _renderers.clear()
 
 
@@ -155,9 +156,11 @@ def _layer(renderer: _Renderer, side: Axis) -> Layer:
     """One side of an axis as pixels, from memory if it was drawn before."""
 
     def draw() -> Layer:
-        pixels = np.asarray(renderer.buffer_rgba())  # type: ignore[no-untyped-call]
+        # Without a memory of texts: these are kept with the layer.
+        plain = RendererAgg(renderer.width, renderer.height, renderer.dpi)  # type: ignore[no-untyped-call]
+        pixels = np.asarray(plain.buffer_rgba())  # type: ignore[no-untyped-call]
         pixels[...] = 255
-        side.draw(renderer)
+        side.draw(plain)
         dark = pixels.min(axis=2) < 255
         rows = _extent(dark.any(axis=1))
         columns = _extent(dark.any(axis=0))
@@ -171,12 +174,11 @@ def _look(side: Axis) -> Hashable:
     axes = side.axes
     page = axes.figure.figure
     label = side.get_label()
-    style = cast(Mapping[str, object], rcParams)
     parts: list[object] = [side is axes.xaxis, side.get_scale(), *side.get_view_interval()]
     parts += [*page.bbox.bounds, page.dpi, *axes.bbox.bounds, side.get_visible(), side.get_label_position()]
     parts += [label.get_text(), label.get_color(), hash(label.get_fontproperties())]
     parts += [str(side.get_tick_params("major")), str(side.get_tick_params("minor"))]
-    parts += [str(style[name]) for name in STYLE]
+    parts += _style(STYLE)
     for places, formatter in (
         (side.get_majorticklocs(), side.get_major_formatter()),
         (side.get_minorticklocs(), side.get_minor_formatter()),
@@ -184,6 +186,12 @@ def _look(side: Axis) -> Hashable:
         numbers = np.ravel(places).tolist()
         parts += [len(numbers), *numbers, *formatter.format_ticks(numbers), formatter.get_offset()]
     return tuple(parts)
+
+
+def _style(names: tuple[str, ...]) -> list[str]:
+    """The values of settings of a style sheet."""
+    style = cast(Mapping[str, object], rcParams)
+    return [str(style[name]) for name in names]
 
 
 def _extent(marked: NDArray[np.bool_]) -> slice:

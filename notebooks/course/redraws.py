@@ -81,7 +81,8 @@ class Redraws:
             if is_wanted():
                 finish(is_wanted)
 
-        self._thread = threading.Thread(target=body, daemon=True)
+        # Not a daemon: it ends soon, and Python waits for it at the end.
+        self._thread = threading.Thread(target=body)
         self._thread.start()
 
     @contextmanager

@@ -291,7 +291,9 @@ class CalibrationPanel(Panel):
         words = describe_errors(learnt.errors, learnt.covariance, camera)
         frames = f"{len(tracks)} frames" if done is None else f"the first {done} of {len(tracks)} frames"
         sentence = f"Learnt in {frames}, away from the edges of the image: {words}."
-        return Drawing([maps, lengths_figure(lengths, CHART_HEIGHT)], sentence, tuple(facts))
+        chart = lengths_figure(lengths, CHART_HEIGHT)
+        chart.axes[0].set_xlim(0, len(tracks) + 1)  # also if only the first ratios are known
+        return Drawing([maps, chart], sentence, tuple(facts))
 
 
 def _key(state: State) -> tuple[Hashable, ...]:
