@@ -675,7 +675,23 @@ def test_panel_2_shows_the_name_of_a_match_at_the_top(street: Sequence) -> None:
             assert np.abs(at - bgr(colour)).max() < 60
 
 
-def test_the_legend_of_panel_3_covers_no_solution(street: Sequence, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "values",
+    [
+        {},
+        {
+            "frame": 201,
+            "selection__top_k": 9,
+            "selection__threshold": 2.85,
+            "view__moving": 0.4,
+            "view__wrong": 0.5,
+        },
+    ],
+    ids=["clean", "disturbed"],
+)
+def test_the_legend_of_panel_3_covers_no_solution(
+    values: dict[str, Any], street: Sequence, monkeypatch: pytest.MonkeyPatch
+) -> None:
     charts = []
 
     def keep(chart: Figure) -> Image:
@@ -683,7 +699,7 @@ def test_the_legend_of_panel_3_covers_no_solution(street: Sequence, monkeypatch:
         return raster(chart)
 
     monkeypatch.setattr("course.drawing.fast_raster", keep)
-    panel = ch03.SelectionPanel(street, frame=59)
+    panel = ch03.SelectionPanel(street, **{"frame": 59, **values})
     panel.wait(LONG)
     assert panel.error == ""
     legends = 0

@@ -177,13 +177,13 @@ def field_figure(field: Field, result: float | None = None, height: int = 260) -
         axis.set_ylim(-0.02, 1.02)
     by_angle.set_xlim(0, 90)
     x_name = "angle to the previous essential vector [deg]"
-    finish(by_angle, "the solutions of all sets", x_name, "image error", "lower right", boxed=True)
+    finish(by_angle, "the solutions of all sets", x_name, "image error", boxed=True)
     if with_truth:
         if result is not None:
             named.axvline(max(result, LEAST), color=BAD, linewidth=0.8, label="rotation of the frame")
         log_axis(named.xaxis, LEAST, MOST)
         title = "image error and rotation error"
-        finish(named, title, "rotation error [deg]", "image error", "lower right", boxed=True)
+        finish(named, title, "rotation error [deg]", "image error", boxed=True)
     return made
 
 

@@ -34,7 +34,7 @@ def residuals_chart(axis: Axes, depth: Array, residual: Array, limit: float | No
     log_axis(axis.xaxis, *DEPTHS, COARSE)
     log_axis(axis.yaxis, 0.8 * LEAST, MOST)
     title = "residual of each feature's eight rows"
-    finish(axis, title, "depth [m]", "residual [px]", "upper left", boxed=True)
+    finish(axis, title, "depth [m]", "residual [px]", boxed=True)
 
 
 def ellipse_chart(
