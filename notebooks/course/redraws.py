@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import threading
-import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 
@@ -36,7 +35,7 @@ class Redraws:
     def __init__(self) -> None:
         self._lock = threading.RLock()
         self._holders = 0  # nested `held` blocks of the thread that has the lock
-        self._newest = object()  # stands for the newest redraw
+        self._newest = threading.Event()  # of the newest redraw; set when another one follows
         self._thread = threading.Thread()  # the last one that finished a picture
         self._touched: object = None
         self._shown: dict[str, float] = {}
@@ -56,12 +55,12 @@ class Redraws:
     def one(self) -> Iterator[bool]:
         """A block that draws, if the value is true; no other thread draws meanwhile."""
         if not self._holders:
-            self._newest = object()  # now, so that a thread that finishes a picture gives way at once
+            self._supersede()  # now, so that a thread that finishes a picture gives way at once
         with self._lock:
             if self._holders:
                 yield False
             else:
-                self._newest = object()
+                self._supersede()
                 with _collector_paused():
                     yield True
 
@@ -77,7 +76,7 @@ class Redraws:
             return self._newest is mine
 
         def body() -> None:
-            time.sleep(PAUSE_S)
+            mine.wait(PAUSE_S)
             if is_wanted():
                 finish(is_wanted)
 
@@ -113,10 +112,15 @@ class Redraws:
 
     def forget(self) -> None:
         """Finish no picture, and compare the next one with nothing."""
-        self._newest = object()
+        self._supersede()
         self._touched = None
         self._shown = {}
         self._before = {}
+
+    def _supersede(self) -> None:
+        """Another redraw follows: the picture of the one before need not be finished."""
+        self._newest.set()
+        self._newest = threading.Event()
 
 
 @contextmanager
