@@ -44,7 +44,7 @@ def test_a_stage_is_yours_where_it_passes_and_the_librarys_elsewhere(
     assert mine.chain is ch00.chain.right
     assert mine.weights(0.5, 0.5) == 0.5
     assert mine.select is ch03.select.right
-    assert mine.name == "2 of 10 stages yours"
+    assert mine.name == "2 of 11 stages yours"
     assert "fails its check" in mine._repr_html_()
     with pytest.raises(AttributeError, match="no stage is called turn"):
         mine.turn  # noqa: B018
@@ -140,14 +140,14 @@ def solve_five(x_p, x_c): return five_point(x_p, x_c)
     monkeypatch.setattr(sys, "argv", ["marks", str(anna), str(ben)])
     assert marks.main() == 2
     output = capsys.readouterr()
-    weights, select = "4.8  weights              passes", "3.5  select               not there"
+    weights, select = "4.9  weights              passes", "3.5  select               not there"
     for line in (f"1 of {len(marks.tasks())} pass", weights, select, "hands the work to `five_point`"):
         assert line in output.out
     assert re.fullmatch("error: .*ben.py: the file cannot be run.*\n", output.err)
     monkeypatch.setattr(sys, "argv", ["marks", "--json", str(anna)])
     assert marks.main() == 0
     functions = json.loads(capsys.readouterr().out)[str(anna)]["functions"]
-    assert functions["weights"] == {"exercise": "4.8", "passed": True, "says": ""}
+    assert functions["weights"] == {"exercise": "4.9", "passed": True, "says": ""}
 
 
 MOVED = "from vo_lib.core.geometry import inverse"

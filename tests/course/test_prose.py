@@ -136,6 +136,10 @@ def test_far_features_are_not_missed_and_near_ones_are(look: Look) -> None:
     now, before, _ = look("04", text, view__weighting="mean of features")
     assert 0.5 < before["σ in z"] < 1.5
     assert 100 < now["σ in z"] < 200
+    now, before, _ = look("04", r"beats both plain sums of squares", view__weighting="median of features")
+    for weighting in ("rows in pixels", "rows in metres"):
+        plain, _, _ = look("04", r"beats both plain sums of squares", view__weighting=weighting)
+        assert now["error"] < 0.5 * plain["error"]
     text = r"to (\d+) m\. A third of the features is removed, and the error stays below a millimetre"
     now, before, numbers = look("04", text, translation__max_depth=20)
     assert numbers == [20]

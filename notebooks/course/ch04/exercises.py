@@ -1,8 +1,9 @@
-"""Exercises of chapter 4: the eight rows, one feature, far features, stacking, depth, robust weights."""
+"""Exercises of chapter 4: eight rows, one feature, far features, the weighted system, depth, robust weights."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,16 @@ from vo_lib.paper.translation import feature_rows as library_rows
 
 from ..ch00.exercises import CAMERA
 from ..checker import Case, Condition, Exercise
-from .weightings import alone, noisy_matches, solve_all, spread_points
+from .weightings import (
+    alone,
+    bias_and_deviation,
+    length_errors,
+    noisy_matches,
+    solve_all,
+    spread_points,
+    weights_by_depth,
+    weights_by_residual,
+)
 
 R_CP = rotation_from_vector(np.array([0.01, 0.05, -0.02]))
 T_CP = np.array([0.05, -0.02, -0.9])
@@ -61,14 +71,36 @@ def noisy_rows(count: int, seed: int, noise: float) -> tuple[Array, Array, Array
     return library_rows(CAMERA, exact_matches(count, seed, noise), R_CP)
 
 
-def stacked(A: Array, B: Array, c: Array) -> Array:
-    """The least-squares t of all features, after the elimination of the points Q by projection."""
-    return solve_all(*eliminate_points(A, B, c), np.ones(len(A)))
+def stacked(A: Array, B: Array, c: Array, w: Array) -> Array:
+    """The t of all features with weights w (N,), after the elimination of the points Q by projection."""
+    M, d = eliminate_points(A, B, c)
+    return solve_all(M, d, w)
 
 
-def cauchy(r: Array, s: float) -> Array:
-    """Cauchy weights of residuals."""
-    return np.asarray(1.0 / (1.0 + (r / s) ** 2))
+def two_weights(
+    of_left: Callable[[Array], Array], of_right: Callable[[Array], Array]
+) -> Callable[..., Array]:
+    """Wrong answer: the two sums of the system have the given functions of the weights."""
+
+    def solved(A: Array, B: Array, c: Array, w: Array) -> Array:
+        M, d = eliminate_points(A, B, c)
+        H = np.einsum("i,ija,ijb->ab", of_left(w), M, M)
+        return np.asarray(np.linalg.solve(H, np.einsum("i,ija,ij->a", of_right(w), M, d)))
+
+    return solved
+
+
+def weighted_frames() -> list[Case]:
+    """Cases with the rows of thirty noisy features: different weights, then equal weights."""
+    A, B, c = noisy_rows(30, 5, 0.5)
+    return [(A, B, c, np.random.default_rng(6).uniform(0.05, 2.0, 30)), (A, B, c, np.ones(30))]
+
+
+def is_multiple(M: Array, *case: Any) -> bool:
+    """Whether M is a multiple of the eight rows of a case."""
+    right = rows(*case)[0]
+    factor = np.sum(M * right) / np.sum(right**2)
+    return bool(abs(factor) > 1e-6 and np.allclose(M, factor * right, atol=1e-9))
 
 
 def drawn_answers() -> list[Case]:
@@ -82,22 +114,15 @@ def norm(vectors: Array) -> Array:
     return np.asarray(np.linalg.norm(vectors, axis=-1))
 
 
-def off(answers: Array, t_true: Array) -> Array:
-    """Errors of the lengths of translations (S, 3), in % of the true length."""
-    return 100.0 * (norm(answers) / norm(t_true) - 1.0)
-
-
-def bias_and_scatter(answers: Array, t_true: Array) -> tuple[float, float]:
-    """Mean and standard deviation of the errors of the lengths, in % of the true length."""
-    return float(off(answers, t_true).mean()), float(off(answers, t_true).std())
-
-
 def one_residual(place: float) -> Callable[..., bool]:
     """Test for cases with a single residual of `place` times the scale."""
     return lambda w, r, s: len(r) == 1 and r[0] == place * s and np.isfinite(w)
 
 
 rows: Callable[..., tuple[Array, Array]] = eight_rows  # of a case
+SCALED = (
+    "these are the right equations times a common factor; with the factor 1, a row is a distance in metres."
+)
 
 feature_rows = Exercise(
     eight_rows,
@@ -130,6 +155,7 @@ feature_rows = Exercise(
         "the columns are in another order: Q first, then t.": (
             lambda *case: (np.roll(rows(*case)[0], 3, axis=1), rows(*case)[1])
         ),
+        SCALED: Condition(is_multiple),
         "the columns of Q are right, the columns of t are not: t appears in the current pair only, without R.": Condition(
             lambda M, *case: np.allclose(M[:, :3], rows(*case)[0][:, :3])
         ),
@@ -138,7 +164,8 @@ feature_rows = Exercise(
             Condition(lambda c, *case: c.shape == (8,)),
         ),
     },
-    slips={"order": "correct rows in another order: x and y of an image, then x and y of the next image."},
+    slips={"double": SCALED, "half": SCALED}
+    | {"order": "correct rows in another order: x and y of an image, then x and y of the next image."},
 )
 
 one_feature = Exercise(
@@ -187,77 +214,123 @@ row_error = Exercise(
 
 stack = Exercise(
     stacked,
-    lambda: [noisy_rows(30, 5, 0.5)],
+    weighted_frames,
     atol=1e-6,
     praise="t = ({got[0]:.4f}, {got[1]:.4f}, {got[2]:.4f}) m, the result of `eliminate_points`.",
-    hint="for each feature compute N_i; add up B_iᵀ N_i B_i and B_iᵀ N_i c_i; solve one 3×3 system at the end.",
-    line="N = np.eye(8) - A_i @ np.linalg.pinv(A_i); H += B_i.T @ N @ B_i; g += B_i.T @ N @ c_i",
+    hint="for each feature compute N_i; add up w_i B_iᵀ N_i B_i and w_i B_iᵀ N_i c_i; solve one 3×3 system at the end.",
+    line="N = np.eye(8) - A[i] @ np.linalg.pinv(A[i]); H += w[i] * B[i].T @ N @ B[i]; g += w[i] * B[i].T @ N @ c[i]",
     library=("eliminate_points", "solve_translation", "robust_translation"),
     mistakes={
-        "this is the mean or the median of the single answers; solve for one t with all rows at once.": (
-            lambda A, B, c: alone(A, B, c).mean(axis=0),
-            lambda A, B, c: np.median(alone(A, B, c), axis=0),
+        "the weights are not used: each term of both sums is multiplied by its `w[i]`.": two_weights(
+            np.ones_like, np.ones_like
         ),
-        "the points Q are ignored; eliminate them first.": lambda A, B, c: solve(B.reshape(-1, 3), c.ravel()),
+        "the weight is in one of the two sums only; it belongs to both.": (
+            two_weights(np.asarray, np.ones_like),
+            two_weights(np.ones_like, np.asarray),
+        ),
+        "the weights are squared here. `w[i]` multiplies the square of a feature, not its rows.": two_weights(
+            np.square, np.square
+        ),
+        "these are the square roots of the weights: `w[i]` multiplies B_iᵀ N_i B_i as it is.": two_weights(
+            np.sqrt, np.sqrt
+        ),
+        "this is the mean or the median of the single answers; solve for one t with all rows at once.": (
+            lambda A, B, c, w: alone(A, B, c).mean(axis=0),
+            lambda A, B, c, w: np.median(alone(A, B, c), axis=0),
+            lambda A, B, c, w: np.average(alone(A, B, c), axis=0, weights=w),
+        ),
+        "the points Q are ignored; eliminate them first.": (
+            lambda A, B, c, w: solve(B.reshape(-1, 3), c.ravel()),
+            lambda A, B, c, w: solve(
+                (np.sqrt(w)[:, None, None] * B).reshape(-1, 3), (np.sqrt(w)[:, None] * c).ravel()
+            ),
+        ),
+        "this is the answer of the last feature alone: add the terms of all features up before you solve.": (
+            lambda A, B, c, w: alone(A, B, c)[-1]
+        ),
+    },
+)
+
+depth_weight = Exercise(
+    weights_by_depth,
+    lambda: [(np.array(Z),) for Z in ([2.0], [8.0, 40.0], [4.0, 5.0, 70.0, 12.5])],
+    library=("weights_by_depth",),
+    praise="a feature at 40 m has a 25th of the weight of a feature at 8 m, and its error in metres is five times as large.",
+    hint="each row is divided by Z, and then it is squared.",
+    line="1 / Z**2",
+    mistakes={
+        "this divides the squares by Z. Each *row* is divided by Z, and the sum has the squares of the rows.": (
+            lambda Z: 1 / Z
+        ),
+        "far features get the largest weight here: their rows have the largest errors.": (
+            lambda Z: Z**2,
+            lambda Z: Z,
+        ),
+        "with these weights the rows stay in metres.": lambda Z: np.ones(len(Z)),
+        "a sum of 1 is not needed: a common factor changes no least squares, and each weight depends on its own depth "
+        "only.": (
+            lambda Z: weights_by_depth(Z) / weights_by_depth(Z).sum(),
+            lambda Z: weights_by_depth(Z) / weights_by_depth(Z).mean(),
+        ),
     },
 )
 
 bias = Exercise(
-    bias_and_scatter,
+    bias_and_deviation,
     drawn_answers,
     parts=("bias", "scatter"),
     atol=1e-6,
+    library=("bias_and_deviation", "length_errors"),
     praise="bias {got[0]:+.2f} %, scatter {got[1]:.2f} %: more features reduce only the scatter.",
     hint="compute the length of each answer first, then compare it with the true length.",
-    line="off = 100 * (np.linalg.norm(answers, axis=1) / np.linalg.norm(t_true) - 1); off.mean(), off.std()",
+    line="off = 100 * (np.linalg.norm(answers, axis=1) / np.linalg.norm(t_true) - 1); off.mean(), off.std(ddof=1)",
     mistakes={
         "this is the mean distance from the true translation, to which sideways scatter contributes.": (
-            lambda v, t: (100 * norm(v - t).mean() / norm(t), off(v, t).std())
+            lambda v, t: (100 * norm(v - t).mean() / norm(t), length_errors(v, t).std(ddof=1))
         ),
         "this is the length of the mean answer; take the mean of the lengths.": lambda v, t: (
             100 * (norm(v.mean(axis=0)) / norm(t) - 1),
-            off(v, t).std(),
+            length_errors(v, t).std(ddof=1),
         ),
         "this is in metres, not in % of the true length.": (
-            lambda v, t: (norm(v).mean() - norm(t), norm(v).std()),
-            lambda v, t: (off(v, t).mean(), norm(v).std()),
+            lambda v, t: (norm(v).mean() - norm(t), norm(v).std(ddof=1)),
+            lambda v, t: (length_errors(v, t).mean(), norm(v).std(ddof=1)),
         ),
-        "the scatter divides by S - 1 here (`ddof=1`); `np.std` divides by S.": lambda v, t: (
-            off(v, t).mean(),
-            off(v, t).std(ddof=1),
-        ),
+        "the scatter divides by S here, as `np.std` does by itself; the deviation of a sample is over S - 1: "
+        "`ddof=1`.": lambda v, t: (length_errors(v, t).mean(), length_errors(v, t).std()),
         "this is the scatter of the translations; the task is the scatter of their lengths.": (
-            lambda v, t: (off(v, t).mean(), 100 * norm(v - t).std() / norm(t)),
-            lambda v, t: (off(v, t).mean(), 100 * norm(v.std(axis=0)) / norm(t)),
+            lambda v, t: (length_errors(v, t).mean(), 100 * norm(v - t).std(ddof=1) / norm(t)),
+            lambda v, t: (length_errors(v, t).mean(), 100 * norm(v.std(axis=0, ddof=1)) / norm(t)),
         ),
     },
 )
 
 robust_weight = Exercise(
-    cauchy,
+    weights_by_residual,
     lambda: [
         (s * np.array(r), s)
         for s in (0.5, 0.8, 2.0)
         for r in ([0.0], [1.0], [0.0, 0.5, 1.0, -1.0, 4.0, 200.0])
     ],
+    library=("weights_by_residual",),
     praise="1 for a residual of zero, ½ at the scale s, and nearly 0 for a mismatch.",
     hint="divide r by s, square the quotient, add 1, take the inverse.",
     line="1 / (1 + (r / s) ** 2)",
     mistakes={
-        "r / s is not squared.": lambda r, s: 1 / (1 + np.abs(r) / s),
+        "r / s is not squared.": (lambda r, s: 1 / (1 + np.abs(r) / s), lambda r, s: 1 / (1 + r / s)),
         "these are Huber's weights; Cauchy's are below 1 for every residual but zero.": lambda r, s: (
             np.minimum(1.0, s / np.maximum(np.abs(r), 1e-12))
         ),
         "this is all or nothing; the Cauchy weight falls smoothly.": lambda r, s: np.abs(r) <= s,
         "the weights are divided by their sum; each weight depends only on its own residual.": lambda r, s: (
-            cauchy(r, s) / cauchy(r, s).sum()
+            weights_by_residual(r, s) / weights_by_residual(r, s).sum()
         ),
         "this is a Gaussian, which falls much faster than Cauchy's weight.": (
             lambda r, s: np.exp(-((r / s) ** 2)),
             lambda r, s: np.exp(-0.5 * (r / s) ** 2),
         ),
-        "this is the square root of the weight.": lambda r, s: np.sqrt(cauchy(r, s)),
-        "the scale is fixed: use `s`.": lambda r, s: cauchy(r, 0.5),
+        "this is the square root of the weight.": lambda r, s: np.sqrt(weights_by_residual(r, s)),
+        "the scale is fixed: use `s`.": lambda r, s: weights_by_residual(r, 0.5),
         "a feature without residual has weight {got:.3g}, not 1: is this the cost, or the inverse?": (
             Condition(one_residual(0.0))
         ),

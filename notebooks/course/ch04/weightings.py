@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from course.simulation.tracks import TrackConfig, simulate_tracks
+from vo_lib.errors import DataError
 from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.motion import transform
@@ -45,6 +46,18 @@ def noisy_matches(camera: StereoCamera, X_p: Array, T_cp: Array, noise: float, s
     return StereoMatches(a, b, c, d, np.zeros(len(a), np.int64), np.ones(len(a)), np.arange(len(a)))
 
 
+def rows_of_match(
+    x_pl: Array, x_pr: Array, x_cl: Array, x_cr: Array, R_cp: Array, b: float
+) -> tuple[Array, Array]:
+    """The library's rows M (8, 6) and c (8,) of one match, for its normalised points (2,) in the four images."""
+    camera = StereoCamera(f=1.0, cx=0.0, cy=0.0, baseline=b, width=1, height=1)
+    pl, pr, cl, cr = (np.asarray(x, np.float64)[None] for x in (x_pl, x_pr, x_cl, x_cr))
+    one = np.ones(1, np.int64)
+    match = StereoMatches(pl, pr, cl, cr, one, np.ones(1), one)
+    A, B, c = paper.feature_rows(camera, match, R_cp)
+    return np.hstack([A[0], B[0]]), c[0]
+
+
 def alone(A: Array, B: Array, c: Array) -> Array:
     """The t of each feature alone, (N, 3) metres: the solution of its eight rows A, B (N, 8, 3), c (N, 8)."""
     M, d = paper.eliminate_points(A, B, c)
@@ -52,9 +65,32 @@ def alone(A: Array, B: Array, c: Array) -> Array:
 
 
 def solve_all(M: Array, d: Array, weight: Array) -> Array:
-    """Least-squares t (3,) from the rows M (N, 8, 3), d (N, 8), times the weights (N,) of the features."""
-    rows = (weight[:, None, None] * M).reshape(-1, 3), (weight[:, None] * d).ravel()
-    return np.asarray(np.linalg.lstsq(*rows)[0], np.float64)
+    """The t (3,) with the smallest Σ w |d - M t|², from rows M (N, 8, 3), d (N, 8) and weights w (N,)."""
+    factor = np.sqrt(weight)
+    left = (factor[:, None, None] * M).reshape(-1, 3)
+    right = (factor[:, None] * d).ravel()
+    return np.asarray(np.linalg.lstsq(left, right)[0], np.float64)
+
+
+def weights_by_depth(Z: Array) -> Array:
+    """Weights (N,) of features at depths Z (N,) with which rows in metres become rows in pixels over f."""
+    return np.asarray(1.0 / Z**2)
+
+
+def weights_by_residual(r: Array, s: float) -> Array:
+    """Cauchy weights (N,) of residuals r (N,) at the scale s."""
+    return np.asarray(1.0 / (1.0 + (r / s) ** 2))
+
+
+def length_errors(answers: Array, t_true: Array) -> Array:
+    """Errors (S,) of the lengths of translations (S, 3), in % of the true length."""
+    return np.asarray(100.0 * (np.linalg.norm(answers, axis=-1) / np.linalg.norm(t_true) - 1.0))
+
+
+def bias_and_deviation(answers: Array, t_true: Array) -> tuple[float, float]:
+    """Mean and standard deviation (over S - 1) of the lengths of translations (S, 3), in % of the true length."""
+    errors = length_errors(answers, t_true)
+    return float(errors.mean()), float(errors.std(ddof=1))
 
 
 def solve_by(
@@ -70,7 +106,11 @@ def solve_by(
         if solved is None:
             return None
         t, residual = solved
-        return t, residual, np.where(np.isfinite(residual), 1 / (1 + (residual / config.scale) ** 2), np.nan)
+        return (
+            t,
+            residual,
+            np.where(np.isfinite(residual), weights_by_residual(residual, config.scale), np.nan),
+        )
     depth = camera.triangulate(matches.prev_left, matches.prev_right)[:, 2]
     used = np.flatnonzero(depth <= config.max_depth)
     if len(used) == 0:
@@ -79,7 +119,6 @@ def solve_by(
     M, d = paper.eliminate_points(*rows)
     weight = np.ones(len(used))
     if weighting == METHOD:
-        assert isinstance(config, TranslationConfig)
         solution = paper.solve_translation(camera, matches[used], R_cp, config)
         if solution is None:
             return None
@@ -88,8 +127,9 @@ def solve_by(
     elif weighting in (MEDIAN, MEAN):
         t = (np.median if weighting == MEDIAN else np.mean)(alone(*rows), axis=0)
     else:
-        t = solve_all(M, d, np.ones(len(used)) if weighting == METRES else 1 / depth[used])
-    residuals, weights = np.full((2, len(matches)), ((np.inf,), (np.nan,)))
+        t = solve_all(M, d, np.ones(len(used)) if weighting == METRES else weights_by_depth(depth[used]))
+    residuals = np.full(len(matches), np.inf)
+    weights = np.full(len(matches), np.nan)
     residuals[used] = camera.f * np.linalg.norm(d - M @ t, axis=1) / depth[used]
     weights[used] = weight
     return np.asarray(t), residuals, weights
@@ -105,6 +145,7 @@ def weighting_errors(tracks: TrackConfig, frames: int, seed: int) -> dict[str, A
         for name, way in ways.items():
             config = KitTranslationConfig() if name == ROBUST else TranslationConfig()
             solved = solve_by(way, CAMERA, frame.matches, R_cp, config)
-            assert solved is not None
+            if solved is None:
+                raise DataError("a frame of these tracks gives no translation: use more points")
             errors[name].append(1e3 * float(np.linalg.norm(solved[0] - frame.T_cp[:3, 3])))
     return {name: np.array(values) for name, values in errors.items()}

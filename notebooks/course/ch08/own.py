@@ -35,6 +35,7 @@ STAGES = (
     "truncated_error",
     "select",
     "rows_of_one",
+    "depth_weights",
     "translation_of_all",
     "weights",
     "chain",
