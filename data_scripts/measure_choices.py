@@ -173,7 +173,8 @@ def run(options: argparse.Namespace) -> int:
             }
             tasks += [(sequence, ABSOLUTE, ABSOLUTE, *way) for way in ways.items()]
     calls = [(s, name, value, options.cache) for s, _, name, _, value in tasks]
-    rows = [["choice", "alternative", "sequence", "te", "te_sd", "re", "re_sd", "length", "length_sd"]]
+    numbers = ["te", "te_sd", "re", "re_sd", "length", "length_sd"]
+    rows = [["choice", "alternative", "sequence", *numbers, "frames"]]
     with reporting(f"{len(tasks)} runs of five seeds") as report, loky.ProcessPoolExecutor(workers) as pool:
         for results in pool.map(measured, *zip(*calls, strict=True)):
             sequence, about, name, words, _ = tasks[len(rows) - 1]
@@ -187,7 +188,8 @@ def run(options: argparse.Namespace) -> int:
                 plain = np.zeros(3)
             change_of = results - plain
             pairs = np.stack([change_of.mean(axis=0), standard_deviation(change_of)], axis=1).ravel()
-            rows.append([about, words, sequence.name, *(f"{x:.4f}" if np.isfinite(x) else "" for x in pairs)])
+            shown = [f"{x:.4f}" if np.isfinite(x) else "" for x in pairs]
+            rows.append([about, words, sequence.name, *shown, str(len(sequence))])
             plain = results if name == "seed" else plain
             report(len(rows) - 1, len(tasks))
     write_atomic(options.out, csv_text(rows))

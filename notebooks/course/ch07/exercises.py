@@ -1,26 +1,25 @@
-"""Exercises of chapter 7: the average, the paper's unit, a gain and its spread, a sweep."""
+"""Exercises of chapter 7: the allowed difference, the average, the paper's unit, a sweep."""
 
 from __future__ import annotations
 
 import functools
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from course.simulation.tracks import TrackConfig, simulate_tracks
-from vo_lib.config import preset
+from vo_lib.config import change, preset
 from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.kitti_errors import kitti_errors
-from vo_lib.evaluation.statistics import paired_change
 from vo_lib.geometry.matches import empty_matches
 from vo_lib.geometry.types import Array
 from vo_lib.report.table1 import te_and_re
 from vo_lib.runs.drive import run_methods
 from vo_lib.runs.front_end import TimedMatches
-from vo_lib.settings import replace
 
-from ..checker import Condition, Exercise
+from ..checker import Case, Condition, Exercise
 from ..frames import true_poses
 from ..lessons import CAMERA, drive
 
@@ -36,10 +35,19 @@ def rows(te: dict[str, Any], without: str = "01", none: Any = None) -> list[floa
     return [value for value in values if value is not None]
 
 
-def change(before: Array, after: Array, spread: float | None = None) -> tuple[float, float]:
-    """Mean of the change, and `spread`; by default, `spread` is the standard deviation of the change."""
-    paired = paired_change(before, after)
-    return paired.mean, paired.deviation if spread is None else float(spread)
+def allowed_difference(
+    values: Array, digits: int, t: float, over: int = 1, further: int = 1, digit: float = 0.5
+) -> float:
+    """How far one more run may be from the mean of runs (n,), with a part of the last printed digit."""
+    deviation = float(np.std(values, ddof=over))
+    return t * deviation * float(np.sqrt(further + 1.0 / len(values))) + digit * 10.0**-digits
+
+
+def errors_of_seeds() -> list[Case]:
+    """Errors of five and of three seeds, printed decimals, and Student's factor."""
+    five = np.array([0.81, 0.83, 0.80, 0.84, 0.82])
+    three = np.array([0.251, 0.262, 0.244])
+    return [(five, 2, 2.776), (three, 3, 4.303), (10.0 * three, 1, 4.303)]
 
 
 @functools.cache
@@ -58,7 +66,7 @@ def errors_of_sets(variant: str = "published") -> tuple[Array, Array]:
     """TE and RE, (len(VALUES),) each, of `solution_selection` on the simulated frames, by number of sets."""
     sequence, matches = simulated()
     method = preset("solution_selection", variant=variant)
-    configs = {str(value): replace(method, "selection.sets", value) for value in VALUES}
+    configs = {str(value): change(method, "selection.sets", value) for value in VALUES}
     runs = run_methods(sequence, configs, matches=matches).values()
     te, re = te_and_re(kitti_errors(true_poses(sequence), run.poses, LENGTHS, 1) for run in runs)
     return te, re
@@ -114,40 +122,36 @@ true_rotation_error = Exercise(
     },
 )
 
-gain = Exercise(
-    change,
-    lambda: [
-        (np.array([1.0, 1.2, 1.4, 1.6, 1.9]), np.array([0.9, 1.05, 1.3, 1.5, 1.7])),
-        (np.array([0.7, 0.4, 0.6]), np.array([0.65, 0.5, 0.45])),
-    ],
-    # A student who leaves out `ddof=1` has understood the exercise, too.
-    also=(lambda before, after: change(before, after, np.std(after - before)),),
-    parts=("mean", "spread"),
-    praise="{got[0]:+.2f} ± {got[1]:.2f}; each method alone has ± 0.3. Random effects on both methods cancel.",
-    hint="compute the change of each seed, then the mean and the standard deviation of these changes.",
-    line="np.mean(after - before), np.std(after - before, ddof=1)",
+allowed = Exercise(
+    allowed_difference,
+    errors_of_seeds,
+    praise="{got:.3f} %: a printed number may be that far from our mean of five seeds.",
+    hint="t times the deviation over n - 1, times the root of 1 + 1/n, plus half a unit of the last digit.",
+    line="t * np.std(values, ddof=1) * np.sqrt(1 + 1 / len(values)) + 0.5 * 10**-digits",
+    library=("prediction_half_width", "prediction_interval"),
     mistakes={
-        "this is the spread of one method; compute the spread of after - before.": (
-            lambda before, after: change(before, after, before.std(ddof=1)),
-            lambda before, after: change(before, after, after.std(ddof=1)),
-            lambda before, after: change(before, after, before.std()),
-            lambda before, after: change(before, after, after.std()),
+        "this is the interval of the mean, t s/√n: one more run scatters by s itself, and our mean by s/√n.": (
+            partial(allowed_difference, further=0),
         ),
-        "the spread comes from the two methods' own spreads: subtract seed by seed first.": (
-            lambda before, after: change(before, after, np.hypot(before.std(ddof=1), after.std(ddof=1))),
-            lambda before, after: change(before, after, abs(after.std(ddof=1) - before.std(ddof=1))),
-            lambda before, after: change(before, after, np.hypot(before.std(), after.std())),
-            lambda before, after: change(before, after, abs(after.std() - before.std())),
+        "the new run scatters, but so does our mean: the variances s² and s²/n add up.": lambda values, digits, t: (
+            t * float(np.std(values, ddof=1)) + 0.5 * 10.0**-digits
         ),
-        "this is the standard error of the mean, the deviation divided by √S: return the deviation of the change.": (
-            lambda before, after: change(before, after, np.std(after - before, ddof=1) / len(before) ** 0.5),
-            lambda before, after: change(before, after, np.std(after - before) / np.sqrt(len(before))),
+        "the standard deviation is over n; a sample has n - 1 (`ddof=1`).": partial(
+            allowed_difference, over=0
         ),
-        "this change is relative to `before`: return the change in the unit of `before`.": lambda before, after: (
-            change(0 * after + 1, after / before)
+        "the paper rounds, too: add half a unit of the last printed digit.": partial(
+            allowed_difference, digit=0.0
+        ),
+        "a rounded number is off by at most half a unit of the last digit, not by a whole one.": partial(
+            allowed_difference, digit=1.0
+        ),
+        "Student's factor `t` is missing.": lambda values, digits, t: allowed_difference(values, digits, 1.0),
+        "two standard deviations are right for many seeds only; with few seeds use `t`.": (
+            lambda values, digits, t: allowed_difference(values, digits, 2.0),
+            lambda values, digits, t: 2.0 * float(np.std(values, ddof=1)),
+            lambda values, digits, t: 2.0 * float(np.std(values)),
         ),
     },
-    slips={"sign": "the sign is wrong: an error that falls is a negative change."},
 )
 
 sweep = Exercise(
@@ -157,11 +161,11 @@ sweep = Exercise(
     praise="TE is {right[0]:.2f} % with 8 sets, {right[1]:.2f} % with 16 and {right[2]:.2f} % with 100. Only the "
     "back end ran again, on the same matches.",
     hint="for each value make a new configuration of `solution_selection`, run it, and take TE of its poses over 20 m.",
-    line='config = replace(preset("solution_selection"), "selection.sets", value)',
+    line='config = change(preset("solution_selection"), "selection.sets", value)',
     mistakes={
         "this is RE: take `.te` of the result of `kitti_errors`.": lambda *case: errors_of_sets()[1],
         "a TE is None: the path has 29 m, so take lengths=(20,) and step=1.": lambda *case: [None] * 3,
-        "all values give the same TE: the setting has not changed. `replace` returns a new configuration.": Condition(
+        "all values give the same TE: the setting has not changed. `change` returns a new configuration.": Condition(
             lambda got, *case: np.ptp(got) < 1e-12
         ),
     },

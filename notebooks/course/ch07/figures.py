@@ -1,36 +1,33 @@
-"""Figures and tables of chapter 7: Figure 4 of the paper, errors with their spread, and verdicts."""
+"""Figures and tables of chapter 7: Figure 4 of the paper, errors with their spread, choices, gains."""
 
 from __future__ import annotations
 
-import collections
 import csv
 import html
-import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from vo_lib.data.catalogue import KITTI
 from vo_lib.data.poses import from_first
+from vo_lib.detection.models import list_detectors as list_detectors
 from vo_lib.evaluation.kitti_errors import trajectory_distances
-from vo_lib.evaluation.statistics import prediction_half_width
-from vo_lib.files import read_csv
 from vo_lib.geometry.types import Array
 from vo_lib.report import table1
-from vo_lib.report.page import ReportTable, format_number, signed
+from vo_lib.report.page import ReportTable
 from vo_lib.report.plots import draw_drift, draw_trajectories
-from vo_lib.report.table1 import ERROR_KINDS, Entry, group_entries
+from vo_lib.report.table1 import Entry, group_entries
 from vo_lib.report.table1_page import layout_tables
 
 from ..ch05.claim import CHOICES, THRESHOLD_AND_BOXES
 from ..ch05.claim import results_table as results_table
 from ..colours import CYCLE, DARK, PALE
-from ..drawing import SMALL_SIZE, figure, finish, log_axis, write_instead
+from ..drawing import SMALL_SIZE, figure, log_axis, write_instead
+from ..drawing import finish as finish
+from .verdict import Gain
 
 PATHS_HEIGHT = 340
-FEWEST = 3  # seeds that a verdict needs
 CELL = '<{0} style="padding:1px 10px;text-align:{1}">{2}</{0}>'
 
 
@@ -58,48 +55,6 @@ def tables_of(entries: list[Entry]) -> list[ReportTable]:
     """TE and RE of methods, mean ± deviation over seeds; for whole sequences also the paper's numbers."""
     paper = table1.read_paper_table()
     return [table for group in group_entries(entries) for table in layout_tables(group, paper)]
-
-
-def verdicts(folder: Path, paper: table1.PaperTable) -> list[ReportTable]:
-    """A verdict on each printed TE and RE that has a result in a report of `vo reproduce` in `folder`.
-
-    The paper's number counts as one more run. Let s be the standard deviation of our n seeds. The number is
-    within the spread if it differs from the mean of the seeds by at most t s √(1 + 1/n), the prediction
-    interval of one more run with Student's t for n - 1, plus half a unit of the last printed digit.
-    """
-    path = folder / "table1.csv"
-    tables = []
-    names, *lines = (cells for _, cells in read_csv(path)) if path.exists() else ([],)
-    records = [dict(zip(names, cells, strict=True)) for cells in lines]
-    published = {(r["sequence"], r["method"]): r for r in records if r["variant"] == "published"}
-    for kind, (words, digits) in ERROR_KINDS.items() if published else ():
-        rows = []
-        counts = collections.Counter[str]()
-        for row, method in itertools.product(table1.PAPER_ROWS, table1.PAPER_METHODS):
-            ours = published.get((row if row == table1.AVERAGE else f"{KITTI}{row}", method), {})
-            printed = paper.value(row, method)[kind == "re_deg_per_100m"]
-            cells = [format_number(printed, digits), *"–––"]
-            verdict = "no verdict: not run"
-            if ours and not ours[f"paper_{kind}"]:
-                verdict = "no verdict: part of the sequence"
-            elif ours:
-                n = int(ours["seeds"])
-                deviation = float(ours[f"{kind}_std"] or "nan")
-                less = float(ours[kind]) - float(printed or "nan")
-                most = prediction_half_width(deviation, n) + 0.5 * 10**-digits
-                cells[1:] = format_number(float(ours[kind])), signed(less, digits), format_number(most)
-                verdict = "reproduced" if abs(less) <= most else "not reproduced"
-                if n < FEWEST:
-                    verdict = "no verdict: fewer than three seeds"
-                elif method == table1.PROPOSAL and float(ours["removed_share"] or "nan") == 0.0:
-                    verdict = "no verdict: no boxes"
-            if ours:
-                rows.append([f"{row} {table1.PRINTED_NAMES[method]}", *cells, verdict])
-            counts[verdict] += printed is not None
-        columns = ["sequence, system", "printed", "ours", "difference", "allowed", "verdict"]
-        head = "; ".join(f"{verdict}: {count}" for verdict, count in counts.items() if count)
-        tables.append(ReportTable(f"{words}: verdict on printed numbers", columns, rows, [], [f"{head}."]))
-    return tables
 
 
 def printed_gains(paper: table1.PaperTable, other: str) -> list[Array]:
@@ -172,3 +127,44 @@ def choices_figure(ratios: Mapping[str, Mapping[str, Mapping[str, float]]]) -> F
     finish(axis, "translation error with another choice", "TE with this choice / TE as published")
     axis.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=SMALL_SIZE, frameon=False)
     return made
+
+
+def coverage_figure(shares: Mapping[str, Mapping[int, float]]) -> Figure:
+    """Share of further runs inside the interval, by number of seeds, for each rule; the line is 95 %."""
+    made, (axis,) = figure(220)
+    for (name, by_seeds), colour in zip(shares.items(), (CYCLE[0], PALE), strict=False):
+        axis.plot([*by_seeds], [100 * share for share in by_seeds.values()], "-o", color=colour, label=name)
+    axis.axhline(95.0, color=DARK, linewidth=1, linestyle=":", label="the level that is claimed")
+    axis.set_xticks([*next(iter(shares.values()))])
+    finish(axis, "further runs inside the interval [%]", "number of seeds")
+    return made
+
+
+def gains_figure(gains: Mapping[str, Gain]) -> Figure:
+    """The change of TE of each sequence, with the mean change and its interval, a chart for each table."""
+    made, axes = figure(240, max(len(gains), 1))
+    for axis, (title, gain) in zip(axes, gains.items(), strict=True):
+        places = np.arange(len(gain.names))
+        low, high = gain.interval.low, gain.interval.high
+        axis.axhspan(low, high, color=PALE, alpha=0.5, label="95 % interval of the mean")
+        axis.axhline(gain.interval.mean, color=DARK, linewidth=1.5, label="mean change")
+        axis.axhline(0.0, color=CYCLE[1], linewidth=1.0, linestyle="--", label="no change")
+        axis.plot(places, gain.changes, "o", color=CYCLE[0], markersize=6)
+        axis.set_xticks(places, [name.split("/")[-1].removeprefix("drive_") for name in gain.names])
+        axis.tick_params(axis="x", labelsize=SMALL_SIZE)
+        finish(axis, title, "sequence", "change of TE [%]")
+    return made
+
+
+def measured_columns(methods: Sequence[str]) -> list[dict[str, float]]:
+    """TE by sequence of variant `published` from `results.md`, for each method: a row for each sequence.
+
+    A sequence has rows for several lengths; they come from the same frames, so only the last is used.
+    """
+    table = results_table("Variant published: TE, %")
+    last = {row[0].split(",")[0].strip(): row for row in table.rows}
+    columns = []
+    for method in methods:
+        place = table.columns.index(method)
+        columns.append({name: float(row[place]) for name, row in last.items()})
+    return columns

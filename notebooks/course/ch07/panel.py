@@ -15,7 +15,12 @@ from vo_lib.config import VARIANTS, change, preset
 from vo_lib.data.sequence import Sequence
 from vo_lib.detection.label_folders import detection_record, label_folder, labelled_sequence
 from vo_lib.detection.settings import DetectorConfig
-from vo_lib.evaluation.kitti_errors import SHORT_PROTOCOL, kitti_errors, suitable_protocol
+from vo_lib.evaluation.kitti_errors import (
+    SHORT_PROTOCOL,
+    kitti_errors,
+    suitable_protocol,
+    trajectory_distances,
+)
 from vo_lib.geometry.types import Array, Progress
 from vo_lib.kit.settings import KitConfig
 from vo_lib.paper.settings import MethodConfig
@@ -154,7 +159,7 @@ class ReproduceView(Checked):
 
     methods: tuple[str, ...] = setting((), "names separated by commas; empty: all systems of the variant")
     model: str = setting(LABELS, "source of boxes: label files, the name of a detector, or an ONNX file")
-    frames: int = setting(60, "number of first frames; a part of KITTI's 00 starts at 16", low=20, high=5000)
+    frames: int = setting(100, "number of first frames; a part of KITTI's 00 starts at 16", low=20, high=5000)
     seeds: int = setting(3, "number of runs of each method, with different random sets", low=1, high=10)
 
 
@@ -192,7 +197,14 @@ class ReproducePanel(Panel):
         paths = paths_figure(title, truth, {entry.method: entry.poses for entry in entries}, frame)
         tables = "".join(table_html(table) for table in tables_of(entries))
         sentence = " ".join(results(group_entries(entries)))
-        if not any(entry.labels for entry in entries):
+        shortest = min(SHORT_PROTOCOL.lengths)
+        length = float(trajectory_distances(truth)[-1])
+        if length <= shortest:
+            sentence = (
+                f"The path of {length:.1f} m is shorter than the shortest sub-sequence, {shortest:g} m, so there "
+                "are no errors: choose more frames."
+            )
+        elif not any(entry.labels for entry in entries):
             sentence = "No boxes: feature_selection equals solution_selection. Name a detector under `boxes`."
         return Drawing([paths], sentence, tables=tables)
 
