@@ -37,7 +37,7 @@ SHORTER = {
     "for seed in range(5)]": "for seed in range(2)]",  # chapter 5
     "SEEDS = range(5)": "SEEDS = range(2)",  # chapter 6
     "clip(185, detector, report)": "clip(201, detector, report, 0)",  # chapter 7: the frames of chapter 8
-    "sixty = part_of(street, 60)": "sixty = part_of(street, 30)",
+    "sixty = part_of(chosen, 60)": "sixty = part_of(chosen, 30)",
     "tuple(methods), 3,": "tuple(methods), 2,",  # seeds
     "seeds=(0, 1, 2)": "seeds=(0,)",  # chapter 8
     "every=10)": "every=40)",  # frames of the film
