@@ -18,6 +18,7 @@ from conftest import with_box
 from matplotlib.figure import Figure
 
 from course import appendix, ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07, ch09
+from course.ch05.claim import claim_figure, true_path
 from course.colours import bgr
 from course.controls import Control, Knob
 from course.drawing import WIDTH, caption
@@ -571,6 +572,18 @@ def test_runs_frame_by_frame_are_those_at_once(street: Sequence) -> None:
         for each in parts:
             np.testing.assert_array_equal(each[name], run.poses[: len(each[name])])
     assert list(run_by_frame(part, configs)) == []  # stored
+
+
+def test_the_true_path_of_panel_7b_is_in_the_chart(street: Sequence) -> None:
+    """Also if the estimate goes straight on, while the truth turns."""
+    straight = np.tile(np.eye(4), (100, 1, 1))
+    straight[:, 2, 3] = np.arange(100)
+    part = street.part(0, 100)
+    path = claim_figure(part, {"straight": straight}).axes[-1]
+    low, high = path.get_xlim()
+    x = true_path(part)[:, 0]
+    assert np.abs(x).max() > 0.5  # m, the least half width
+    assert low <= x.min() < x.max() <= high
 
 
 def test_unfinished_pictures_of_the_slow_panels_say_so(

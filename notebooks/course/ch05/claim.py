@@ -107,7 +107,8 @@ def claim_figure(
         axis.set_ylim(0, room(1.35 * highest))  # room for the legend above the lines
         if frame is not None:
             axis.axvline(frames[frame - 1], ymax=0.7, color=PALE, linewidth=1)
-    reach = max(float(np.abs(places[:, 0, 3]).max()) for places in runs.values())
+    sideways = [true[:, 0], *(poses[:, 0, 3] for poses in runs.values())]
+    reach = max(float(np.abs(places).max()) for places in sideways)
     round_limits(path.yaxis)
     path.set_xlim(-room(1.2 * reach, least=0.5), room(1.2 * reach, least=0.5))
     finish(turns, "rotation error of each step [deg]", "frame", "", "upper left")
