@@ -20,10 +20,12 @@ from tiny_onnx import write_answering
 
 from vo_lib import settings
 from vo_lib.commands.cli import main
+from vo_lib.commands.run import FLAG_MEANINGS
 from vo_lib.config import CONFIG_CLASSES
 from vo_lib.data.poses import read_kitti_poses, read_tum
 from vo_lib.detection.layout import yolox_cells
 from vo_lib.files import read_csv
+from vo_lib.geometry.result import Flag
 from vo_lib.kit.calibration import read_learnt_calibration
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -275,3 +277,11 @@ def test_library_warnings_are_printed_after_success(
     assert main(["list"]) == code
     text = capsys.readouterr().err
     assert text == line if error is not None else text.startswith(line)
+
+
+def test_every_flag_of_a_frame_is_explained(bands: Path, done: Callable[..., str]) -> None:
+    assert set(FLAG_MEANINGS) == set(Flag)
+    printed = " ".join(done("still", "--min_matches", "1000").split())
+    assert "frames flagged few_matches │ 5" in printed
+    assert "few_matches: too few matches, so the motion of the frame before is repeated." in printed
+    assert "length and duration of the path │ 0.0 m in 0.5 s (0.00 m/s)" in printed

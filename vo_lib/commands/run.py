@@ -16,6 +16,7 @@ from ..evaluation.kitti_errors import suitable_protocol
 from ..evaluation.path_errors import evaluate
 from ..evaluation.path_facts import path_facts
 from ..files import write_atomic
+from ..geometry.result import Flag
 from ..geometry.types import Array
 from ..kit.settings import KitConfig
 from ..loops.settings import LoopConfig
@@ -56,6 +57,14 @@ if TYPE_CHECKING:
     from ..paper.settings import MethodConfig
     from ..runs.drive import Run
 
+FLAG_MEANINGS = {
+    Flag.STANDSTILL: "hardly any optical flow, so the camera stands still",
+    Flag.FEW_MATCHES: "too few matches, so the motion of the frame before is repeated",
+    Flag.NO_MOTION: "no motion with enough inliers, so the motion of the frame before is repeated",
+    Flag.CONTRADICTS_STEREO: "the motion does not fit the depths of the stereo pairs",
+    Flag.FILTER_OFF: "too few features would remain, so none is removed in boxes",
+    Flag.PRIOR_DROPPED: "another solution is clearly better than those near the previous essential vector",
+}
 BOX_SETTINGS = ("filter.margin", "filter.classes", "filter.score")
 DETECTOR = "detector."
 FORMER_CLASSES = "--detector.classes"
@@ -191,7 +200,8 @@ def _show(result: Run, method: str, estimates: dict[str, Array]) -> None:
         rows.append(["features removed in boxes", share if sequence.labels else "no labels"])
     used = format_number(median(motion.used for motion in motions), 0)
     rows.append(["matches used per frame (after buckets), median", used])
-    for flag in sorted({flag for motion in motions for flag in motion.flags}):
+    flags = sorted({flag for motion in motions for flag in motion.flags})
+    for flag in flags:
         rows.append([f"frames flagged {flag}", str(sum(flag in motion.flags for motion in motions))])
     calibration = result.calibration
     if isinstance(result.config, KitConfig) and calibration is not None and calibration.estimate.any():
@@ -199,6 +209,7 @@ def _show(result: Run, method: str, estimates: dict[str, Array]) -> None:
         rows.append(["corrected calibration errors (± σ)", errors.replace("; ", "\n")])
     rows.append(["time per frame", f"{result.ms_per_frame:.1f} ms"])
     show_table(["quantity", "value"], rows)
+    print_wrapped(*(f"{flag}: {FLAG_MEANINGS[flag]}." for flag in flags))
     if path_lost(result):
         missing = [motion.measured for motion in motions].count(False)
         print_wrapped(

@@ -16,6 +16,7 @@ from .sequence import Sequence, open_folder
 
 SYNTHETIC = "synthetic/"
 KITTI = "kitti/"
+VIDEO_ENDINGS = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v")
 DRAWING_PROCESSES = min(os.cpu_count() or 1, 4)
 # KITTI in the kit's own folder; an installed copy has none, and looks in the working folder alone.
 PROJECT = checkout_folder() or Path()
@@ -95,6 +96,9 @@ def _find_folder(name: str, cache: Path | None, progress: Progress | None) -> Pa
     if Path(name).is_file():
         video = f"for a video with both images side by side: vo data from_folder --video {name} --out DIR …"
         raise DataError(f"is a file: expected a folder or a name from `vo list`; {video}", name)
+    if Path(name).suffix.lower() in VIDEO_ENDINGS:
+        video = "a video with both images side by side is imported by: vo data from_folder --video FILE …"
+        raise DataError(f"the file is missing; {video}", name)
     raise DataError(f"the folder is missing: {near}expected a folder or a name from `vo list`", name)
 
 

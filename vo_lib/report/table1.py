@@ -473,7 +473,7 @@ def group_records(group: Group, paper: PaperTable) -> list[dict[str, Any]]:
     """The records of one group, as in `table_records`."""
     records = []
     several = len(group.sequences) > 1
-    if several:
+    if len(group.averaged) > 1:
         row = AVERAGE if group.is_papers else f"mean of {len(group.averaged)}"
         records += [_record(group, paper, row, method, group.mean(method)) for method in group.methods]
     highway = f"{KITTI}{LEFT_OUT}"
