@@ -66,6 +66,10 @@ def test_changes_without_effect_or_with_two_equal_methods_are_refused() -> None:
     ransac = parse_axes(["selection.prior=off", "selection.winner=inliers"], preset("viso2"))
     with pytest.raises(DataError, match="mesvo_f and solution_selection are the same method"):
         make_blocks(METHODS, (), ransac)
+    # Here they differ only in settings that they no longer use.
+    viso2 = parse_axes(["estimator=reprojection"], preset("viso2"))
+    with pytest.raises(DataError, match="mesvo_f and solution_selection are the same method"):
+        make_blocks(METHODS, (), viso2)
 
 
 def test_loops_use_the_settings_of_the_reprojection_error() -> None:

@@ -14,6 +14,7 @@ from made_entries import straight
 
 from vo_lib import preset, run
 from vo_lib.commands.cli import main
+from vo_lib.config import change
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.poses import format_tum, read_euroc, read_kitti_poses, write_kitti_poses
 from vo_lib.evaluation.ate_rpe import Alignment
@@ -54,9 +55,10 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     base = tmp_path_factory.mktemp("runs")
     sequence, other = (open_sequence(write_bands(base / name)) for name in ("bands", "street"))
     jobs = {"a": (sequence, "viso2", 0), "b": (sequence, "mesvo_f", 0), "c": (sequence, "viso2", 1)}
+    jobs |= {"sets": (sequence, "mesvo_f", 0)}
     jobs |= {"part": (sequence.part(1, 5), "viso2", 0), "else": (other, "viso2", 0)}
     for name, (data, method, seed) in jobs.items():
-        config = preset(method, seed=seed)
+        config = change(preset(method, seed=seed), "selection.sets", 20 if name == "sets" else 200)
         (base / name).mkdir()
         write_run(base / name, run(data, config), run_identity(data, config, method))
     return base
@@ -132,12 +134,14 @@ def test_labels_are_the_shortest_distinct_names(
     for folders, labels in (
         (("a", "b"), ["viso2", "mesvo_f"]),
         (("a", "c"), ["viso2, published, seed 0", "viso2, published, seed 1"]),
+        (("b", "sets"), ["mesvo_f, published, seed 0", "mesvo_f, selection.sets=20"]),
         (("a", tmp_path / "again"), [str(runs / "a"), str(tmp_path / "again")]),
     ):
         assert list(numbers(capsys, *(runs / name for name in folders))) == labels
     truth = winding_road(150, 0.03, 1.07)
     for files, labels in (
         (("ours/07.txt", "theirs/07.txt"), ["ours", "theirs"]),
+        (("ours/07.txt", "ours/07.tum"), ["07.txt", "07.tum"]),
         (("orb.txt", "ours/poses.txt"), ["orb", "ours"]),
     ):
         for file in files:
@@ -159,7 +163,7 @@ def test_evaluate_refuses_missing_truth_and_other_lengths(
     assert "contains no finished run: expected the folder of a run" in refused(capsys, tmp_path)
     nearest = " ".join(str(runs / name) for name in ("a", "b", "c"))
     assert refused(capsys, runs).endswith(
-        f": is not the folder of a run, but contains runs: {nearest} and 2 more"
+        f": is not the folder of a run, but contains runs: {nearest} and 3 more"
     )
     (tmp_path / "later.txt").write_text(format_tum(np.arange(10.0, 15.0), straight(5)))
     assert "fewer than two poses at the times" in refused(capsys, runs / "a", tmp_path / "later.txt")
@@ -467,6 +471,8 @@ def test_what_is_unknown_without_truth_is_told(tmp_path: Path, capsys: pytest.Ca
     write_kitti_poses(tmp_path / "short.txt", road[:-1])
     message = refused(capsys, tmp_path / "plain.txt", tmp_path / "short.txt")
     assert f"has 149 poses, but {tmp_path / 'plain.txt'} has 150: without times" in message
+    write_kitti_poses(tmp_path / "one.txt", road[:1])
+    assert "one.txt: has one pose: a path needs two or more" in refused(capsys, tmp_path / "one.txt")
     (tmp_path / "ms.tum").write_text(format_tum(1e5 * np.arange(150.0), road))
     assert "the median interval of the times is" in refused(capsys, tmp_path / "ms.tum")
 

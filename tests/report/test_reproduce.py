@@ -280,6 +280,9 @@ def test_reproduce_writes_all_files(tree: Path, capsys: pytest.CaptureFixture[st
     assert 0 < float(table[1]["te_percent"]) < 5
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "No ground truth, so no errors: kitti/11; the poses are in the folder runs." in page
+    for text in (page.replace("<wbr>", ""), printed):
+        assert "kitti/11, variant kit, first seed: no ground truth, so these numbers are no errors" in text
+        assert "viso2 – mesvo_f" in text
     assert "kitti/08" in page
     assert page.count("<img") == page.count("data:image/png;base64,") == len(figures) + 2  # errors
 

@@ -31,6 +31,9 @@ from .common import changed_words, parse_delta, parse_lengths, parse_whole, requ
 from .console import print_lines, print_wrapped, show_report_table, warn
 
 EVALUATION = "evaluation.json"
+DEFAULT_ALIGNMENT = "se3"
+DEFAULT_DELTA = "1f"
+ERROR_OPTIONS = ("lengths", "step", "alignment", "delta")
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -51,10 +54,12 @@ def add(parser: argparse.ArgumentParser) -> None:
     option("--lengths", metavar="L,L,…", help=text)
     text = "frames between the starts of sub-sequences; default 10, or 1 for short paths"
     option("--step", metavar="N", help=text)
-    text = "transformation of the path before the ATE is computed; default %(default)s"
-    option("--alignment", default="se3", choices=[each.value for each in Alignment], help=text)
-    text = "interval of the RPE, in frames (10f) or in metres along the true path (5m); default 1f"
-    option("--delta", default="1f", metavar="D", help=text)
+    text = f"transformation of the path before the ATE is computed; default {DEFAULT_ALIGNMENT}"
+    option("--alignment", choices=[each.value for each in Alignment], help=text)
+    text = (
+        f"interval of the RPE, in frames (10f) or in metres along the true path (5m); default {DEFAULT_DELTA}"
+    )
+    option("--delta", metavar="D", help=text)
     text = "largest difference between the times of a pose and its true pose, in seconds; default %(default)s"
     option("--t-max-diff", type=float, default=TIME_TOLERANCE_S, metavar="S", help=text)
     text = "folder for evaluation.json and for figures of paths and of errors by length and speed"
@@ -121,6 +126,13 @@ class _Compared:
 _Result = _Evaluated | _Compared
 
 
+def _refuse_options_of_errors(options: argparse.Namespace) -> None:
+    """Raise `DataError` for options that have no effect on paths without truth."""
+    given = [f"--{name}" for name in ERROR_OPTIONS if getattr(options, name) is not None]
+    if given:
+        raise DataError(f"{' and '.join(given)}: no effect without ground truth: {GIVE_TRUTH}")
+
+
 def _evaluate(options: argparse.Namespace) -> int:
     lengths = None if options.lengths is None else parse_lengths(options.lengths)
     step = None if options.step is None else parse_whole("--step", options.step)
@@ -128,8 +140,8 @@ def _evaluate(options: argparse.Namespace) -> int:
         require_drawing()
     if not options.t_max_diff >= 0:
         raise DataError(f"--t-max-diff {options.t_max_diff:g}: expected 0 s or more")
-    alignment = Alignment(options.alignment)
-    delta = parse_delta(options.delta)
+    alignment = Alignment(options.alignment or DEFAULT_ALIGNMENT)
+    delta = parse_delta(options.delta or DEFAULT_DELTA)
     for folder in options.paths:
         if changed := {POSES, POSES_TUM}.intersection(changed_files(folder)):
             warn(
@@ -138,6 +150,7 @@ def _evaluate(options: argparse.Namespace) -> int:
     results: list[_Result] = []
     for paths in read_paths(options.paths, options.truth, options.t_max_diff):
         if isinstance(paths, PathsWithoutTruth):
+            _refuse_options_of_errors(options)
             results.append(_Compared(paths))
             continue
         usual = suitable_protocol(paths.truth, paths.frames)

@@ -16,9 +16,14 @@ from ..files import only_process, refuse_foreign
 from ..loops.settings import LoopConfig
 from ..report.blocks import Axes, make_blocks, parse_axes
 from ..report.film import FILM_ENDING, Film, film_frames
+from ..report.page import ReportTable
+from ..report.path_tables import tables_without_truth
+from ..report.paths import PathsWithoutTruth
 from ..report.table1 import (
     PROPOSAL,
     RUNS,
+    Cell,
+    Reproduction,
     collect,
     default_sequences,
     group_entries,
@@ -29,7 +34,15 @@ from ..report.table1 import (
     read_paper_table,
     split_missing,
 )
-from ..report.table1_page import REPORT, TABLE, layout_tables, results, table_files, write_table_files
+from ..report.table1_page import (
+    REPORT,
+    TABLE,
+    block_words,
+    layout_tables,
+    results,
+    table_files,
+    write_table_files,
+)
 from ..runs.durations import Durations
 from ..runs.folder import has_runs, read_run, run_folder
 from ..runs.jobs import Job, run_jobs
@@ -132,6 +145,7 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
         for group in groups:
             tables += layout_tables(group, paper, of_groups[group.variant, group.settings])
         tables += closed
+        tables += _tables_without_truth(result, cells)
         conclusions = [*results(groups), *remarks]
         seconds = time.perf_counter() - start
         origin = [options.line, f"duration {seconds:.0f} s, processes: {durations.workers}"]
@@ -144,6 +158,17 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
     print_wrapped(*kitti_duration(jobs, durations))
     print_lines(f"Report with figures: {folder / REPORT}")
     return int(bool(result.failed or (missing and options.missing != "ok")))
+
+
+def _tables_without_truth(result: Reproduction, cells: list[Cell]) -> list[ReportTable]:
+    """For each block and each sequence without truth, the lengths of the paths and their distances."""
+    times = {cell.sequence.name: cell.sequence.times for cell in cells}
+    tables = []
+    for (block, name), (truth, paths) in result.paths.items():
+        if truth is None:
+            title = f"{name}, {block_words(block.variant, block.words)}, first seed"
+            tables += tables_without_truth(PathsWithoutTruth(title, times[name], paths))
+    return tables
 
 
 def _draw_films(jobs: list[Job], cache: Path | None) -> None:

@@ -198,12 +198,21 @@ def make_blocks(
 
 def _refuse_equal_methods(block: Block, methods: list[str]) -> None:
     """Raise `DataError` if the changes make two methods the same: one would be shown under two names."""
-    seen: dict[MethodConfig, str] = {}
+    seen: dict[Changes, str] = {}
     for method in methods:
-        config = block.config(method)
-        if config in seen:
+        effective = _effective(block.config(method))
+        if effective in seen:
             raise DataError(
-                f"with {block.words}, {seen[config]} and {method} are the same method: choose one of them "
+                f"with {block.words}, {seen[effective]} and {method} are the same method: choose one of them "
                 "with --methods"
             )
-        seen[config] = method
+        seen[effective] = method
+
+
+def _effective(config: MethodConfig) -> Changes:
+    """The settings that a configuration uses, with their values."""
+    return tuple(
+        (item.name, settings.value_of(config, item.name))
+        for item in settings.declared(type(config))
+        if not settings.unused_because(config, item.name)
+    )

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import functools
 import shlex
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..config import preset
 from ..data.catalogue import open_sequence
 from ..data.pose_times import are_frame_numbers, interval_fault, refuse_intervals, time_mismatch, time_ranges
 from ..data.poses import TIME_TOLERANCE_S, TUM_ROW, PoseFile, match_times, read_path
 from ..errors import DataError
 from ..geometry.types import Array, Index
-from ..runs.folder import CONFIG, POSES, POSES_TUM, is_finished, read_config
+from ..runs.folder import CONFIG, POSES, POSES_TUM, is_finished, read_config, settings_in
+from .blocks import differences, settings_words
 
 COMMON_STEMS = ("poses", "poses_tum", "data")  # file names in many folders, useless as labels
 NEAREST_RUNS = 3  # number of run folders that a message names
@@ -226,13 +229,20 @@ def _names(source: Path, config: dict[str, Any] | None) -> list[str]:
     if config is None:
         names = list(source.parent.parts[:0:-1])  # the folders, the nearest first, without the root
         if source.stem not in COMMON_STEMS:
-            names.insert(0, source.stem)
+            names[:0] = [source.stem, source.name]
         return [*names, str(source)]
     method = str(config.get("method"))
     variant = config.get("variant")
     seed = config["settings"].get("seed")
     label = method if variant == "published" else f"{method}, {variant}"
-    return [label, f"{method}, {variant}, seed {seed}", str(source)]
+    names = [label]
+    whole = f"{method}, {variant}"
+    with suppress(DataError):  # a method or settings of another version
+        changes = differences(settings_in(config, source), preset(method, variant=str(variant)))
+        if changes:
+            names.append(f"{label}, {settings_words(changes)}")
+            whole += f", {settings_words(changes)}"
+    return [*names, f"{whole}, seed {seed}", str(source)]
 
 
 def _compared(
@@ -242,7 +252,7 @@ def _compared(
     matched = [_matched(file, truth, tolerance, what) for file in files]
     common = functools.reduce(np.intersect1d, [each.rows for each in matched])
     if len(common) < 2:
-        condition = f"at the times of the other paths of {truth.name}, within --t-max-diff {tolerance:g} s"
+        condition = f"at the times of the other paths and of {what}, within --t-max-diff {tolerance:g} s"
         raise DataError(f"has fewer than two poses {condition}", files[-1])
     estimates = {}
     for labels, each in zip(names, matched, strict=True):
@@ -269,6 +279,8 @@ def _matched(path: Path, truth: ComparedPaths, tolerance: float, what: str) -> _
     `what` : the truth in words.
     """
     file = read_path(path)
+    if len(file.poses) < 2:
+        raise DataError("has one pose: a path needs two or more", path)
     notes = list(file.notes)
     if file.times is None or truth.times is None:
         if file.times is not None:

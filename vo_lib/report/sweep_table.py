@@ -303,7 +303,7 @@ def heat_map(sweep: Sweep) -> bytes:
     width = max(SMALL_PAGE[0], 1.5 + 1.1 * len(columns))
     height = 2 * (1.2 + 0.55 * len(rows)) + 0.8
     figure = figure_page(sweep.title, width, height)
-    better = "\nlower is better" if sweep.has_truth else "\nno error"
+    better = "\nlower is better" if sweep.has_truth else "\nfrom the default"
     for axis, (kind, label) in zip(figure.subplots(2), sweep.kinds.items(), strict=True):
         pairs = np.array([(record[kind], record[f"{kind}_std"]) for record in sweep.records], float)
         values = pairs[:, 0].reshape(len(rows), -1)
