@@ -26,8 +26,8 @@ def select_by_bucket(uv: Array, age: IntArray, strength: Array, config: BucketCo
     Sorted indices of the selected features: at most `config.features` per square of `config.size` pixels.
     """
     bucket = square_numbers(uv, config.size)
-    order = np.lexsort((-strength, -age, bucket))
+    order = np.lexsort((-strength, -age, bucket))  # by bucket, in a bucket by age, at equal age by strength
     sorted_bucket = bucket[order]
-    first = np.searchsorted(sorted_bucket, sorted_bucket)
-    rank = np.arange(len(order)) - first
+    first_of_bucket = np.searchsorted(sorted_bucket, sorted_bucket)
+    rank = np.arange(len(order)) - first_of_bucket
     return np.sort(order[rank < config.features])

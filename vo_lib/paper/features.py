@@ -101,10 +101,11 @@ def stereo_matches(left: Described, right: Described, max_disparity: int) -> tup
     right_rows = _kind_and_row(right)
     first = np.searchsorted(right_rows, left_rows - MAX_ROW_DIFFERENCE_PX)
     last = np.searchsorted(right_rows, left_rows + MAX_ROW_DIFFERENCE_PX, side="right")
+    # All pairs one after the other: left feature i with each right feature j from first[i] to last[i] - 1.
     count = last - first
-    # Left feature i is paired with each right feature j from first[i] to last[i] - 1.
-    i = np.repeat(np.arange(len(count)), count)
-    j = np.arange(len(i)) + np.repeat(last - np.cumsum(count), count)
+    i = np.repeat(np.arange(len(left)), count)
+    first_pair = np.cumsum(count) - count  # place of the first pair of each left feature among all pairs
+    j = first[i] + np.arange(len(i)) - first_pair[i]
     disparity = left.uv[i, 0] - right.uv[j, 0]
     possible = (disparity >= 0) & (disparity <= max_disparity)
     i = i[possible]

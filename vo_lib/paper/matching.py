@@ -138,14 +138,20 @@ def subpixel_matches(
     agree. A match that fails a check is not tracked further.
     """
     side = config.subpixel_window
+    # Previous left to previous right.
     prev_right, ok, _ = track(before.left, before.right, matches.prev_left, matches.prev_right, side)
-    matches = replace(matches, prev_right=prev_right)[ok & is_stereo(matches.prev_left, prev_right, config)]
+    ok &= is_stereo(matches.prev_left, prev_right, config)
+    matches = replace(matches, prev_right=prev_right)[ok]
+    # Previous left to current left.
     cur_left, ok, _ = track(before.left, pair.left, matches.prev_left, matches.cur_left, side)
     matches = replace(matches, cur_left=cur_left)[ok]
-    by_time, ok, _ = track(before.right, pair.right, matches.prev_right, matches.cur_right, side)
-    cur_right, ok_stereo, _ = track(pair.left, pair.right, matches.cur_left, matches.cur_right, side)
-    ok &= ok_stereo & (np.linalg.norm(cur_right - by_time, axis=1) <= config.loop_tolerance)
-    return replace(matches, cur_right=cur_right)[ok & is_stereo(matches.cur_left, cur_right, config)]
+    # To current right, from both.
+    over_time, ok, _ = track(before.right, pair.right, matches.prev_right, matches.cur_right, side)
+    cur_right, in_pair, _ = track(pair.left, pair.right, matches.cur_left, matches.cur_right, side)
+    ok &= in_pair
+    ok &= np.linalg.norm(cur_right - over_time, axis=1) <= config.loop_tolerance
+    ok &= is_stereo(matches.cur_left, cur_right, config)
+    return replace(matches, cur_right=cur_right)[ok]
 
 
 def is_stereo(left: Array, right: Array, config: StereoLimits) -> BoolArray:

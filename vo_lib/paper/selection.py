@@ -74,9 +74,10 @@ def nearest_to_prior(E: Array, set_index: Index, e_prev: Array, top_k: int) -> B
     Mask (M,) of these candidates; the distance to the vector is the angle acos|eᵀ e_prev|.
     """
     angle = essential_angle(essential_vector(E), e_prev)
-    order = np.lexsort((angle, set_index))
+    order = np.lexsort((angle, set_index))  # by set, in a set by angle
     ordered_sets = set_index[order]
-    rank = np.arange(len(order)) - np.searchsorted(ordered_sets, ordered_sets)
+    first_of_set = np.searchsorted(ordered_sets, ordered_sets)
+    rank = np.arange(len(order)) - first_of_set
     kept = np.zeros(len(order), np.bool_)
     kept[order[rank < top_k]] = True
     return kept
