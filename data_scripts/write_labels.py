@@ -41,7 +41,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     text = "label folder; default: labels in the sequence's folder"
     parser.add_argument("--out", type=Path, metavar="DIR", help=text)
     parser.add_argument("--replace", action="store_true", help="replace labels of another detector")
-    parser.add_argument("--provider", default="cpu", choices=list(PROVIDERS), help="processor; default cpu")
+    parser.add_argument(
+        "--provider", default="cpu", choices=list(PROVIDERS), help="where the detector runs; default cpu"
+    )
     add_cache(parser)
     add_settings(parser, DetectorConfig)
     add_option(parser, CLASSES, "classes")

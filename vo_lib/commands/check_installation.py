@@ -21,6 +21,10 @@ Finding = tuple[str, str, str, str]
 
 def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo check`."""
+    parser.description = (
+        "Check packages, data and caches, and say what to do where something is missing. The exit code is 1 "
+        "only for a problem that must be solved."
+    )
     parser.set_defaults(command=_check)
 
 

@@ -66,7 +66,7 @@ def add_method(parser: argparse.ArgumentParser) -> None:
 def add_variant(parser: argparse.ArgumentParser, both: bool = False) -> None:
     """Add the option for the variant; `both` allows both variants."""
     default = BOTH if both else DEFAULT_VARIANT
-    text = f"published: the method of the paper; kit: with additions; default {default}"
+    text = f"published is the method of the paper, kit has additions to it; default {default}"
     parser.add_argument("--variant", choices=[*VARIANTS, *([BOTH] if both else [])], help=text)
 
 
@@ -74,12 +74,14 @@ def add_part(parser: argparse.ArgumentParser) -> None:
     """Add the options for frames, labels and masks of the sequence."""
     parser.add_argument("--frames", metavar="A:B", help="only the frames A … B-1, counted from 0")
     text = (
-        "folder of YOLO label files; default: labels/ in the sequence's folder. Class names come from "
-        "classes.txt, obj.names or data.yaml in or above the folder; without names, the numbers are COCO's: "
-        "2 car, 5 bus, 7 truck"
+        "folder of YOLO label files; default: labels/ in the sequence's folder. The names of the classes are "
+        "read from classes.txt, obj.names or data.yaml in the folder or above it. Without names, the numbers "
+        "are taken as COCO's: 2 car, 5 bus, 7 truck"
     )
     parser.add_argument("--labels", metavar="DIR", help=text)
-    text = "PNG mask, 0 where features are allowed; or a folder of masks with the names of the left images"
+    text = (
+        "PNG image that is 0 where features are allowed, or a folder with one of the name of each left image"
+    )
     parser.add_argument("--masks", type=Path, metavar="PATH", help=text)
 
 
@@ -102,7 +104,7 @@ def add_set(parser: argparse.ArgumentParser, purpose: str, required: bool = Fals
 
 def add_config(parser: argparse.ArgumentParser) -> None:
     """Add the option for a run's settings."""
-    text = "config.json of a run: method, variant and thresholds"
+    text = "take method, variant and thresholds from the config.json of a run"
     parser.add_argument("--config", type=Path, metavar="FILE", help=text)
 
 
@@ -110,18 +112,21 @@ def add_detector(parser: argparse.ArgumentParser, where: str = "") -> None:
     """Add the options for a detector and its processor."""
     text = "detect vehicles{} with `street` (included, for drawn streets), a downloaded model or an ONNX file"
     parser.add_argument("--detector", metavar="MODEL", help=text.format(where))
-    parser.add_argument("--provider", default="cpu", choices=list(PROVIDERS), help="processor; default cpu")
+    text = "where the detector runs; default cpu"
+    parser.add_argument("--provider", default="cpu", choices=list(PROVIDERS), help=text)
 
 
 def add_many(parser: argparse.ArgumentParser) -> None:
     """Add the options of commands with many runs."""
-    text = "number of random seeds, 0 … N-1; default %(default)s"
+    text = "run each method with the seeds 0 to N-1; default %(default)s"
     parser.add_argument("--seeds", metavar="N", default="5", help=text)
     where = parser.add_mutually_exclusive_group()
-    where.add_argument("--jobs", metavar="N", default="1", help="parallel processes; default %(default)s")
+    where.add_argument(
+        "--jobs", metavar="N", default="1", help="processes that work at once; default %(default)s"
+    )
     text = "Dask scheduler, tcp://host:port; its workers need the same file paths (extra [cluster])"
     where.add_argument("--dask", metavar="ADDRESS", help=text)
-    parser.add_argument("--fresh", action="store_true", help="repeat finished runs")
+    parser.add_argument("--fresh", action="store_true", help="compute finished runs again")
     add_cache(parser)
 
 

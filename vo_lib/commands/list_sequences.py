@@ -21,6 +21,7 @@ COLUMNS = ["name", "frames", "length m", "truth", "boxes", "image px", "MB"]
 
 def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo list`."""
+    parser.description = "List the sequences that `vo run` can open by name: KITTI's, and the drawn scenes."
     parser.set_defaults(command=_list)
 
 

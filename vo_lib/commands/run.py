@@ -81,17 +81,22 @@ def add(parser: argparse.ArgumentParser) -> None:
     common.add_method(parser)
     common.add_part(parser)
     common.add_detector(parser)
-    option("--out", metavar="DIR", help="folder for the results; a finished run there is not repeated")
-    option("--fresh", action="store_true", help="ignore a finished run in the folder")
-    text = "calibration.json with initial errors (variant kit); --calibration.estimate off keeps these errors"
+    option("--out", metavar="DIR", help="folder for the results; if it has this run already, it is only read")
+    option("--fresh", action="store_true", help="compute the run again, even if the folder has it")
+    text = (
+        "start from the errors in a calibration.json (variant kit); with --calibration.estimate off, they "
+        "stay as they are"
+    )
     option("--calibration", type=Path, metavar="FILE", help=text)
     common.add_cache(parser)
-    text = "store the matches in the cache, and use those that are there"
+    text = "store the matches in the cache and, the next time, read them there"
     option("--keep-matches", action="store_true", help=text)
-    text = f"film ({FILM_ENDING}) of features, boxes and path; a report includes the films of its runs"
+    text = f"draw a film ({FILM_ENDING}) of features, boxes and path; a report shows the films of its runs"
     option("--video", type=Path, metavar="FILE", help=text)
     close_loops.add_loops(parser)
-    option(SETTINGS_PAGE, action="store_true", help="list the threshold options, which override --config")
+    option(
+        SETTINGS_PAGE, action="store_true", help="list the options for all thresholds; they override --config"
+    )
     for item in [*SETTINGS.values(), *DETECTOR_SETTINGS, *close_loops.LOOP_SETTINGS]:
         add_option(parser, item, item.name, shown=False)  # not in the short help
     option(FORMER_CLASSES, help=argparse.SUPPRESS)
