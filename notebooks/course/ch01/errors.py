@@ -24,7 +24,7 @@ OUTLINE_WINDOW = 11  # side of the window that an outline crosses, pixels
 OUTLINE_RATIO = 1.2  # of the largest and the smallest depth in this window
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Measure:
     """The error of matches between a frame and the frame before, pixels; a call returns the errors (N,).
 
