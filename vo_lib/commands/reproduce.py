@@ -39,6 +39,7 @@ from ..report.table1_page import (
     TABLE,
     block_words,
     layout_tables,
+    removal_pictures,
     results,
     table_files,
     write_table_files,
@@ -150,7 +151,8 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
         seconds = time.perf_counter() - start
         origin = [options.line, f"duration {seconds:.0f} s, processes: {durations.workers}"]
         said = [*without_boxes, *conclusions]
-        write_table_files(folder, result, groups, paper, tables, said, origin, differs)
+        removals = removal_pictures(outcomes)
+        write_table_files(folder, result, groups, paper, tables, said, origin, differs, removals)
     for table in tables:
         show_report_table(table)
     print_wrapped("", *result.problems, *conclusions)

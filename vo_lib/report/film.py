@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
 FILM_FPS = 10
 FILM_ENDING = ".webm"
-POSTER_QUALITY = 80  # of JPEG, per cent
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 FONT_SCALE = 0.6
 # Wider images are made smaller: with the path beside it, a film then fits the width of a report.
@@ -76,6 +75,22 @@ def film_frames(
             yield FilmFrame(frame.index, frame.matches, result.removal, result.motion)
 
 
+def removal_image(run: Run, calibration: Calibration | None = None) -> tuple[int, Image] | None:
+    """The frame of which a run removed the most features, and its image with boxes and features, BGR.
+
+    Its matches are computed again from this frame and the one before. None if the run removed no feature.
+    """
+    removed = [motion.removed for motion in run.motions]
+    if max(removed, default=0) == 0:
+        return None
+    index = removed.index(max(removed)) + 1  # the first motion leads to frame 1
+    pair = replace(run, sequence=run.sequence.part(index - 1, index + 1))
+    (frame,) = film_frames(pair, calibration=calibration)
+    removal = frame.removal
+    left = pair.sequence.left(frame.index)
+    return index, plots.match_image(left, frame.matches, removal.kept, removal.boxes, removal.state)
+
+
 def refuse_foreign_film(path: Path) -> None:
     """Raise `DataError` for a name without the ending of films, or of a file that the kit did not write."""
     if path.suffix.lower() != FILM_ENDING:
@@ -95,9 +110,7 @@ def poster(path: Path) -> bytes:
     video.set(cv2.CAP_PROP_POS_FRAMES, video.get(cv2.CAP_PROP_FRAME_COUNT) // 2)
     found, picture = video.read()
     video.release()
-    if not found:
-        return b""
-    return cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, POSTER_QUALITY])[1].tobytes()
+    return plots.jpeg(np.asarray(picture, np.uint8)) if found else b""
 
 
 class Film:

@@ -88,6 +88,9 @@ def records_csv(records: list[dict[str, Any]]) -> str:
     return csv_text([list(records[0]) if records else [], *rows])
 
 
+PNG_START = b"\x89PNG"
+
+
 @dataclass(frozen=True)
 class ShownFilm:
     """A film: its address relative to the report, a caption, and a JPEG that is shown until it plays."""
@@ -99,25 +102,30 @@ class ShownFilm:
     @property
     def poster_address(self) -> str:
         """The poster as a data URL."""
-        return f"data:image/jpeg;base64,{base64.b64encode(self.poster).decode('ascii')}"
+        return data_url("jpeg", self.poster)
 
 
 @dataclass(frozen=True)
 class Picture:
-    """The bytes of a PNG, and a caption."""
+    """The bytes of a PNG or JPEG, and a caption.
+
+    place : where it is in a report: "" in one column; "tall" in one column, beside two rows; "wide" in two
+    columns; "two" in two columns as well, but a telephone shows only one of its two panels at a time.
+    """
 
     data: bytes
     caption: str
-
-    @property
-    def width(self) -> int:
-        """Width in pixels, from the PNG header."""
-        return int.from_bytes(self.data[16:20], "big")
+    place: str = ""
 
     @property
     def address(self) -> str:
         """The picture as a data URL."""
-        return f"data:image/png;base64,{base64.b64encode(self.data).decode('ascii')}"
+        return data_url("png" if self.data.startswith(PNG_START) else "jpeg", self.data)
+
+
+def data_url(kind: str, data: bytes) -> str:
+    """The bytes of a picture as an address that contains them."""
+    return f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"
 
 
 def provenance() -> list[str]:

@@ -42,6 +42,10 @@ METHOD_MARKERS = dict(zip(STYLED, "D^sov", strict=True))
 TRUTH_COLOUR = "#222222"
 LOOP_COLOUR = CYCLE[5]
 LINE_WIDTHS = {PROPOSAL: 4.0, TRUTH: 0.9}  # points; other lines have widths between these
+TRUTH_EDGE = 0.6  # points, of the white edge on each side of the truth
+# Width of a path, divided by its length, below which a view from above with equal axes is nearly empty.
+STRAIGHT = 0.2
+STRAIGHT_HEIGHT = 2.6  # inches, of the chart of a straight drive
 
 
 def require_matplotlib() -> None:
@@ -83,9 +87,14 @@ def styled(named: Mapping[str, Values]) -> Iterator[tuple[str, Values, dict[str,
 
     Each line is thinner than the previous line, so that overlapping lines stay visible.
     """
+    from matplotlib.patheffects import withStroke
+
     for number, name in enumerate(sorted(named, key=lambda name: (name == TRUTH, name != PROPOSAL))):
         width = LINE_WIDTHS.get(name, 1.0 + 0.4 * (len(named) - 1 - number))
-        yield name, named[name], {"color": method_colour(name, number), "linewidth": width, "label": name}
+        style = {"color": method_colour(name, number), "linewidth": width, "label": name}
+        if name == TRUTH:  # a white edge, so that the thin line is seen on a path below it
+            style["path_effects"] = [withStroke(linewidth=width + 2 * TRUTH_EDGE, foreground="white")]
+        yield name, named[name], style
 
 
 def label_axis(axis: Axes, x: str, y: str) -> None:
@@ -113,6 +122,50 @@ def distance_from_truth(poses: Array, truth: Array) -> Array:
     return np.asarray(np.linalg.norm(poses[:, :3, 3] - from_first(truth)[:, :3, 3], axis=1))
 
 
+def is_straight(truth: Array | None, estimates: Mapping[str, Array]) -> bool:
+    """Whether all paths (N, 4, 4), seen from above, are so narrow that a chart of them is nearly empty."""
+    paths = [*estimates.values()] if truth is None else [from_first(truth), *estimates.values()]
+    points = np.concatenate([poses[:, [0, 2], 3] for poses in paths])
+    centred = points - points.mean(axis=0)
+    axes = np.linalg.svd(centred, full_matrices=False)[2]  # the direction of the drive, and across
+    length, width = np.ptp(centred @ axes.T, axis=0)
+    return bool(width < STRAIGHT * length)
+
+
+def sideways_from_truth(poses: Array, truth: Array) -> Array:
+    """How far poses are to the right of the true ones, (N,) metres, seen from the true camera.
+
+    Both are (N, 4, 4); the poses start at the identity.
+    """
+    true = from_first(truth)
+    to_right = true[:, :3, 0]  # the x axis of the true camera
+    return np.asarray(np.einsum("ni,ni->n", to_right, poses[:, :3, 3] - true[:, :3, 3]))
+
+
+def draw_sideways(axis: Axes, title: str, truth: Array | None, estimates: Mapping[str, Array]) -> None:
+    """Draw how far estimates are beside the truth, in place of a view from above of a straight drive.
+
+    Without a truth, it is how far they are beside the line from the start to the end of the first estimate.
+    The axes are not equal: a metre to the side is longer than a metre ahead.
+    """
+    if truth is not None:
+        along = trajectory_distances(truth)
+        # The truth is the line of zeros, drawn last as everywhere.
+        for _, poses, style in styled({**estimates, TRUTH: from_first(truth)}):
+            axis.plot(along, sideways_from_truth(poses, truth), **style)
+        label_axis(axis, "along the path [m]", "to the right of the truth [m]")
+    else:
+        start, end = next(iter(estimates.values()))[[0, -1]][:, [0, 2], 3]
+        ahead = (end - start) / max(float(np.linalg.norm(end - start)), 1e-9)
+        right = ahead[::-1] * [1.0, -1.0]
+        for _, poses, style in styled(estimates):
+            xz = poses[:, [0, 2], 3] - start
+            axis.plot(xz @ ahead, xz @ right, **style)
+        label_axis(axis, "ahead [m]", "to the right [m]")
+    axis.set_title(title)
+    axis.margins(y=0.1)
+
+
 def draw_drift(axis: Axes, truth: Array, estimates: Mapping[str, Array]) -> None:
     """Draw the distance of estimates from the truth against the length of the true path, in metres.
 
@@ -130,16 +183,22 @@ def trajectories_figure(
 ) -> Figure:
     """One row per panel (title, truth, named estimates): paths seen from above, and distances from truth.
 
-    loops : pairs of frames that a line on the first path joins.
+    Of a straight drive, the first is how far the paths are beside the truth (`draw_sideways`).
+
+    loops : pairs of frames that a line on the first path joins; it is then always seen from above.
     """
     rows = len(panels)
     columns = 1 + any(truth is not None for truth, _ in panels.values())
     width, height = SMALL_PAGE
-    figure = figure_page(width=width * columns, height=(height - 1.0) * rows + 1.0)
+    beside = {title: not loops and is_straight(*panel) for title, panel in panels.items()}
+    heights = [STRAIGHT_HEIGHT if beside[title] else height - 1.0 for title in panels]
+    figure = figure_page(width=width * columns, height=sum(heights) + 1.0)
+    grid = figure.add_gridspec(rows, columns, height_ratios=heights)
     labels: dict[str, Any] = {}
     for row, (title, (truth, estimates)) in enumerate(panels.items()):
-        axis = figure.add_subplot(rows, columns, row * columns + 1)
-        draw_trajectories(axis, title, truth, estimates)
+        axis = figure.add_subplot(grid[row, 0])
+        draw = draw_sideways if beside[title] else draw_trajectories
+        draw(axis, title, truth, estimates)
         if loops:
             ends = next(iter(estimates.values()))[np.array(loops).T, :3, 3]
             x, _, z = np.moveaxis(ends, 2, 0)
@@ -147,7 +206,7 @@ def trajectories_figure(
         lines = {str(line.get_label()): line for line in axis.get_lines()}
         labels |= {name: line for name, line in lines.items() if not name.startswith("_")}
         if truth is not None:
-            draw_drift(figure.add_subplot(rows, columns, row * columns + 2), truth, estimates)
+            draw_drift(figure.add_subplot(grid[row, 1]), truth, estimates)
     # In the left half, so that a telephone shows the legend with the first panel.
     figure.legend(labels.values(), labels, loc="outside lower left", ncols=2)
     return figure
@@ -195,6 +254,8 @@ def error_curves_figure(title: str, by: str, curves: Mapping[str, ErrorCurve]) -
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 
+
+JPEG_QUALITY = 85  # per cent
 
 # BGR colours of features that are kept (blue) or removed (orange), and of boxes (white).
 KEPT = bgr(CYCLE[0])
@@ -253,6 +314,11 @@ def _draw_box(picture: Image, corners: list[int], state: int, thick: bool) -> No
     for y in range(y0, y1 + 1, period):
         for x in (x0, x1):
             cv2.line(picture, (x, y), (x, min(y + dash, y1)), BOX, 1)
+
+
+def jpeg(picture: Image) -> bytes:
+    """A picture (H, W, 3), BGR, as JPEG bytes; equal pictures give equal bytes."""
+    return cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1].tobytes()
 
 
 def png(figure: Figure) -> bytes:

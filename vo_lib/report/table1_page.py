@@ -15,8 +15,10 @@ from ..evaluation.kitti_errors import FEW_SUBSEQUENCES, KITTI_PROTOCOL, count_wo
 from ..evaluation.statistics import COUNTED, NO_CHANGE, mean_and_deviation, one_run_shows
 from ..files import write_atomic, written_together
 from ..geometry.types import Array
+from ..runs.folder import read_run
+from ..runs.jobs import Outcome
 from .blocks import Block, settings_folder
-from .film import FILM_ENDING, poster
+from .film import FILM_ENDING, poster, removal_image
 from .page import (
     COUNT_COLUMN,
     FEW_NOTE,
@@ -32,7 +34,7 @@ from .page import (
     seeds_text,
     signed,
 )
-from .plots import errors_figure, png, trajectories_figure
+from .plots import errors_figure, is_straight, jpeg, png, trajectories_figure
 from .table1 import (
     BENCHMARK_FRAMES,
     CLAIMS,
@@ -54,6 +56,7 @@ TABLE = "table1.csv"
 NUMBERS = "table1.json"
 MARKDOWN = "table1.md"
 REPORT = "report.html"
+TWO_COLUMNS_IN = 6.0  # width in inches from which a figure takes two columns of the report
 VARIANT_WORDS = {"published": "variant published", "kit": "variant kit"}
 FIGURE_4_SEQUENCES = (f"{KITTI}02", f"{KITTI}07")
 # The truth (N, 4, 4) of a sequence or None, and each method's path.
@@ -258,11 +261,12 @@ def write_table_files(
     conclusions: list[str],
     origin: list[str],
     differs: Mapping[Block, list[str]],
+    removals: list[Picture],
 ) -> None:
     """Write tables, report and figures.
 
     conclusions : sentences; origin : command and duration; differs : for each block, sentences on what
-    differs from the presets.
+    differs from the presets; removals : images of frames with boxes and features.
 
     All files are written, or none.
     """
@@ -280,7 +284,7 @@ def write_table_files(
         "rows": records,
     }
     with written_together(folder) as draft:
-        pictures = _pictures(draft, result, groups)
+        pictures = _pictures(draft, result, groups, removals)
         page = render_report(conclusions, tables, printed, pictures, origin, result.problems, films)
         write_atomic(draft / MARKDOWN, sentences + "\n".join(map(markdown, [*tables, *printed])))
         write_atomic(draft / TABLE, records_csv(records))
@@ -309,8 +313,32 @@ def _block_name(block: Block) -> str:
     return f"{block.variant}_{settings_folder(block.changes)}" if block.changes else block.variant
 
 
-def _pictures(folder: Path, result: Reproduction, groups: list[Group]) -> list[Picture]:
-    """Pictures: the first path, errors, the other paths, and Figure 4 if one of its sequences was run."""
+def removal_pictures(outcomes: Iterable[Outcome]) -> list[Picture]:
+    """For each sequence, an image with boxes and features from the run of the proposal with the first seed.
+
+    The image is that of the frame of which the run removed the most features.
+    """
+    pictures: dict[str, Picture] = {}
+    for outcome in outcomes:
+        job = outcome.job
+        name = job.sequence.name
+        if outcome.error is not None or job.method != PROPOSAL or job.config.seed != 0 or name in pictures:
+            continue
+        found = removal_image(read_run(job.folder, job.sequence))
+        if found is not None:
+            index, image = found
+            caption = (
+                f"{name}, frame {job.sequence.frames[index]}, of which {PROPOSAL} removes the most features: "
+                "orange features are in vehicle boxes (white) and removed, blue features are kept."
+            )
+            pictures[name] = Picture(jpeg(image), caption, "wide")
+    return [*pictures.values()]
+
+
+def _pictures(
+    folder: Path, result: Reproduction, groups: list[Group], removals: list[Picture]
+) -> list[Picture]:
+    """Pictures: a frame, errors and a path, then the others, and Figure 4 if one of its sequences was run."""
     bars = []
     paths = []
     for block in dict.fromkeys(block for block, _ in result.paths):
@@ -327,6 +355,8 @@ def _pictures(folder: Path, result: Reproduction, groups: list[Group]) -> list[P
             picture = _path_picture(block, figure_4, "Figure 4: ")
             write_atomic(folder / _figure_4_name(block), picture.data)
             paths.append(picture)
+    if removals:
+        return [removals[0], *bars[:1], *paths[:1], *bars[1:], *removals[1:], *paths[1:]]
     return [*paths[:1], *bars, *paths[1:]]
 
 
@@ -339,17 +369,24 @@ def _error_bars(groups: list[Group]) -> list[Picture]:
         if finite:
             figure = errors_figure(f"sub-sequences of {group.measure_words}", finite)
             caption = f"Errors, one bar per method; {block_words(group.variant, group.settings)}."
-            pictures.append(Picture(png(figure), caption))
+            place = "two" if figure.get_figwidth() > TWO_COLUMNS_IN else "tall"
+            pictures.append(Picture(png(figure), caption, place))
     return pictures
 
 
 def _path_picture(block: Block, panels: dict[str, Panel], heading: str = "") -> Picture:
-    """The paths of the sequences in `panels` from above, with distances where there is truth."""
-    caption = f"{heading}{' and '.join(panels)}, paths from above"
-    if any(truth is not None for truth, _ in panels.values()):
+    """The paths of the sequences in `panels` from above, with distances where there is truth.
+
+    Of a straight drive, the first chart is the error to the side.
+    """
+    straight = [name for name, panel in panels.items() if is_straight(*panel)]
+    caption = f"{heading}{' and '.join(panels)}: "
+    caption += "paths from above" if not straight else "errors to the side, since the drive is straight"
+    with_truth = any(truth is not None for truth, _ in panels.values())
+    if with_truth:
         caption += ", and distances from the truth"
     caption += f"; {block_words(block.variant, block.words)}, first seed."
-    return Picture(png(trajectories_figure(panels)), caption)
+    return Picture(png(trajectories_figure(panels)), caption, "two" if with_truth else "")
 
 
 def _films(folder: Path, result: Reproduction) -> list[ShownFilm]:
