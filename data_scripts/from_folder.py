@@ -40,6 +40,7 @@ from fetch.stereo_import import check_source, require_new, write_sequence
 from fetch.stereo_sources import MAX_DELAY_S, Drive, FolderSource, Source, VideoSource, pair_images
 from vo_lib.commands.console import print_lines, reporting, typed
 from vo_lib.data.catalogue import open_sequence
+from vo_lib.data.imports import remember_import
 from vo_lib.data.kitti import read_times
 from vo_lib.data.pose_times import refuse_intervals
 from vo_lib.data.poses import read_kitti_poses
@@ -142,6 +143,7 @@ def run(options: argparse.Namespace) -> int:
     with reporting("writing pairs") as report:
         moments = rate if times is None else times
         count = write_sequence(source, rig, options.out, moments, poses, options.copy, report)
+    remember_import(options.out)
     camera = open_sequence(options.out).camera
     print_lines(
         f"{count} pairs of {camera.width}×{camera.height}, f {camera.f:.1f} px, centre {camera.cx:.1f},"

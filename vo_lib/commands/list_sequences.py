@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ..data.catalogue import KITTI, SYNTHETIC, available, kitti_places, kitti_roots
 from ..data.drawn import cache_folder
+from ..data.imports import imported_folders
 from ..data.label_remarks import missing_labels
 from ..data.scenes import SCENES
 from ..data.sequence import open_folder
@@ -28,7 +29,8 @@ def add(parser: argparse.ArgumentParser) -> None:
 def _list(options: argparse.Namespace) -> int:
     rows = list[list[str]]()
     problems = list[str]()
-    for name, folder in available().items():
+    imported: dict[str, Path | None] = {_shown(folder): folder for folder in imported_folders()}
+    for name, folder in {**available(), **imported}.items():
         try:
             rows.append([name, *_facts(name, folder)])
         except DataError as error:
@@ -42,6 +44,12 @@ def _list(options: argparse.Namespace) -> int:
             f"no KITTI sequences in {kitti_places()}; `vo check` lists the commands that download them"
         )
     return 0
+
+
+def _shown(folder: Path) -> str:
+    """The path of a folder as it can be typed here: from the working folder if it lies there."""
+    here = Path.cwd()
+    return str(folder.relative_to(here) if folder.is_relative_to(here) else folder)
 
 
 def _facts(name: str, folder: Path | None) -> list[str]:

@@ -1,0 +1,41 @@
+"""Where sequences of the user's own were imported to, so that `vo list` finds them."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+from ..errors import DataError
+from ..files import read_text, write_atomic
+from .drawn import cache_folder
+from .kitti import has_images
+
+
+def remember_import(folder: Path) -> None:
+    """Remember the folder of an imported sequence; nothing happens if the cache cannot be written."""
+    path = str(folder.absolute())
+    # A file for each folder: two imports at the same time do not disturb each other.
+    record = _records() / f"{hashlib.sha256(path.encode('utf-8', 'surrogateescape')).hexdigest()[:16]}.txt"
+    try:
+        record.parent.mkdir(parents=True, exist_ok=True)
+        write_atomic(record, path)
+    except (DataError, OSError):
+        return
+
+
+def imported_folders() -> list[Path]:
+    """The folders of imported sequences that still exist, sorted."""
+    folders = list[Path]()
+    for record in sorted(_records().glob("*.txt")):
+        try:
+            folder = Path(read_text(record))
+            exists = folder.is_absolute() and has_images(folder)
+        except (DataError, OSError, ValueError):  # a record that was damaged, or a folder that is closed
+            continue
+        if exists:
+            folders.append(folder)
+    return sorted(folders)
+
+
+def _records() -> Path:
+    return cache_folder().parent / "imported"
