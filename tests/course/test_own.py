@@ -44,7 +44,7 @@ def test_a_stage_is_yours_where_it_passes_and_the_librarys_elsewhere(
     assert mine.chain is ch00.chain.right
     assert mine.weights(0.5, 0.5) == 0.5
     assert mine.select is ch03.select.right
-    assert mine.name == "2 of 11 stages yours"
+    assert mine.name == "2 of 14 stages yours"
     assert "fails its check" in mine._repr_html_()
     with pytest.raises(AttributeError, match="no stage is called turn"):
         mine.turn  # noqa: B018

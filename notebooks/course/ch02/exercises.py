@@ -1,57 +1,183 @@
-"""Exercises of chapter 2: epipolar lines, the constraint matrix, null space, ten constraints, noise."""
+"""Exercises of chapter 2: epipolar lines, R and t from E, rows, null space, ten constraints, the solver, noise."""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
-from course.simulation.problems import random_problems
-from vo_lib.geometry.types import Array, Index
-from vo_lib.paper.five_point import epipolar_rows as library_rows
-from vo_lib.paper.five_point import five_point
+from course.simulation.problems import FOCAL, random_problems
+from vo_lib.geometry.motion import skew
+from vo_lib.geometry.types import Array, BoolArray, Index
+from vo_lib.paper.five_point import cubic_constraints, eliminate, five_point
+from vo_lib.paper.selection import truncated_errors
 
 from ..checker import Case, Condition, Exercise
+from . import library
+from .library import homogeneous, null_space, rows
 from .panel import first_of_each_set, rotation_errors
 
 FIRST = "rotation error of solution 1"
+SCENE_POINTS = 65
+GOOD_PX = 1.0  # image errors are truncated at this distance
 
 
 def matches() -> list[Case]:
-    """Six cases, each with an E and one noisy match."""
-    given = random_problems(np.random.default_rng(7), 6, 1, noise_px=2.0)
-    return list(zip(given.E, given.x_p[:, 0], given.x_c[:, 0], strict=True))
+    """Six cases, each with an E and three noisy matches."""
+    given = random_problems(np.random.default_rng(7), 6, 3, noise_px=2.0)
+    return list(zip(given.E, given.x_p, given.x_c, strict=True))
 
 
-def from_line(value: Callable[[float, Array], Any]) -> Callable[..., float]:
-    """Answer built from a function `value` of the number x_cᵀ E x_p and of the line E x_p (3,)."""
+def from_lines(value: Callable[[Array, Array], Array]) -> Callable[..., Array]:
+    """Answer built from a function `value` of the numbers x_cᵀ E x_p (N,) and of the lines E x_p (N, 3)."""
 
-    def measured(E: Array, x_p: Array, x_c: Array) -> float:
-        line = E @ np.append(x_p, 1.0)
-        return float(value(float(line @ np.append(x_c, 1.0)), line))
+    def measured(E: Array, x_p: Array, x_c: Array) -> Array:
+        lines = homogeneous(x_p) @ E.T
+        return value(np.sum(lines * homogeneous(x_c), axis=1), lines)
 
     return measured
 
 
-distance = from_line(lambda value, line: abs(value) / np.hypot(*line[:2]))
+def length_of_normal(lines: Array) -> Array:
+    """Lengths (N,) of the normals (a, b) of lines (N, 3)."""
+    return np.asarray(np.hypot(lines[:, 0], lines[:, 1]))
 
 
-def rows(x_p: Array, x_c: Array) -> Array:
-    """The five rows (5, 9) of the epipolar constraint."""
-    return np.asarray(library_rows(x_p[None], x_c[None])[:, :, 0])
+def of_matches(seed: int, points: int, noise_px: float = 0.0) -> tuple[Array, Array, Array]:
+    """E (3, 3), x_p and x_c (N, 2) of a random problem."""
+    given = random_problems(np.random.default_rng(seed), 1, points, noise_px=noise_px)
+    return given.E[0], given.x_p[0], given.x_c[0]
 
 
-def null_space(A: Array) -> Array:
-    """An orthonormal basis (4, 9) of the null space of A (5, 9)."""
-    return np.asarray(np.linalg.svd(A)[2][5:])
+def decomposed() -> list[Case]:
+    """The E of the chapter's example by hand, and eight random ones of either sign and any scale."""
+    given = random_problems(np.random.default_rng(3), 8, 1)
+    scales = np.array([1.0, -1.0, 2.0, -0.5, 1.0, -3.0, 0.7, -1.0])
+    by_hand = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    return [(by_hand,), *((E,) for E in scales[:, None, None] * given.E)]
+
+
+def in_any_order(motions: Array) -> Array:
+    """Motions (M, 3, 4) in an order of their own; other arrays do not change."""
+    return library.in_order(motions) if motions.ndim == 3 else motions
+
+
+def motions_by(
+    make: Callable[[Array, Array, Array], tuple[list[Array], Array]], all_signs: bool = False
+) -> Callable[[Array], Array]:
+    """Answer built from a function of U, W, Vᵀ that returns rotations and t.
+
+    The determinants of U and Vᵀ are 1, because the signs of u₃ and v₃, or `all_signs`, are changed.
+    """
+
+    def motions(E: Array) -> Array:
+        U, _, Vt = np.linalg.svd(E)
+        changed = slice(None) if all_signs else 2
+        U[:, changed] *= np.linalg.det(U)
+        Vt[changed] *= np.linalg.det(Vt)
+        W = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+        rotations, t = make(U, W, Vt)
+        return np.array([np.column_stack([R, way]) for R in rotations for way in (t, -t)])
+
+    return motions
+
+
+def with_v(U: Array, W: Array, Vt: Array) -> tuple[list[Array], Array]:
+    """Rotations with V in place of Vᵀ."""
+    return [U @ W @ Vt.T, U @ W.T @ Vt.T], U[:, 2]
+
+
+def without_signs(E: Array) -> Array:
+    """The four motions with the signs that the singular value decomposition happens to give."""
+    U, _, Vt = np.linalg.svd(E)
+    W = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    t = U[:, 2]
+    return np.array([np.column_stack([R, way]) for R in (U @ W @ Vt, U @ W.T @ Vt) for way in (t, -t)])
+
+
+def is_reflection(motions: Array, E: Array) -> bool:
+    """Whether some R of motions (M, 3, 4) is orthogonal, with a determinant of -1."""
+    R = motions[:, :, :3]
+    orthogonal = np.allclose(R @ np.swapaxes(R, 1, 2), np.eye(3), atol=1e-9)
+    return bool(orthogonal and np.linalg.det(R).min() < 0.0)
+
+
+def gives_other_matrix(motions: Array, E: Array) -> bool:
+    """Whether [t]× R of some motion (M, 3, 4) is no multiple of E."""
+    products = (skew(motions[:, :, 3]) @ motions[:, :, :3]).reshape(-1, 9)
+    size = np.linalg.norm(products, axis=1) * np.linalg.norm(E)
+    return bool((np.abs(products @ E.ravel()) < (1 - 1e-6) * size).any())
+
+
+def motions_and_matches(points: int) -> list[Case]:
+    """The four motions of one E with noisy matches, one motion in each case."""
+    E, x_p, x_c = of_matches(4, points, noise_px=0.3)
+    return [(motion, x_p, x_c) for motion in library.four_motions(E)]
+
+
+def backward_motion(motion: Array) -> Array:
+    """The motion with -t in place of t."""
+    return motion * [1.0, 1.0, 1.0, -1.0]
+
+
+def inverted_motion(motion: Array) -> Array:
+    """The motion with Rᵀ in place of R."""
+    return np.column_stack([motion[:, :3].T, motion[:, 3]])
+
+
+def along_the_rays(motion: Array, x_p: Array, x_c: Array) -> tuple[Array, Array]:
+    """Distances of the points from both cameras, with the signs of the depths."""
+    d_p, d_c = library.two_depths(motion, x_p, x_c)
+    length_p = np.linalg.norm(homogeneous(x_p), axis=1)
+    length_c = np.linalg.norm(homogeneous(x_c), axis=1)
+    return d_p * length_p, d_c * length_c
+
+
+def choices() -> list[Case]:
+    """The motions of four E in different orders, each with twenty noisy matches, two of them wrong."""
+    cases: list[Case] = []
+    for seed in range(4):
+        E, x_p, x_c = of_matches(seed, 20, noise_px=0.5)
+        x_c[:2] = x_c[1::-1]
+        motions = np.roll(library.four_motions(E), seed, axis=0)
+        cases.append((motions, x_p, x_c))
+    return cases
+
+
+def most_in_front_of(cameras: Callable[[Array, Array], BoolArray]) -> Callable[..., Array]:
+    """Answer that counts the points whose depths `cameras` accepts."""
+
+    def chosen(motions: Array, x_p: Array, x_c: Array) -> Array:
+        counts = [np.sum(cameras(*library.two_depths(motion, x_p, x_c))) for motion in motions]
+        return np.asarray(motions[int(np.argmax(counts))])
+
+    return chosen
+
+
+def place_of_choice(motions: Array, x_p: Array, x_c: Array) -> int:
+    """The index of the right motion."""
+    counts = [library.count_in_front(motion, x_p, x_c) for motion in motions]
+    return int(np.argmax(counts))
+
+
+def as_equations(A: Array) -> Array:
+    """Rows (5, 9) that mean the same equations, in any order, scale and sign, made equal; other arrays as given."""
+    if A.ndim != 2:
+        return A
+    with np.errstate(divide="ignore", invalid="ignore"):
+        unit = A / np.linalg.norm(A, axis=1, keepdims=True) * np.where(A[:, -1:] < 0.0, -1.0, 1.0)
+    return np.asarray(unit[np.lexsort(np.round(unit, 6).T)])
 
 
 def five_matches(seed: int) -> tuple[Array, Array]:
     """x_p and x_c (5, 2) of a random problem without noise."""
-    given = random_problems(np.random.default_rng(seed), 1)
-    return given.x_p[0], given.x_c[0]
+    return of_matches(seed, 5)[1:]
+
+
+def projector(basis: Array) -> Array:
+    """Projector (9, 9) on the space of vectors in rows (4, 9), or in columns (9, 4)."""
+    return basis.T @ basis if len(basis) == 4 else basis @ basis.T
 
 
 def essentials() -> list[Case]:
@@ -80,9 +206,31 @@ def up_to_scale(values: Array) -> Array:
     return np.asarray(values)
 
 
-def solutions(x_p: Array, x_c: Array) -> Array:
-    """All essential matrices (M, 3, 3) that fit five matches x_p, x_c (5, 2)."""
-    return five_point(x_p[None], x_c[None]).E
+def six_rows(seed: int) -> Array:
+    """The six rows (6, 16) after the elimination, for the five matches of a random problem."""
+    basis = null_space(rows(*five_matches(seed))).reshape(4, 3, 3)
+    return np.asarray(eliminate(cubic_constraints(basis[..., None]))[..., 0])
+
+
+def at_z() -> list[Case]:
+    """Six rows, each with a value of z; the values 0 and 1 come last, since they hide mistakes."""
+    values = (-2.0, 0.5, 3.0, 1.0, 0.0)
+    return [(six_rows(seed), z) for seed, z in enumerate(values)]
+
+
+def all_linear_in_z(six: Array, z: float) -> Array:
+    """C(z) with z in place of every power of z."""
+    at_one = library.hidden_matrix(six, 1.0)
+    constant = library.hidden_matrix(six, 0.0)
+    return constant + z * (at_one - constant)
+
+
+def powers_of_w(six: Array, z: float) -> Array:
+    """C at (z, w) = (1, z): the powers of z and w exchanged."""
+    degrees = np.array([1, 1, 1, 2, 2, 3])
+    if z == 0.0:
+        return library.hidden_matrix(six, 1e12) / 1e12**degrees
+    return np.asarray(library.hidden_matrix(six, 1.0 / z) * z**degrees)
 
 
 def in_basis(E: Array, x_p: Array, x_c: Array) -> Array:
@@ -93,7 +241,8 @@ def in_basis(E: Array, x_p: Array, x_c: Array) -> Array:
 
 def only_z_is_right(E: Array, x_p: Array, x_c: Array) -> bool:
     """Whether the matrices have the same z as the solutions."""
-    got, right = (np.sort(in_basis(each, x_p, x_c)[2]) for each in (E, solutions(x_p, x_c)))
+    got = np.sort(in_basis(E, x_p, x_c)[2])
+    right = np.sort(in_basis(library.solve_five(x_p, x_c), x_p, x_c)[2])
     return np.allclose(got, right, rtol=1e-3)
 
 
@@ -114,47 +263,143 @@ def counts() -> Index:
 
 @functools.cache
 def median_error(noise_px: float) -> float:
-    """Median rotation error of the best candidate of a set, degrees, with a noise of `noise_px` pixels."""
-    given = random_problems(np.random.default_rng(0), 500, motion="forward", noise_px=noise_px)
-    candidates = five_point(given.x_p, given.x_c)
-    agreement = np.abs(np.sum(candidates.E * given.E[candidates.set_index], axis=(1, 2)))
-    best = np.flatnonzero(first_of_each_set(-agreement, candidates.set_index))
+    """Median rotation error of sets of five with a noise of `noise_px` pixels, degrees.
+
+    500 scenes of a car that drives forward, one set in each; of its solutions, the one with the smallest image
+    error over `SCENE_POINTS` matches of the scene.
+    """
+    given = random_problems(np.random.default_rng(0), 500, SCENE_POINTS, motion="forward", noise_px=noise_px)
+    candidates = five_point(given.x_p[:, :5], given.x_c[:, :5])
+    image_errors = np.empty(len(candidates.E))
+    for scene in range(len(given.E)):
+        of_set = candidates.set_index == scene
+        E = candidates.E[of_set]
+        image_errors[of_set] = truncated_errors(E, given.x_p[scene], given.x_c[scene], GOOD_PX / FOCAL)
+    best = np.flatnonzero(first_of_each_set(image_errors, candidates.set_index))
     return float(np.median(rotation_errors(candidates.E[best], given.R_cp[candidates.set_index[best], None])))
 
 
 epipolar_distance = Exercise(
-    distance,
+    library.distances,
     matches,
     atol=1e-12,
-    praise="multiplied by f, this is the distance in pixels that the panel shows.",
+    praise="multiplied by f, these are the distances in pixels that the panel shows.",
     hint="a, b and c are the three entries of E x_p, with x_p as (x, y, 1).",
-    line="a, b, c = E @ [*x_p, 1]; abs(a * x_c[0] + b * x_c[1] + c) / np.hypot(a, b)",
+    line="lines = np.column_stack([x_p, np.ones(len(x_p))]) @ E.T; a, b, c = lines.T; "
+    "abs(a * x_c[:, 0] + b * x_c[:, 1] + c) / np.hypot(a, b)",
     library=("sampson_distance", "epipolar_line"),
     mistakes={
-        "a distance is not negative.": from_line(lambda value, line: value / np.hypot(*line[:2])),
+        "a distance is not negative.": from_lines(lambda value, lines: value / length_of_normal(lines)),
         "this is x_cᵀ E x_p, not yet a distance: divide it by the length of (a, b).": (
-            *map(from_line, (lambda value, line: abs(value), lambda value, line: value)),
+            from_lines(lambda value, lines: abs(value)),
+            from_lines(lambda value, lines: value),
         ),
-        "the points are exchanged: x_p gives the line.": lambda E, x_p, x_c: distance(E, x_c, x_p),
-        "this is the line of the transposed E.": lambda E, x_p, x_c: distance(E.T, x_p, x_c),
-        "c is left out.": from_line(lambda value, line: abs(value - line[2]) / np.hypot(*line[:2])),
-        "this is divided by the length of (a, b, c); the normal of the line is (a, b) alone.": from_line(
-            lambda value, line: abs(value) / np.linalg.norm(line)
+        "the points are exchanged: x_p gives the line.": lambda E, x_p, x_c: library.distances(E, x_c, x_p),
+        "these are the lines of the transposed E.": lambda E, x_p, x_c: library.distances(E.T, x_p, x_c),
+        "c is left out.": from_lines(lambda value, lines: abs(value - lines[:, 2]) / length_of_normal(lines)),
+        "this is divided by the length of (a, b, c); the normal of the line is (a, b) alone.": from_lines(
+            lambda value, lines: abs(value) / np.linalg.norm(lines, axis=1)
         ),
+        "every match has a line of its own, with a length of (a, b) of its own.": from_lines(
+            lambda value, lines: abs(value) / np.linalg.norm(lines[:, :2])
+        ),
+    },
+)
+
+four_motions = Exercise(
+    library.four_motions,
+    decomposed,
+    form=in_any_order,
+    praise="each of the four is a rotation and a direction, and [t]× R is E or -E, up to scale.",
+    hint="U, S, Vt = np.linalg.svd(E); R = U W Vᵀ and U Wᵀ Vᵀ, each with t = u₃ and with -u₃.",
+    line="U[:, 2] *= np.linalg.det(U); Vt[2] *= np.linalg.det(Vt); t = U[:, 2]; "
+    "[np.column_stack([R, way]) for R in (U @ W @ Vt, U @ W.T @ Vt) for way in (t, -t)]",
+    library=("decompose_essential", "decomposeEssentialMat", "recoverPose"),
+    mistakes={
+        "these rotations go from the current camera to the previous one: they are transposed.": motions_by(
+            lambda U, W, Vt: ([(U @ W @ Vt).T, (U @ W.T @ Vt).T], U[:, 2])
+        ),
+        "this t is from V: E t = 0, so it is the way seen from the previous camera. Take the last column of U.": (
+            motions_by(lambda U, W, Vt: ([U @ W @ Vt, U @ W.T @ Vt], Vt[2]))
+        ),
+        "this t is the last row of U; the vectors of U are its columns.": motions_by(
+            lambda U, W, Vt: ([U @ W @ Vt, U @ W.T @ Vt], U[2])
+        ),
+        "`np.linalg.svd` returns Vᵀ, not V: do not transpose it again.": (
+            motions_by(with_v),
+            motions_by(with_v, all_signs=True),
+        ),
+        "both rotations are the same; the second has the transposed W.": motions_by(
+            lambda U, W, Vt: ([U @ W @ Vt, U @ W @ Vt], U[:, 2])
+        ),
+        "some of these R are reflections, with a determinant of -1: first change the signs of u₃ and v₃ so that "
+        "det U = det V = 1.": (without_signs, Condition(is_reflection)),
+        "some of these t have not the length 1.": Condition(
+            lambda motions, E: not np.allclose(np.linalg.norm(motions[:, :, 3], axis=1), 1.0)
+        ),
+        "[t]× R is not a multiple of E for all of these motions.": Condition(gives_other_matrix),
+    },
+)
+
+two_depths = Exercise(
+    library.two_depths,
+    lambda: motions_and_matches(6),
+    parts=("d_p", "d_c"),
+    atol=1e-7,
+    rtol=1e-6,
+    praise="negative depths are behind a camera.",
+    hint="with q = R x_p and n = x_c × q: d_p = -n·(x_c × t) / n·n and d_c = -n·(q × t) / n·n, row by row.",
+    line="n = np.cross(c, q); d_p = -np.sum(n * np.cross(c, t), axis=1) / np.sum(n**2, axis=1)",
+    library=("triangulatePoints",),
+    mistakes={
+        "the depths have the wrong sign: x_c × t is -d_p (x_c × R x_p), with a minus; or is -t used in place of t?": lambda motion, *x: (
+            library.two_depths(backward_motion(motion), *x)
+        ),
+        "these are distances from the cameras; a depth is Z, and the ray is (x, y, 1), of any length.": along_the_rays,
+        "this is computed with Rᵀ: R takes the ray of the previous camera to the current one.": (
+            lambda motion, *x: library.two_depths(inverted_motion(motion), *x)
+        ),
+        "these depths are signs only.": lambda motion, *x: np.sign(library.two_depths(motion, *x)),
+    },
+)
+
+choose_motion = Exercise(
+    library.choose_motion,
+    choices,
+    praise="most points are in front of both cameras, in one motion only.",
+    hint="a point counts if both depths are positive; return the motion with the largest count.",
+    line="counts = [np.sum((d_p > 0) & (d_c > 0)) …]; motions[np.argmax(counts)]",
+    library=("recoverPose", "resolve_by_depth"),
+    mistakes={
+        "this is the number of a motion; return the motion itself, (3, 4).": place_of_choice,
+        "these points are in front of the previous camera only: both depths must be positive.": most_in_front_of(
+            lambda d_p, d_c: d_p > 0
+        ),
+        "these points are in front of the current camera only: both depths must be positive.": most_in_front_of(
+            lambda d_p, d_c: d_c > 0
+        ),
+        "this motion has the points in front of one camera and behind the other.": most_in_front_of(
+            lambda d_p, d_c: (d_p > 0) != (d_c > 0)
+        ),
+        "this motion has the points behind both cameras: two negative depths have a positive product.": (
+            most_in_front_of(lambda d_p, d_c: (d_p < 0) & (d_c < 0))
+        ),
+        "this is the first motion, whatever the matches are.": lambda motions, *x: motions[0],
     },
 )
 
 epipolar_rows = Exercise(
     rows,
     lambda: [five_matches(8)],
-    also=(lambda x_p, x_c: -rows(x_p, x_c),),
-    atol=1e-12,
-    praise="these are the library's rows; with the true E, A vec(E) is 0.",
+    form=as_equations,
+    atol=1e-9,
+    praise="these are the library's equations; with the true E, A vec(E) is 0.",
     hint="x_cᵀ E x_p = Σ c_i E_ij p_j with c = (x_c, 1) and p = (x_p, 1): the factor of E_ij is c_i p_j.",
     line="np.outer(np.append(x_c[k], 1), np.append(x_p[k], 1)).ravel()",
     library=("epipolar_rows",),
     mistakes={
-        "previous and current points have changed places.": lambda x_p, x_c: rows(x_c, x_p),
+        "either previous and current points have changed places, or E's entries are taken column by column: vec(E) "
+        "has E row by row, and x_c stands left of E.": lambda x_p, x_c: rows(x_c, x_p),
         "x and y are exchanged in both images.": lambda x_p, x_c: rows(x_p[:, ::-1], x_c[:, ::-1]),
         "`ravel` makes a row of nine numbers of each 3×3 matrix.": lambda *x: rows(*x).reshape(5, 3, 3),
         "the last column is right, others are not: look at the order of E's nine entries.": Condition(
@@ -166,11 +411,14 @@ epipolar_rows = Exercise(
 null_basis = Exercise(
     null_space,
     lambda: [(rows(*five_matches(9)),)],
-    form=lambda basis: basis.T @ basis,
+    form=projector,
     praise="the true E is a combination of the four.",
     hint="A = U S Vᵀ has nine rows in Vᵀ but only five singular values; A maps the other four rows to 0.",
     line="np.linalg.svd(A)[2][5:]",
     library=("null_space",),
+    slips={
+        "transposed": "these are the right vectors, but as columns: return them as the four rows of a (4, 9) array."
+    },
     mistakes={
         "these are columns of Vᵀ; its rows are the vectors.": lambda A: np.linalg.svd(A)[2][:, 5:],
         "these are the first four rows of Vᵀ, not the last four.": lambda A: np.linalg.svd(A)[2][:4],
@@ -203,8 +451,29 @@ essential_constraints = Exercise(
     },
 )
 
+hidden_matrix = Exercise(
+    library.hidden_matrix,
+    at_z,
+    rtol=1e-9,
+    praise="the determinant of this matrix is the polynomial of degree ten.",
+    hint="the monomial xxz belongs to the column of x², with one factor z; zzw belongs to the column of 1, with z².",
+    line='C[:, UNKNOWNS.index(name.replace("z", "").replace("w", ""))] += six[:, column] * z ** name.count("z")',
+    library=("hidden_variable_matrix",),
+    mistakes={
+        "the powers of z are missing: xzz has the factor z², and zzz has z³.": all_linear_in_z,
+        "z and w are exchanged: w is 1, so xxw has no factor, and xxz has the factor z.": powers_of_w,
+        "the columns are in another order: x², y², xy, x, y, 1.": (
+            lambda six, z: library.hidden_matrix(six, z)[:, [0, 2, 1, 3, 4, 5]],
+            lambda six, z: library.hidden_matrix(six, z)[:, ::-1],
+            lambda six, z: library.hidden_matrix(six, z)[:, [0, 1, 2, 4, 3, 5]],
+        ),
+        "this is only the part without z: several monomials belong to one column; add their coefficients, `+=` "
+        "instead of `=`.": lambda six, z: library.hidden_matrix(six, 0.0),
+    },
+)
+
 solve_five = Exercise(
-    solutions,
+    library.solve_five,
     lambda: [five_matches(seed) for seed in range(8)],
     form=in_line,
     atol=1e-4,
@@ -215,7 +484,7 @@ solve_five = Exercise(
     slips={"transposed": "these are the transposes: vec(E) runs row by row, and a row of A has x_c first."},
     mistakes={
         "this is one of several solutions; return all real solutions: chapter 3 selects one of them.": (
-            *(lambda *x, some=some: solutions(*x)[some] for some in (slice(1), slice(-1, None), 0)),
+            *(lambda *x, some=some: library.solve_five(*x)[some] for some in (slice(1), slice(-1, None), 0)),
         ),
         "every z is right, x and y are not. Either x and y are exchanged (the columns of C are those of x², y², xy, x, "
         "y, 1), or the null vector of C(z) is not divided by its last entry.": Condition(only_z_is_right),
@@ -246,7 +515,7 @@ most_frequent_count = Exercise(
 noise_factor = Exercise(
     lambda: median_error(0.4) / median_error(0.1),
     rtol=0.02,
-    praise="{right:.2f}: the rotation error grows nearly in proportion to the noise.",
+    praise="{right:.2f}, for four times the noise: the rotation error grows nearly in proportion to it.",
     hint="compute the median error at both noises and divide.",
     line="ch02.median_error(0.4) / ch02.median_error(0.1)",
     mistakes={

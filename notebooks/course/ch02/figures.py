@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,37 +12,36 @@ from matplotlib.figure import Figure
 
 from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.motion import (
-    decompose_essential,
-    essential_angle,
-    essential_from_motion,
     inverse,
     rigid,
     rotation_angle,
     rotation_from_vector,
     transform,
 )
-from vo_lib.geometry.types import Array, BoolArray, Image
+from vo_lib.geometry.types import Array, Image, Index
 from vo_lib.paper.five_point import (
     EXPONENTS,
     cubic_constraints,
     determinant,
     eliminate,
     epipolar_rows,
-    five_point,
     null_space,
 )
 from vo_lib.paper.real_roots import DEGREE, real_roots
-from vo_lib.paper.sampson import sampson_distance
 
 from ..colours import BAD, CYCLE, DARK, FOURTH, GOOD, PALE, bgr
-from ..drawing import figure, finish, log_axis, photo, room
-from ..drawn_matches import draw_dots
-from ..simulation.problems import FOCAL, Motion, random_problems
+from ..drawing import FONT_SIZE, caption, figure, finish, log_axis, photo, room
+from ..drawn_matches import draw_dots, draw_flow
+from ..frames import Points
 from ..view3d import Shape
 from ..view3d import camera as view_of
+from . import library
+from .puzzle import Puzzle
 
 # Share of the polynomial's largest value; larger values are compressed.
 COMPRESSED = 1e-3
+FIVE_COLOUR = "#F0E442"  # of the five matches in a picture
+LEAST_REACH = 1.8  # of a view from above, in lengths of t: a camera and its arrow are within it
 TOP = 1.1 * float(np.arcsinh(1 / COMPRESSED))
 
 
@@ -64,6 +63,40 @@ def draw_line(picture: Image, line: Array, colour: str, thickness: int = 1) -> N
     ends = np.clip(np.rint(16 * np.stack([foot - along, foot + along])), -(2**24), 2**24).astype(int)
     start, end = ends.tolist()
     cv2.line(picture, start, end, bgr(colour), thickness, cv2.LINE_AA, shift=4)
+
+
+def describe(number: int, motion: Array, match: int, distance_px: float) -> str:
+    """A line of text about a solution: its rotation, its direction, and the distance of a match from its line."""
+    R = motion[:, :3]
+    angle = np.degrees(rotation_angle(R))
+    way = ", ".join(f"{part:5.2f}" for part in -R.T @ motion[:, 3])
+    turn = f"solution {number}: turns by {angle:6.2f}° and drives along ({way})"
+    return f"{turn}; match {match} is {distance_px:6.2f} px from its line"
+
+
+def puzzle_lines(puzzle: Puzzle, points: Points, focal: float) -> list[str]:
+    """A line of text for each solution of a puzzle; of the four motions, the one in front of both cameras."""
+    lines = []
+    x_p = points.x_p[puzzle.five]
+    x_c = points.x_c[puzzle.five]
+    sixth = [puzzle.sixth]
+    for number, E in enumerate(puzzle.E, start=1):
+        motion = library.choose_motion(library.four_motions(E), x_p, x_c)
+        distance = focal * float(library.distances(E, points.x_p[sixth], points.x_c[sixth])[0])
+        lines.append(describe(number, motion, puzzle.sixth, distance))
+    return lines
+
+
+def sixth_picture(
+    image: Image, camera: StereoCamera, E: Array, points: Points, five: Index, sixth: int
+) -> Image:
+    """The current image with a sixth match and its line by each solution E (M, 3, 3), and the five matches."""
+    picture = photo(image, image.shape[1])
+    places = pixels(points.x_c[five], camera)
+    draw_dots(picture, places, [DARK] * len(five), 8)
+    draw_dots(picture, places, [FIVE_COLOUR] * len(five), 6)
+    same = [sixth] * len(E)
+    return lines_picture(picture, camera, E, points.x_p[same], points.x_c[same], same)
 
 
 def pixels(x: Array, camera: StereoCamera) -> Array:
@@ -126,23 +159,98 @@ def errors_chart(axis: Axes, errors: Array, winner: float, what: str = "rotation
     finish(axis, "each set's best solution (line: consensus winner)", f"{what} [deg]", "sets")
 
 
-def four_motions(E: Array, x_p: Array, x_c: Array) -> list[tuple[Array, Array, Array, BoolArray]]:
-    """The four motions of E (3, 3), with the depths of matches x_p, x_c (N, 2).
+def draw_camera(axis: Axes, motion: Array, colour: str, size: float) -> None:
+    """Draw the current camera of a motion [R | t] (3, 4) from above: its view, and an arrow along its axis.
 
-    Each motion has R, t with |t| = 1, depths (N,) along the previous rays, and a mask (N,) of the points in
-    front of both cameras. Least squares solves depth_c x_c = depth_p R x_p + t: a cross product with one ray
-    leaves only the depth along the other ray.
+    The thick edge is the right side of the camera's image, so that a camera upside down is recognised.
     """
-    rotations, t = decompose_essential(E)
-    p, c = (np.concatenate([x, np.ones((len(x), 1))], axis=1) for x in (x_p, x_c))
-    motions = []
-    for R, direction in itertools.product(rotations, (t, -t)):
-        q = p @ R.T
-        normal = np.cross(c, q)
-        squared = np.maximum(np.sum(normal**2, axis=1), 1e-18)
-        depth_p, depth_c = (-np.sum(normal * np.cross(ray, direction), axis=1) / squared for ray in (c, q))
-        motions.append((R, direction, depth_p, (depth_p > 0) & (depth_c > 0)))
-    return motions
+    R = motion[:, :3]
+    centre = -R.T @ motion[:, 3]
+    corners = centre + size * np.array([[-0.6, 0.0, 1.0], [0.6, 0.0, 1.0]]) @ R
+    tip = centre + size * np.array([0.0, 0.0, 1.8]) @ R
+    x, _, z = np.array([corners[1], centre, corners[0], corners[1]]).T
+    axis.plot(x, z, color=colour, linewidth=1.2)
+    axis.plot(x[:2], z[:2], color=colour, linewidth=3.5)
+    way = {"arrowstyle": "-|>", "color": colour, "shrinkA": 0, "shrinkB": 0}
+    axis.annotate("", (tip[0], tip[2]), (centre[0], centre[2]), arrowprops=way)
+
+
+def motions_figure(
+    motions: Array, names: Sequence[str], points: Array | None = None, front: Any = None
+) -> Figure:
+    """Motions [R | t] (M, 3, 4) from above: the previous camera (dark) at (0, 0), the current camera (pink).
+
+    points : (M, N, 3) points of the matches by each motion, in the previous camera; unit |t|.
+    front : (M, N) masks of the points in front of both cameras; all others are orange.
+    """
+    made, axes = figure(280, len(motions))
+    still = np.eye(4)[:3]
+    for k, (axis, motion, name) in enumerate(zip(axes, motions, names, strict=True)):
+        reach = LEAST_REACH
+        if points is not None:
+            # Most points; a few are far away, where their rays are nearly parallel.
+            away = np.abs(np.nan_to_num(points[k][:, [0, 2]])).max(axis=1)
+            reach = room(float(np.percentile(away, 80)), least=LEAST_REACH)
+            for mask, colour in ((front[k], GOOD), (~front[k], BAD)):
+                axis.plot(*points[k][mask][:, [0, 2]].T, ".", color=colour, markersize=4)
+        size = 0.2 * reach if points is None else 0.1 * reach
+        draw_camera(axis, still, DARK, size)
+        draw_camera(axis, motion, FOURTH, size)
+        axis.set(xlim=(-reach, reach), ylim=(-reach, reach))
+        axis.set_aspect("equal", adjustable="box")
+        finish(axis, name, "x [length of t]", "z" if k == 0 else "")
+    return made
+
+
+def distances_picture(
+    image: Image, camera: StereoCamera, points: Points, distances: Array, limit: float
+) -> Image:
+    """The current image with its matches: orange where a distance (N,) is above the limit, else blue."""
+    picture = photo(image, image.shape[1])
+    start = pixels(points.x_p, camera)
+    end = pixels(points.x_c, camera)
+    far = distances > limit
+    draw_flow(picture, start[~far], end[~far], [GOOD] * int(np.sum(~far)), 2.5)
+    draw_flow(picture, start[far], end[far], [BAD] * int(np.sum(far)), 4)
+    return caption(
+        photo(picture), f"orange: {np.sum(far)} matches farther than {limit:g} px from their lines"
+    )
+
+
+def rows_figure(A: Array) -> Figure:
+    """A constraint matrix (5, 9) with its numbers."""
+    made, (axis,) = figure(215)
+    largest = float(np.abs(A).max())
+    axis.imshow(A, cmap="PuOr", vmin=-largest, vmax=largest, aspect="auto")
+    for (row, column), value in np.ndenumerate(A):
+        dark = abs(value) > 0.6 * largest
+        colour = "white" if dark else "black"
+        axis.text(column, row, f"{value:.3f}", ha="center", va="center", color=colour, fontsize=FONT_SIZE)
+    entries = [f"E{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)]
+    axis.set_xticks(range(9), entries)
+    axis.set_yticks(range(5), [f"{row + 1}" for row in range(5)])
+    finish(axis, "A: factors of the nine entries of E", "", "match")
+    return made
+
+
+def slice_figure(size: Array, reach: float, z: float) -> Figure:
+    """Size (K, K) of the ten numbers over (x, y) from -reach to reach around a solution, at one z and w = 1."""
+    made, (axis, bar) = figure(330, 2, (1.0, 0.025), 560)
+    shown = axis.imshow(
+        np.log10(np.maximum(size / size.max(), 1e-4)),
+        cmap="viridis",
+        origin="lower",
+        extent=(-reach, reach, -reach, reach),
+        aspect="auto",
+    )
+    axis.plot(0, 0, "o", color=BAD, markersize=14, markerfacecolor="none", markeredgewidth=2)
+    axis.set(xticks=(-reach, 0, reach), yticks=(-reach, 0, reach))
+    finish(axis, f"a slice of the space at z = {z:.2f}, w = 1", "x - x of solution 1", "y - y of solution 1")
+    made.colorbar(shown, cax=bar)
+    bar.yaxis.set_ticks_position("left")
+    bar.yaxis.set_label_position("left")
+    finish(bar, "", y="log10 (size / largest)")
+    return made
 
 
 TOY = rigid(rotation_from_vector(np.array([0.0, -0.3, 0.0])), np.array([-0.7, 0.0, -0.6]))  # T_cp
@@ -167,69 +275,6 @@ def epipolar_plane() -> list[Shape]:
         Shape(np.stack([TOY_X, c]), GOOD, name="point"),
         Shape(transform(T_p_c, ends), BAD, name="epipolar line", width=3.0),
     ]
-
-
-def four_views() -> list[Shape]:
-    """The four motions of one essential matrix side by side, each with the rays of the same match.
-
-    Rays are orange where they meet behind a camera.
-    """
-    x_p, x_c = ((X[:2] / X[2])[None] for X in (TOY_X, transform(TOY, TOY_X[None])[0]))
-    shapes = []
-    for k, (R, t, depth, front) in enumerate(
-        four_motions(essential_from_motion(TOY[:3, :3], TOY[:3, 3]), x_p, x_c)
-    ):
-        here = rigid(np.eye(3), np.array([3.5 * k, 0.0, 0.0]))
-        other = here @ inverse(rigid(R, t))
-        X = transform(here, depth[:, None] * np.append(x_p, [[1.0]], axis=1))[0]
-        shapes += [view_of(here, f"motion {k + 1}"), view_of(other, colour=FOURTH)]
-        shapes += [Shape(np.stack([T[:3, 3], X]), GOOD if front[0] else BAD) for T in (here, other)]
-    return shapes
-
-
-KINDS: dict[str, Motion] = {
-    "general": "general",
-    "neighbours": "general",
-    "a plane": "planar",
-    "pure rotation": "pure_rotation",
-}
-
-
-def degeneracies(noise_px: float, count: int = 200) -> tuple[list[str], list[Shape]]:
-    """A line of text, and a drawing of 65 points (five in orange) and two cameras, for each kind of scene.
-
-    The text has the number of five-point solutions that fit all 65 points, and the median errors of the best
-    solution of noisy points.
-    """
-    lines = []
-    shapes = []
-    for number, (name, kind) in enumerate(KINDS.items()):
-        given = random_problems(np.random.default_rng(0), count, 65, kind)
-        away = np.linalg.norm(given.x_c - given.x_c[:, :1], axis=2)
-        five = np.tile(np.arange(5), (count, 1)) if name != "neighbours" else np.argsort(away, axis=1)[:, :5]
-        x = np.stack([np.take_along_axis(each, five[..., None], axis=1) for each in (given.x_p, given.x_c)])
-        exact = five_point(*x)
-        fits = [
-            np.abs(sampson_distance(E, given.x_p[k], given.x_c[k])).max() < 1e-7
-            for E, k in zip(exact.E, exact.set_index, strict=True)
-        ]
-        E, of = five_point(*(x + np.random.default_rng(1).normal(0.0, noise_px / FOCAL, x.shape)))
-        R, t = decompose_essential(E)
-        turn = np.degrees(rotation_angle(np.swapaxes(R, -1, -2) @ given.R_cp[of, None]).min(axis=-1))
-        way = np.degrees(essential_angle(t, given.t_cp[of]))
-        order = np.lexsort((turn, of))
-        best = order[np.unique(of[order], return_index=True)[1]]
-        # Without a motion, every [t]× R is a solution, and no t is true.
-        still = kind == "pure_rotation"
-        fit = "all solutions fit" if still else f"{sum(fits) / count:.1f} solutions fit"
-        direction = "" if still else f", of the direction of t {np.median(way[best]):.1f}°"
-        lines.append(f"{name:13}: {fit}; error of the rotation {np.median(turn[best]):.2f}°{direction}")
-        here = rigid(np.eye(3), np.array([45.0 * number, 0.0, 0.0]))
-        other = here @ inverse(rigid(given.R_cp[0], given.t_cp[0]))
-        X = transform(here, given.X_p[0])
-        shapes += [view_of(here, name, size=2.5), view_of(other, colour=FOURTH, size=2.5)]
-        shapes += [Shape(X, GOOD, "dots", width=3.0), Shape(X[five[0]], BAD, "dots", width=6.0)]
-    return lines, shapes
 
 
 POWERS = [["", name, f"{name}²", f"{name}³"] for name in "xyzw"]
