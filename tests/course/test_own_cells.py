@@ -11,6 +11,8 @@ import pytest
 from test_notebooks import APPENDICES, CHAPTERS, complaints, execute, name, read
 
 CALL = re.compile(r"own_or_library\(\s*(\w+),")
+# The solutions under another name, in a cell that should run the student's function.
+SOLUTION = re.compile(r"\bright\.(?!plot\()\w+\(|import (?:exercises|library) as right\b")
 PICTURES = "image/png", "image/jpeg", "text/html"
 # Wrong answers that show in the cell; for other functions, the first mistake that its check knows.
 WRONG: dict[str, str] = {
@@ -102,3 +104,20 @@ def test_functions_of_own_cells_are_exercises() -> None:
         for cell in notebook.cells:
             for function in own_functions(cell.source):
                 assert check_of(notebook, function), f"{path.name}: {function} has no check"
+
+
+@pytest.mark.parametrize("path", [*CHAPTERS, *APPENDICES], ids=name)
+def test_no_cell_calls_a_solution_by_another_name(path: Path) -> None:
+    cells = [cell for cell in read(path).cells if cell.cell_type == "code"]
+    assert [cell.source for cell in cells if SOLUTION.search(cell.source)] == []
+
+
+def test_a_call_of_a_solution_is_found() -> None:
+    for source in (
+        "basis = right.null_space(right.rows(x_p, x_c))",
+        "from course.ch02 import exercises as right",
+        "values = [right.ten(E) for E in matrices]",
+    ):
+        assert SOLUTION.search(source), source
+    for source in ("right.plot(depth, measured)", "right = library.rows(x_p, x_c)", "upright.rows(x)"):
+        assert not SOLUTION.search(source), source
