@@ -169,9 +169,7 @@ def frame_points(sequence: Sequence, frame: int, config: MethodConfig) -> Points
 
 def true_poses(sequence: Sequence) -> Array:
     """The true poses (N, 4, 4); `DataError` if there are none."""
-    if sequence.truth is None:
-        raise DataError(f"{sequence.name} has no ground truth: choose a sequence with a ground truth")
-    return sequence.truth
+    return sequence.true_poses
 
 
 def true_motion(sequence: Sequence, frame: int) -> Array | None:
