@@ -11,9 +11,7 @@ from __future__ import annotations
 
 import argparse
 import os
-import platform
 import time
-from pathlib import Path
 from typing import Any
 
 from vo_lib.commands.common import add_cache, add_variant, open_with_bar, parse_whole
@@ -89,8 +87,4 @@ def measure(sequence: Sequence, config: MethodConfig, progress: Progress | None 
 
 def describe_machine() -> dict[str, Any]:
     """Processor, number of cores, operating system, commit and versions."""
-    cpuinfo = Path("/proc/cpuinfo")
-    lines = cpuinfo.read_text(encoding="utf-8").splitlines() if cpuinfo.is_file() else []
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    processor = names[0] if names else platform.processor() or platform.machine()
-    return {"processor": processor, "cores": os.cpu_count(), **machine_info(), **library_versions()}
+    return {"cores": os.cpu_count(), **machine_info(), **library_versions()}

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from course.ch07 import verdict
 from course.ch07.verdict import (
     BY_CHOICES,
     DIFFERENT,
@@ -29,6 +28,7 @@ from course.ch07.verdict import (
 )
 from vo_lib.errors import DataError
 from vo_lib.evaluation.statistics import prediction_half_width
+from vo_lib.report.record import RECORD
 from vo_lib.report.table1 import BENCHMARK_FRAMES, ERROR_KINDS, PAPER_METHODS, SUB_SEQUENCES, read_paper_table
 
 PAPER = read_paper_table()
@@ -59,6 +59,7 @@ def report(folder: Path, factor: float, seeds: int = 5, spread: float = 0.01, un
         rows.append(
             {
                 "variant": "published",
+                "settings": "",
                 "sequence": f"kitti/{row}",
                 "method": method,
                 "whole": True,
@@ -66,7 +67,7 @@ def report(folder: Path, factor: float, seeds: int = 5, spread: float = 0.01, un
                 **errors,
             }
         )
-    (folder / verdict.RECORD).write_text(json.dumps({"rows": rows}), encoding="utf-8")
+    (folder / RECORD).write_text(json.dumps({"rows": rows}), encoding="utf-8")
 
 
 def outcomes(folder: Path) -> list[str]:
@@ -165,15 +166,15 @@ def test_the_average_is_made_seed_by_seed_from_ten_whole_sequences(tmp_path: Pat
     averages = read_report(tmp_path)["Avg", "feature_selection", "te_percent"]
     printed = [PAPER.value(row, "feature_selection")[0] for row in SUB_SEQUENCES]
     assert averages.mean == pytest.approx(np.mean(np.array(printed, float)))
-    record = json.loads((tmp_path / verdict.RECORD).read_text(encoding="utf-8"))
+    record = json.loads((tmp_path / RECORD).read_text(encoding="utf-8"))
     record["rows"] = [row for row in record["rows"] if row["sequence"] != "kitti/10"]
-    (tmp_path / verdict.RECORD).write_text(json.dumps(record), encoding="utf-8")
+    (tmp_path / RECORD).write_text(json.dumps(record), encoding="utf-8")
     assert ("Avg", "feature_selection", "te_percent") not in read_report(tmp_path)
 
 
 @pytest.mark.parametrize("text", ["[]", "{}", '{"rows": [{"variant": "published"}]}', "{", '{"rows": 3}'])
 def test_a_damaged_record_is_named(tmp_path: Path, text: str) -> None:
-    (tmp_path / verdict.RECORD).write_text(text, encoding="utf-8")
+    (tmp_path / RECORD).write_text(text, encoding="utf-8")
     with pytest.raises(DataError, match=r"reproduction\.json"):
         read_report(tmp_path)
 

@@ -16,6 +16,7 @@ import pytest
 from conftest import write_bands
 from made_entries import entry_of, sequence_of, table_of_twos
 
+from course.ch07.verdict import read_report
 from vo_lib.commands.cli import main
 from vo_lib.data.kitti import EXPECTED_FRAMES
 from vo_lib.errors import DataError
@@ -271,13 +272,25 @@ def test_reproduce_writes_all_files(tree: Path, capsys: pytest.CaptureFixture[st
     figures = [f"trajectory_{variant}_kitti_{n}" for variant in ("published", "kit") for n in numbers]
     figures += ["figure4_published", "figure4_kit"]
     expected = {f"{name}.png" for name in figures} | {
-        *("table1.md", "table1.csv", "table1.json", "report.html", "runs")
+        *("table1.md", "table1.csv", "table1.json", "reproduction.json", "report.html", "runs")
     }
     assert {p.name for p in out.glob("[!.]*")} == expected
     table = list(csv.DictReader(io.StringIO((out / "table1.csv").read_text(encoding="utf-8"))))
     assert [(row["sequence"], row["seeds"]) for row in table[2:4]] == [("kitti/02", "2")] * 2
     assert list(dict.fromkeys(row["variant"] for row in table)) == ["published", "kit"]
     assert 0 < float(table[1]["te_percent"]) < 5
+    record = json.loads((out / "reproduction.json").read_text(encoding="utf-8"))
+    assert str(tree) not in json.dumps(record)
+    assert record["missing"] == ["kitti/08"]
+    assert record["seconds"] > 0
+    assert record["processor"]
+    row = next(r for r in record["rows"] if r["sequence"] == "kitti/02" and r["variant"] == "published")
+    of_table = next(r for r in table if (r["sequence"], r["method"]) == ("kitti/02", row["method"]))
+    assert row["seeds"] == [0, 1]
+    assert np.mean(row["te_percent"]) == pytest.approx(float(of_table["te_percent"]), abs=1e-4)
+    judged = read_report(out)  # of chapter 7
+    assert not judged["02", row["method"], "te_percent"].whole
+    assert judged["02", row["method"], "te_percent"].mean == pytest.approx(np.mean(row["te_percent"]))
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "No ground truth, so no errors: kitti/11; the poses are in the folder runs." in page
     for text in (page.replace("<wbr>", ""), printed):

@@ -19,6 +19,7 @@ from ..report.film import FILM_ENDING, Film, film_frames
 from ..report.page import ReportTable
 from ..report.path_tables import tables_without_truth
 from ..report.paths import PathsWithoutTruth
+from ..report.record import RECORD, reproduction_record
 from ..report.table1 import (
     PROPOSAL,
     RUNS,
@@ -152,13 +153,17 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
         origin = [options.line, f"duration {seconds:.0f} s, processes: {durations.workers}"]
         said = [*without_boxes, *conclusions]
         removals = removal_pictures(outcomes)
-        write_table_files(folder, result, groups, paper, tables, said, origin, differs, removals)
+        detector = None if options.detector is None else find_model(options.detector)
+        record = reproduction_record(result.entries, missing, detector, seconds, durations.workers)
+        write_table_files(folder, result, groups, paper, tables, said, origin, differs, removals, record)
     for table in tables:
         show_report_table(table)
     print_wrapped("", *result.problems, *conclusions)
     common.note_repeated_runs(outcomes)
     print_wrapped(*kitti_duration(jobs, durations))
     print_lines(f"Report with figures: {folder / REPORT}")
+    if any(entry.is_whole for entry in result.entries):
+        print_lines(f"Record for chapter 7 and for others: {folder / RECORD}")
     return int(bool(result.failed or (missing and options.missing != "ok")))
 
 

@@ -134,7 +134,7 @@ def provenance() -> list[str]:
     system = machine_info()
     libraries = f"numpy {version['numpy']}, OpenCV {version['opencv']}"
     kit = f"stereo-vo-kit {version['kit']}, commit {system['commit'] or 'unknown'}"
-    return [f"{kit}, Python {system['python']}, {libraries}", str(system["system"])]
+    return [f"{kit}, Python {system['python']}, {libraries}", f"{system['system']}, {system['processor']}"]
 
 
 def render_report(

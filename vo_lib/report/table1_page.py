@@ -35,6 +35,7 @@ from .page import (
     signed,
 )
 from .plots import errors_figure, is_straight, jpeg, png, trajectories_figure
+from .record import RECORD, record_json
 from .table1 import (
     BENCHMARK_FRAMES,
     CLAIMS,
@@ -262,11 +263,13 @@ def write_table_files(
     origin: list[str],
     differs: Mapping[Block, list[str]],
     removals: list[Picture],
+    record: dict[str, Any],
 ) -> None:
-    """Write tables, report and figures.
+    """Write tables, report, figures and the record.
 
     conclusions : sentences; origin : command and duration; differs : for each block, sentences on what
-    differs from the presets; removals : images of frames with boxes and features.
+    differs from the presets; removals : images of frames with boxes and features; record : as in
+    `reproduction_record`.
 
     All files are written, or none.
     """
@@ -288,13 +291,14 @@ def write_table_files(
         page = render_report(conclusions, tables, printed, pictures, origin, result.problems, films)
         write_atomic(draft / MARKDOWN, sentences + "\n".join(map(markdown, [*tables, *printed])))
         write_atomic(draft / TABLE, records_csv(records))
+        write_atomic(draft / RECORD, record_json(record))
         write_atomic(draft / NUMBERS, json.dumps(data, indent=2, allow_nan=False) + "\n")
         write_atomic(draft / REPORT, page)
 
 
 def table_files(blocks: Iterable[Block], sequences: list[str]) -> list[str]:
     """Names of the files of `write_table_files` for these blocks and sequences."""
-    names = [TABLE, MARKDOWN, NUMBERS, REPORT]
+    names = [TABLE, MARKDOWN, NUMBERS, RECORD, REPORT]
     for block in blocks:
         names += [_figure_4_name(block), *(_picture_name(block, sequence) for sequence in sequences)]
     return names

@@ -144,12 +144,21 @@ def run_identity(
 
 
 def machine_info() -> dict[str, str | None]:
-    """Facts for the reader that do not change a result: commit, Python version, machine."""
+    """Facts for the reader that do not change a result: commit, Python version, machine, processor."""
     return {
         "commit": git_commit(),
         "python": platform.python_version(),
         "system": f"{platform.system()} {platform.machine()}",
+        "processor": processor_name(),
     }
+
+
+def processor_name() -> str:
+    """The processor as Linux names it, elsewhere as Python does."""
+    cpuinfo = Path("/proc/cpuinfo")
+    lines = cpuinfo.read_text(encoding="utf-8").splitlines() if cpuinfo.is_file() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
 
 
 def git_commit() -> str | None:

@@ -26,12 +26,12 @@ from vo_lib.files import read_mapping
 from vo_lib.geometry.types import Array
 from vo_lib.report import table1
 from vo_lib.report.page import ReportTable, format_number, signed
+from vo_lib.report.record import RECORD
 from vo_lib.report.table1 import BENCHMARK_FRAMES, ERROR_KINDS
 
 from ..ch05.claim import CHOICES, THRESHOLD_AND_BOXES
 
 FEWEST = 3  # seeds that a verdict needs
-RECORD = "reproduction.json"
 # The paper's own RE were converted with 10⁶ / 180 in place of 100 · 180/π (chapter 6).
 PAPERS_FACTOR = 1e6 / 180.0
 RIGHT_FACTOR = 100.0 * 180.0 / math.pi
@@ -131,7 +131,7 @@ def _from_record(path: Path) -> dict[tuple[str, str, str], Ours]:
     record = read_mapping(path, "a record of vo reproduce")
     found: dict[tuple[str, str, str], Ours] = {}
     try:
-        rows = [row for row in record["rows"] if row["variant"] == "published" and not row.get("changed")]
+        rows = [row for row in record["rows"] if row["variant"] == "published" and not row["settings"]]
         for row, kind in itertools.product(rows, ERROR_KINDS):
             values = np.array([math.nan if value is None else value for value in row[kind]], float)
             deviation = float(np.std(values, ddof=1)) if len(values) > 1 else math.nan
