@@ -391,6 +391,13 @@ def test_a_setting_is_changed_in_the_whole_table(tree: Path, capsys: pytest.Capt
     text = (tree / "out" / "table1.md").read_text(encoding="utf-8")
     for where in (printed, page, text):
         assert f"Settings: {says}" in where
+    assert "KITTI, variant published: each method by its settings" in printed
+    mean = next(row for row in rows if (row["method"], row["settings"]) == ("mesvo_f", "selection.sets=20"))
+    errors = [
+        f"{float(mean[kind]):.3f} ± {float(mean[f'{kind}_std']):.3f}"
+        for kind in ("te_percent", "re_deg_per_100m")
+    ]
+    assert f"mesvo_f, selection.sets=20 │ {' │ '.join(errors)}" in printed
     data = json.loads((tree / "out" / "table1.json").read_text(encoding="utf-8"))
     assert [block["settings"] for block in data["blocks"]] == [
         {"selection.sets": 20},

@@ -43,6 +43,7 @@ from ..report.table1_page import (
     removal_pictures,
     results,
     table_files,
+    tables_by_settings,
     write_table_files,
 )
 from ..runs.durations import Durations
@@ -143,7 +144,7 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
         groups = group_entries(result.entries)
         differs = {block: block.described(methods[block.variant]) for block in blocks}
         of_groups = {(block.variant, block.words): sentences for block, sentences in differs.items()}
-        tables = []
+        tables = tables_by_settings(groups)
         for group in groups:
             tables += layout_tables(group, paper, of_groups[group.variant, group.settings])
         tables += closed

@@ -109,6 +109,31 @@ def layout_tables(group: Group, paper: PaperTable, differs: Iterable[str] = ()) 
     return tables
 
 
+def tables_by_settings(groups: list[Group]) -> list[ReportTable]:
+    """For each set of sequences in several blocks, a table of each method with the settings of each block."""
+    alike: dict[tuple[Any, ...], list[Group]] = {}
+    for group in groups:
+        key = (group.variant, group.kitti, group.measure, tuple(group.sequences))
+        alike.setdefault(key, []).append(group)
+    tables = []
+    for blocks in alike.values():
+        first = blocks[0]
+        rows = []
+        for method in first.methods:
+            for group in blocks:
+                errors = [mean_and_deviation(of_kind) for of_kind in group.mean(method)]
+                if np.isfinite([mean for mean, _ in errors]).all():
+                    label = f"{method}, {group.settings or 'presets'}"
+                    rows.append([label, *(plus_minus(*error) for error in errors)])
+        if len(blocks) > 1 and rows:
+            title = f"{_sequences_words(first)}, {VARIANT_WORDS[first.variant]}: each method by its settings"
+            units = [unit for unit, _ in ERROR_KINDS.values()]
+            count = len(first.averaged)
+            notes = [f"Means over {count} sequences of equal weight."] if count > 1 else []
+            tables.append(ReportTable(title, ["method, settings", *units], rows, notes))
+    return tables
+
+
 def _has_several(group: Group) -> bool:
     """Whether the rows of a group name their sequence."""
     return len(group.sequences) > 1
@@ -116,13 +141,14 @@ def _has_several(group: Group) -> bool:
 
 def _title(group: Group) -> str:
     """The sequences of a group and its variant."""
+    return f"{_sequences_words(group)}, {block_words(group.variant, group.settings)}"
+
+
+def _sequences_words(group: Group) -> str:
+    """The sequences of a group."""
     if not _has_several(group):
-        sequences = group.sequences[0]
-    elif group.kitti:
-        sequences = "KITTI"
-    else:
-        sequences = f"{len(group.sequences)} sequences"
-    return f"{sequences}, {block_words(group.variant, group.settings)}"
+        return group.sequences[0]
+    return "KITTI" if group.kitti else f"{len(group.sequences)} sequences"
 
 
 def block_words(variant: str, settings: str) -> str:
