@@ -36,7 +36,7 @@ from ..report.plots import require_matplotlib
 from ..runs.durations import DETECTION, Durations, Task, duration_words
 from ..runs.folder import read_config, settings_in
 from ..runs.jobs import Outcome
-from .console import continues_when_repeated, print_wrapped, reporting
+from .console import continues_when_repeated, print_above_bar, print_wrapped, reporting
 
 if TYPE_CHECKING:
     from ..report.film import Film, FilmFrame
@@ -282,7 +282,7 @@ def warn_missing(missing: list[str], total: int, accepted: bool) -> None:
 def print_rest(seconds: float, durations: Durations) -> None:
     """Print how long the rest of the runs will take."""
     processes = "process" if durations.workers == 1 else "processes"
-    print_wrapped(
+    print_above_bar(
         f"The other runs will take about {duration_words(seconds)} ({durations.workers} {processes}; "
         "estimated from the first runs)."
     )

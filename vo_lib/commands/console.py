@@ -242,6 +242,14 @@ def print_wrapped(*sentences: str) -> None:
         _console().print(sentence, highlight=False, markup=False)
 
 
+def print_above_bar(sentence: str) -> None:
+    """Print a sentence while a progress bar may be shown: above the bar, not behind it."""
+    if hasattr(sys.stdout, "rich_proxied_file"):  # Rich's console would pass by the bar
+        print(sentence)
+    else:
+        print_wrapped(sentence)
+
+
 def warn(sentence: str) -> None:
     """Print a warning to stderr, where it does not disturb an output for programs."""
     print(f"warning: {sentence}", file=sys.stderr)

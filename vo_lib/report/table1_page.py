@@ -124,6 +124,8 @@ def tables_by_settings(groups: list[Group]) -> list[ReportTable]:
                 errors = [mean_and_deviation(of_kind) for of_kind in group.mean(method)]
                 if np.isfinite([mean for mean, _ in errors]).all():
                     label = f"{method}, {group.settings or 'presets'}"
+                    if any(entry.unused for entry in group.of_method(method)):
+                        label += " (not used)"
                     rows.append([label, *(plus_minus(*error) for error in errors)])
         if len(blocks) > 1 and rows:
             title = f"{_sequences_words(first)}, {VARIANT_WORDS[first.variant]}: each method by its settings"
