@@ -198,7 +198,7 @@ def pairs_figure(
         errors.plot([0, 1], [start, end], "-o", color=colour, linewidth=1.2, markersize=5)
     errors.set_xlim(-0.25, 1.25)
     errors.set_xticks([0, 1], [one, other])
-    finish(errors, f"{title}: a line for each {'sequence' if points else 'seed'}", "", "TE [%]", "none")
+    finish(errors, f"{title}: TE [%], a line for each {'sequence' if points else 'seed'}", "", "", "none")
     mean, half = interval
     places = np.arange(len(names))
     changes.axhspan(mean - half, mean + half, color=PALE, alpha=0.5, label="95 % interval of the mean")
@@ -208,5 +208,5 @@ def pairs_figure(
     changes.set_xticks(places, names)
     highest = float(np.max(np.abs([*(new - old), mean - half, mean + half])))
     changes.set_ylim(-1.5 * highest - 1e-6, 1.5 * highest + 1e-6)
-    finish(changes, "change of each pair", "sequence" if points else "seed", "change of TE [%]", "best")
+    finish(changes, "change of TE [%] of each pair", "sequence" if points else "seed", "", "best")
     return made

@@ -140,9 +140,16 @@ def coverage_figure(shares: Mapping[str, Mapping[int, float]]) -> Figure:
     return made
 
 
+def short_name(sequence: str) -> str:
+    """The name of a sequence without its folder, for an axis."""
+    return sequence.split("/")[-1].removeprefix("drive_")
+
+
 def gains_figure(gains: Mapping[str, Gain]) -> Figure:
     """The change of TE of each sequence, with the mean change and its interval, a chart for each table."""
-    made, axes = figure(240, max(len(gains), 1))
+    # Names of drawn streets are long.
+    widths = tuple(float(sum(len(short_name(name)) + 1 for name in gain.names)) for gain in gains.values())
+    made, axes = figure(240, len(gains), widths)
     for axis, (title, gain) in zip(axes, gains.items(), strict=True):
         places = np.arange(len(gain.names))
         low, high = gain.interval.low, gain.interval.high
@@ -150,9 +157,9 @@ def gains_figure(gains: Mapping[str, Gain]) -> Figure:
         axis.axhline(gain.interval.mean, color=DARK, linewidth=1.5, label="mean change")
         axis.axhline(0.0, color=CYCLE[1], linewidth=1.0, linestyle="--", label="no change")
         axis.plot(places, gain.changes, "o", color=CYCLE[0], markersize=6)
-        axis.set_xticks(places, [name.split("/")[-1].removeprefix("drive_") for name in gain.names])
-        axis.tick_params(axis="x", labelsize=SMALL_SIZE)
-        finish(axis, title, "sequence", "change of TE [%]")
+        axis.set_xticks(places, [short_name(name) for name in gain.names])
+        axis.set_xlim(-0.6, len(places) - 0.4)
+        finish(axis, f"{title}: change of TE [%]", "sequence")
     return made
 
 
