@@ -71,8 +71,8 @@ def answers_figure(each: Array, answers: dict[str, Array], t_reference: Array, r
         size, colour = looks[number]
         close.plot(*place, "o", color=colour, markersize=size, label=name)
     close.plot(0, 0, "+", color=BAD, markersize=16, markeredgewidth=2, label=reference)
-    largest = max(float(np.abs(place).max()) for place in away.values())
-    half = room(1.4 * largest, steps=COARSE, least=1.0)
+    sizes = [float(np.abs(place).max()) for place in away.values() if np.isfinite(place).all()]
+    half = room(1.4 * max(sizes, default=0.0), steps=COARSE, least=1.0)
     close.set(xlim=(-half, half), ylim=(-half, half))
     finish(close, "t of all features", "x relative to the cross [mm]", "z [mm]", "best", boxed=True)
     return made
