@@ -71,6 +71,21 @@ def alone(response: Array, cell: int, least: float) -> Array:
     return np.array(kept).reshape(-1, 2)
 
 
+def without_border(response: Array, cell: int, least: float) -> Array:
+    """Wrong answer: squares whose slice would start below zero are empty to numpy, and give no maximum."""
+    reach = (cell - 1) // 2
+    found = largest_in_squares(response, cell, least)
+    return found[(found >= reach).all(axis=1)]
+
+
+def as_mask(response: Array, cell: int, least: float) -> BoolArray:
+    """Wrong answer: a mask of the image."""
+    mask = np.zeros(response.shape, np.bool_)
+    u, v = largest_in_squares(response, cell, least).astype(int).T
+    mask[v, u] = True
+    return mask
+
+
 def descriptors() -> list[Case]:
     """Descriptors, first with all candidates possible, then with some, with one, and with none.
 
@@ -88,15 +103,16 @@ def descriptors() -> list[Case]:
 
 def most_similar(descriptor: Array, others: Array, possible: BoolArray) -> int:
     """Index of the possible descriptor with the smallest sum of absolute differences; -1 without one."""
-    return similar()(descriptor, others, possible)
+    difference = np.where(possible, np.abs(others - descriptor).sum(axis=1), np.inf)
+    return int(np.argmin(difference)) if possible.any() else -1
 
 
 def similar(
-    measure: Callable[..., Any] = np.abs, best: Callable[..., Any] = np.argmin, none: int = -1
-) -> Callable[[Array, Array, BoolArray], int]:
+    measure: Callable[..., Any] = np.abs, best: Callable[..., Any] = np.argmin, none: int | None = -1
+) -> Callable[[Array, Array, BoolArray], int | None]:
     """Answer for the match of descriptors, by the sum of measured differences; `none` if nothing is possible."""
 
-    def match(descriptor: Array, others: Array, possible: BoolArray) -> int:
+    def match(descriptor: Array, others: Array, possible: BoolArray) -> int | None:
         index = np.flatnonzero(possible)
         if len(index) == 0:
             return none
@@ -302,6 +318,16 @@ maxima = Exercise(
             lambda response, cell, least: largest_in_squares(response, cell, -np.inf),
             lambda response, cell, least: largest_in_squares(response, cell, least - E),
         ),
+        "these are the minima of the response.": lambda response, cell, least: largest_in_squares(
+            -response, cell, least
+        ),
+        "this is a mask of the image; return its pixels (u, v).": as_mask,
+        "this is only the largest response of the whole image; each square has its own.": (
+            lambda response, cell, least: np.argwhere(response == response.max())[:, ::-1],
+            lambda response, cell, least: np.argwhere(response == response.max())[:1, ::-1],
+        ),
+        "maxima near the upper and left border are missing: there a slice would start below zero, which numpy "
+        "counts from the end; begin it at `max(v - half, 0)`.": without_border,
         "every response above `least` is included: keep those that are the largest of their square.": (
             lambda response, cell, least: largest_in_squares(response, 1, least)
         ),
@@ -349,6 +375,11 @@ best_match = Exercise(
         "without a possible candidate the result is -1.": (
             similar(none=0),
             similar(none=7),
+            similar(none=None),
+        ),
+        "a product with the mask makes the sums of impossible candidates zero, the smallest of all; make them "
+        "infinite with `np.where`.": lambda descriptor, others, possible: (
+            int(np.argmin(np.abs(others - descriptor).sum(axis=1) * possible)) if possible.any() else -1
         ),
         "this is the least similar candidate.": similar(best=np.argmax),
         "positive and negative differences cancel: take absolute values before the sum.": (
@@ -382,6 +413,10 @@ lucas_kanade_step = Exercise(
     mistakes={
         "without Σ gx gy the two directions are separate, which is right only for windows whose gradients are "
         "uncorrelated.": by_axis,
+        "one side of the equation has means and the other has sums.": (
+            lambda window, *others: shift(window, *others) * window.size,
+            lambda window, *others: shift(window, *others) / window.size,
+        ),
         "this is the right-hand side; the equation still has to be solved.": right_side,
         "this multiplies by the matrix; solve with it.": multiplied,
         "the sums have products, pixel by pixel: gx times the difference, and gx times gx.": of_sums,
