@@ -195,8 +195,11 @@ def translation_figure(turned: Array, now: Array, t_cp: Array) -> Figure:
 def above_figure(own: Array, library: Array, deviation: Array) -> Figure:
     """Points (N, 3) of a student's function and of the library from above, metres, with bars of one deviation.
 
-    Blue: equal; orange: the student's, where they differ, and the library's in grey. deviation : (N,) of Z.
+    Blue: equal; orange: the student's, where they differ, and the library's in grey. Results of another form
+    are not drawn. deviation : (N,) of Z.
     """
+    if own.shape != library.shape:
+        own = np.full(library.shape, np.nan)
     height = 260
     made, (axis,) = figure(height + 68)
     road_axis(axis, (0.0, 60.0), height)

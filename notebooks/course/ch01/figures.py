@@ -120,17 +120,21 @@ def descriptor_figure(
 ) -> Image:
     """A chart of the `difference` (N,) between a feature `left` (2,) and its candidates `right` (N, 2).
 
-    The candidate number `best` is marked; the pictures show the feature and this candidate.
+    The pictures show the feature and the candidate number `best`, which is marked in the chart; if there is no
+    such candidate, one picture says so.
     """
     made, (axis,) = figure(SQUARE, width=2 * SQUARE)
     disparity = left[0] - right[:, 0]
     axis.plot(disparity, difference / 1000, "o", color=GOOD, markersize=4)
-    axis.plot(disparity[best], difference[best] / 1000, "o", color=BAD, markersize=7)
+    pictures = [caption(descriptor_picture(images[SIDES[0]], left), SIDES[0])]
+    if 0 <= best < len(right):
+        axis.plot(disparity[best], difference[best] / 1000, "o", color=BAD, markersize=7)
+        pictures.append(caption(descriptor_picture(images[SIDES[1]], right[best]), SIDES[1]))
+    else:
+        pictures.append(caption(np.full((SQUARE, SQUARE, 3), 255, np.uint8), "no match"))
     axis.set_ylim(bottom=0)
     title = "candidates of the feature; orange: the match"
     finish(axis, title, "disparity [px]", "difference [1000 grey levels]")
-    places = {SIDES[0]: left, SIDES[1]: right[best]}
-    pictures = [caption(descriptor_picture(images[side], uv), side) for side, uv in places.items()]
     return np.hstack([*pictures, raster(made)])
 
 
