@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from course.ch01.errors import GROSS, RIGHT, Measure, count_line, measure_of, strongest_wrong
+from course.ch01.figures import on_edge
 from course.ch01.trace import LOST, open_loops, trace, whole_pixels
 from course.frames import stereo
 from vo_lib.config import preset
@@ -91,6 +92,12 @@ def test_survivors_are_more_often_at_outlines(street: Sequence, measure: Measure
     assert np.mean(outline[error > RIGHT]) == pytest.approx(2 / 5, abs=0.03)
     assert "only one in seven of the right ones is" in TEXT
     assert np.mean(outline[error <= RIGHT]) == pytest.approx(1 / 7, abs=0.02)
+    edge = on_edge(stereo(street, FRAME - 1)[0], kept.prev_left)
+    assert (
+        "a quarter of the wrong ones are on a window that is nearly an edge, and a tenth of the right" in TEXT
+    )
+    assert np.mean(edge[error > RIGHT]) == pytest.approx(1 / 4, abs=0.03)
+    assert np.mean(edge[error <= RIGHT]) == pytest.approx(1 / 10, abs=0.03)
     worst = strongest_wrong(kept, error)
     assert worst is not None
     assert error[worst] > GROSS

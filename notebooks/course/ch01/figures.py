@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vo_lib.data.sequence import Sequence
 from vo_lib.geometry.matches import StereoMatches
-from vo_lib.geometry.types import Array, Image
+from vo_lib.geometry.types import Array, BoolArray, Image
 from vo_lib.paper.features import DESCRIPTOR_OFFSETS
 
 from ..colours import BAD, CYCLE, DARK, FIFTH, FOURTH, GOOD, PALE, THIRD, bgr
@@ -28,6 +28,7 @@ FATES = {OPEN: "#D8D8D8", LOST: PALE, **dict(zip(CHECKS, (FOURTH, THIRD, FIFTH, 
 FATES |= {SURPLUS: "#56B4E9", CHOSEN: GOOD}
 SIDES = ("previous left", "previous right", "current right", "current left")
 LEAST, MOST = 0.01, 100.0  # pixels shown of an error
+EDGE = 1 / 3  # ratio of the roots of the eigenvalues, below which a window is an edge
 NAMES = 0.055  # of a figure's width, for the names of the fates
 
 
@@ -63,6 +64,16 @@ def windows_picture(image: Image, half: int = 5, reach: int = 10) -> Image:
         low, high = (round(size * at / len(around)) for at in (reach, reach + len(window)))
         cv2.rectangle(parts[-2], (low, low), (high, high), bgr(BAD), 1)
     return np.concatenate([np.pad(part, gap, constant_values=255) for part in parts], axis=1)
+
+
+def on_edge(image: Image, uv: Array, half: int = 5) -> BoolArray:
+    """Mask (N,) of the points (N, 2) on an edge: the smaller root of an eigenvalue is below a third of the larger."""
+    mask = []
+    for place in uv:
+        gy, gx = np.gradient(_window(image, place, half + 1).astype(float))
+        small, large = np.sqrt(np.maximum(eigenvalues(gx[1:-1, 1:-1], gy[1:-1, 1:-1]), 0.0)).tolist()
+        mask.append(small < EDGE * large)
+    return np.array(mask, np.bool_)
 
 
 def points_picture(image: Image, uv: Array, words: str, cell: int = 0) -> Image:
