@@ -178,10 +178,12 @@ def of_sums(window: Array, there: Array, gx: Array, gy: Array) -> Array:
 def windows() -> list[Case]:
     """Gradients of a corner and of edges in many directions; rounding makes some eigenvalues negative."""
     rng = np.random.default_rng(0)
-    edges = [
-        (a * g, b * g) for a, b, g in zip(*rng.normal(size=(2, 20)), rng.normal(size=(20, 5, 5)), strict=True)
-    ]
-    return [tuple(rng.normal(size=(2, 5, 5))), (rng.normal(size=(5, 5)), np.zeros((5, 5))), *edges]
+    across = rng.normal(size=(2, 20))  # directions of the edges
+    size = rng.normal(size=(20, 5, 5))
+    edges = [(across[0, i] * size[i], across[1, i] * size[i]) for i in range(20)]
+    corner = rng.normal(size=(2, 5, 5))
+    upright = rng.normal(size=(5, 5))
+    return [(corner[0], corner[1]), (upright, np.zeros((5, 5))), *edges]
 
 
 def eigenvalues(gx: Array, gy: Array, total: Callable[..., Any] = np.sum) -> Array:
@@ -471,7 +473,9 @@ is_stereo = Exercise(
         "the two limits are exchanged.": judged(limits=lambda most, least: (least, most)),
         "1 and 0.5 are hard-coded: use the limits given.": judged(limits=lambda *_: (1.0, 0.5)),
         "a match exactly at a limit is good: use <= and >=.": (
-            *(judged(limits=lambda m, n, a=a, b=b: (m - a, n + b)) for a, b in ((E, E), (E, 0), (0, E))),
+            judged(limits=lambda most, least: (most - E, least + E)),
+            judged(limits=lambda most, least: (most - E, least)),
+            judged(limits=lambda most, least: (most, least + E)),
         ),
         "the match whose rows differ by two is judged good.": (
             judged(row=np.zeros_like),
@@ -479,7 +483,7 @@ is_stereo = Exercise(
         ),
         "a disparity of 0.2 px is judged good.": judged(limits=lambda most, least: (most, -99.0)),
         "the match with a negative disparity is judged good.": judged(disparity=np.abs),
-        "the row difference needs an absolute value.": (*map(judged, (np.positive, np.negative)),),
+        "the row difference needs an absolute value.": (judged(np.positive), judged(np.negative)),
         "the disparity is left column minus right column.": judged(disparity=np.negative),
         "matches with a small disparity are judged good, and matches with a sufficient disparity bad.": judged(
             disparity=np.negative, limits=lambda most, least: (most, -least)

@@ -53,7 +53,8 @@ def windows_picture(image: Image, half: int = 5, reach: int = 10) -> Image:
     parts = []
     for name, score in wanted.items():
         uv = np.array(np.unravel_index(np.argmax(score), score.shape), np.float64)[::-1] + half + reach
-        around, window = (surroundings(image, uv, radius)[0] for radius in (half + reach, half))
+        around, _ = surroundings(image, uv, half + reach)
+        window, _ = surroundings(image, uv, half)
         gy, gx = np.gradient(window.astype(float))
         difference = np.sqrt(cv2.matchTemplate(around, window, cv2.TM_SQDIFF))
         tones = np.asarray(np.clip(255.0 * difference / (90.0 * len(window)), 0, 255), np.uint8)
@@ -61,7 +62,8 @@ def windows_picture(image: Image, half: int = 5, reach: int = 10) -> Image:
         for each, words in ((around, name), (tones, roots)):
             large_one = np.asarray(cv2.resize(each, (size, size), interpolation=cv2.INTER_NEAREST), np.uint8)
             parts.append(caption(photo(large_one, size), words))
-        low, high = (round(size * at / len(around)) for at in (reach, reach + len(window)))
+        low = round(size * reach / len(around))
+        high = round(size * (reach + len(window)) / len(around))
         cv2.rectangle(parts[-2], (low, low), (high, high), bgr(BAD), 1)
     return np.concatenate([np.pad(part, gap, constant_values=255) for part in parts], axis=1)
 
@@ -122,8 +124,9 @@ def surroundings(image: Image, uv: Array, radius: int) -> tuple[Image, NDArray[n
     """The (2 radius + 1)² pixels around a point, and the point in whole pixels."""
     middle = np.rint(uv).astype(np.int64)
     padded = np.pad(image, radius, mode="edge")
-    rows, columns = (slice(at, at + 2 * radius + 1) for at in middle[::-1].tolist())
-    return np.asarray(padded[rows, columns], np.uint8), middle
+    u, v = middle.tolist()
+    side = 2 * radius + 1
+    return np.asarray(padded[v : v + side, u : u + side], np.uint8), middle
 
 
 def descriptor_figure(
@@ -165,8 +168,8 @@ def descriptor_picture(image: Image, uv: Array, radius: int = 10, size: int = SQ
 
 def four_images(sequence: Sequence, frame: int) -> dict[str, Image]:
     """The images of a frame and of the previous frame, by the names in SIDES."""
-    (prev_left, prev_right) = stereo(sequence, frame - 1)
-    (cur_left, cur_right) = stereo(sequence, frame)
+    prev_left, prev_right = stereo(sequence, frame - 1)
+    cur_left, cur_right = stereo(sequence, frame)
     return dict(zip(SIDES, (prev_left, prev_right, cur_right, cur_left), strict=True))
 
 
