@@ -155,8 +155,8 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
         said = [*without_boxes, *conclusions]
         removals = removal_pictures(outcomes)
         detector = None if options.detector is None else find_model(options.detector)
-        record = reproduction_record(result.entries, missing, detector, seconds, durations.workers)
-        write_table_files(folder, result, groups, paper, tables, said, origin, differs, removals, record)
+        record = reproduction_record(result.entries, missing, detector, seconds, durations.workers, differs)
+        write_table_files(folder, result, groups, paper, tables, said, origin, removals, record)
     for table in tables:
         show_report_table(table)
     print_wrapped("", *result.problems, *conclusions)

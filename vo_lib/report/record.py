@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from ..files import file_sha256
 from ..runs.identity import library_versions, machine_info
+from .blocks import Block
 from .page import finite_or_none
 from .table1 import ERROR_KINDS, Entry
 
@@ -17,13 +19,19 @@ FORMAT = 1
 
 
 def reproduction_record(
-    entries: list[Entry], missing: list[str], detector: Path | None, seconds: float, processes: int
+    entries: list[Entry],
+    missing: list[str],
+    detector: Path | None,
+    seconds: float,
+    processes: int,
+    differs: Mapping[Block, list[str]],
 ) -> dict[str, Any]:
     """What a reader needs to judge a reproduction: no path, image or pose.
 
     entries : the errors of the table; missing : sequences that were asked for and not found; detector : the
     ONNX file of the boxes, if they are not labels; seconds : duration of the call, and of nothing that an
-    earlier call with the same folder has done; processes : number of processes.
+    earlier call with the same folder has done; processes : number of processes; differs : for each block,
+    sentences on what differs from the presets.
     """
     boxes = None if detector is None else {"file": detector.name, "sha256": file_sha256(detector)}
     return {
@@ -36,6 +44,10 @@ def reproduction_record(
         "seconds": round(seconds, 1),
         "processes": processes,
         "missing": missing,
+        "blocks": [
+            {"variant": block.variant, "settings": dict(block.changes), "differs": sentences}
+            for block, sentences in differs.items()
+        ],
         "rows": [_row(entry) for entry in entries],
     }
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -54,7 +53,6 @@ from .table1 import (
 )
 
 TABLE = "table1.csv"
-NUMBERS = "table1.json"
 MARKDOWN = "table1.md"
 REPORT = "report.html"
 TWO_COLUMNS_IN = 6.0  # width in inches from which a figure takes two columns of the report
@@ -289,44 +287,31 @@ def write_table_files(
     tables: list[ReportTable],
     conclusions: list[str],
     origin: list[str],
-    differs: Mapping[Block, list[str]],
     removals: list[Picture],
     record: dict[str, Any],
 ) -> None:
     """Write tables, report, figures and the record.
 
-    conclusions : sentences; origin : command and duration; differs : for each block, sentences on what
-    differs from the presets; removals : images of frames with boxes and features; record : as in
-    `reproduction_record`.
+    conclusions : sentences; origin : command and duration; removals : images of frames with boxes and
+    features; record : as in `reproduction_record`.
 
     All files are written, or none.
     """
     printed = [printed_table()] if any(group.kitti for group in groups) else []
     films = _films(folder, result)
     sentences = "".join(f"{line}\n\n" for line in [*conclusions, *result.problems])
-    records = table_records(groups, paper)
-    data = {
-        "command": origin[0],
-        "blocks": [
-            {"variant": block.variant, "settings": dict(block.changes), "differs": sentences_of_block}
-            for block, sentences_of_block in differs.items()
-        ],
-        "problems": result.problems,
-        "rows": records,
-    }
     with written_together(folder) as draft:
         pictures = _pictures(draft, result, groups, removals)
         page = render_report(conclusions, tables, printed, pictures, origin, result.problems, films)
         write_atomic(draft / MARKDOWN, sentences + "\n".join(map(markdown, [*tables, *printed])))
-        write_atomic(draft / TABLE, records_csv(records))
+        write_atomic(draft / TABLE, records_csv(table_records(groups, paper)))
         write_atomic(draft / RECORD, record_json(record))
-        write_atomic(draft / NUMBERS, json.dumps(data, indent=2, allow_nan=False) + "\n")
         write_atomic(draft / REPORT, page)
 
 
 def table_files(blocks: Iterable[Block], sequences: list[str]) -> list[str]:
     """Names of the files of `write_table_files` for these blocks and sequences."""
-    names = [TABLE, MARKDOWN, NUMBERS, RECORD, REPORT]
+    names = [TABLE, MARKDOWN, RECORD, REPORT]
     for block in blocks:
         names += [_figure_4_name(block), *(_picture_name(block, sequence) for sequence in sequences)]
     return names
