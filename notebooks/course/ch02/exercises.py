@@ -11,6 +11,7 @@ from course.simulation.problems import FOCAL, random_problems
 from vo_lib.geometry.motion import skew
 from vo_lib.geometry.types import Array, BoolArray, Index
 from vo_lib.paper.five_point import cubic_constraints, eliminate, five_point
+from vo_lib.paper.sampson import sampson_distance
 from vo_lib.paper.selection import truncated_errors
 
 from ..checker import Case, Condition, Exercise
@@ -134,6 +135,14 @@ def along_the_rays(motion: Array, x_p: Array, x_c: Array) -> tuple[Array, Array]
     return d_p * length_p, d_c * length_c
 
 
+def by_length_of_normal(motion: Array, x_p: Array, x_c: Array) -> tuple[Array, Array]:
+    """Depths times the length of n = x_c × R x_p."""
+    d_p, d_c = library.two_depths(motion, x_p, x_c)
+    normals = np.cross(homogeneous(x_c), homogeneous(x_p) @ motion[:, :3].T)
+    length = np.linalg.norm(normals, axis=1)
+    return d_p * length, d_c * length
+
+
 def choices() -> list[Case]:
     """The motions of four E in different orders, each with twenty noisy matches, two of them wrong."""
     cases: list[Case] = []
@@ -225,6 +234,13 @@ def all_linear_in_z(six: Array, z: float) -> Array:
     return constant + z * (at_one - constant)
 
 
+def columns_from_the_start(six: Array, z: float) -> Array:
+    """C(z) if the columns of `six` are taken for the first sixteen monomials of the twenty."""
+    shifted = np.zeros_like(six)
+    shifted[:, :12] = six[:, 4:]
+    return library.hidden_matrix(shifted, z)
+
+
 def powers_of_w(six: Array, z: float) -> Array:
     """C at (z, w) = (1, z): the powers of z and w exchanged."""
     degrees = np.array([1, 1, 1, 2, 2, 3])
@@ -300,6 +316,8 @@ epipolar_distance = Exercise(
         "this is divided by the length of (a, b, c); the normal of the line is (a, b) alone.": from_lines(
             lambda value, lines: abs(value) / np.linalg.norm(lines, axis=1)
         ),
+        "this is the Sampson distance, which counts the line in the previous image, too; the task is the distance in "
+        "the current image.": lambda E, x_p, x_c: np.abs(sampson_distance(E, x_p, x_c)),
         "every match has a line of its own, with a length of (a, b) of its own.": from_lines(
             lambda value, lines: abs(value) / np.linalg.norm(lines[:, :2])
         ),
@@ -332,8 +350,14 @@ four_motions = Exercise(
         "both rotations are the same; the second has the transposed W.": motions_by(
             lambda U, W, Vt: ([U @ W @ Vt, U @ W @ Vt], U[:, 2])
         ),
+        "t is a fourth row here; [R | t] has it as the fourth column: `np.column_stack([R, t])`.": (
+            lambda E: np.array([np.vstack([each[:, :3], each[:, 3]]) for each in library.four_motions(E)])
+        ),
         "some of these R are reflections, with a determinant of -1: first change the signs of u₃ and v₃ so that "
         "det U = det V = 1.": (without_signs, Condition(is_reflection)),
+        "some of the four are the same: each of the two R comes with t and with -t.": Condition(
+            lambda motions, E: len(np.unique(np.round(motions, 6).reshape(4, -1), axis=0)) < 4
+        ),
         "some of these t have not the length 1.": Condition(
             lambda motions, E: not np.allclose(np.linalg.norm(motions[:, :, 3], axis=1), 1.0)
         ),
@@ -359,6 +383,7 @@ two_depths = Exercise(
         "this is computed with Rᵀ: R takes the ray of the previous camera to the current one.": (
             lambda motion, *x: library.two_depths(inverted_motion(motion), *x)
         ),
+        "this is divided by the length of n; n·n is the square of the length.": by_length_of_normal,
         "these depths are signs only.": lambda motion, *x: np.sign(library.two_depths(motion, *x)),
     },
 )
@@ -383,6 +408,9 @@ choose_motion = Exercise(
         ),
         "this motion has the points behind both cameras: two negative depths have a positive product.": (
             most_in_front_of(lambda d_p, d_c: (d_p < 0) & (d_c < 0))
+        ),
+        "this is the choice of a single match, which may be a wrong one: let all matches vote.": (
+            lambda motions, x_p, x_c: library.choose_motion(motions, x_p[:1], x_c[:1])
         ),
         "this is the first motion, whatever the matches are.": lambda motions, *x: motions[0],
     },
@@ -462,6 +490,7 @@ hidden_matrix = Exercise(
     mistakes={
         "the powers of z are missing: xzz has the factor z², and zzz has z³.": all_linear_in_z,
         "z and w are exchanged: w is 1, so xxw has no factor, and xxz has the factor z.": powers_of_w,
+        "the columns of `six` are MONOMIALS[4:]: the first four monomials are eliminated.": columns_from_the_start,
         "the columns are in another order: x², y², xy, x, y, 1.": (
             lambda six, z: library.hidden_matrix(six, z)[:, [0, 2, 1, 3, 4, 5]],
             lambda six, z: library.hidden_matrix(six, z)[:, ::-1],
