@@ -36,6 +36,8 @@ REFERENCE = "IPY_MODEL_"
 PARTS = ("HTMLModel", "ImageModel", "VBoxModel", "HBoxModel")  # parts of a panel that a page can show
 OPTIONAL = re.compile(r"^(#+ .*)", re.MULTILINE)  # the heading of a section that JupyterLab shows folded
 PANEL_ALT = 'alt="the panel"'
+MATHML = re.compile(r'<span class="formula"><math.*?</math></span>|<math.*?</math>', re.DOTALL)
+STAND_IN = re.compile(r"formula\d{5}formula")  # a word in place of a formula
 FORMULA = re.compile(r"(```.*?```|`[^`\n]*`)|\$\$(.+?)\$\$|\$(.+?)\$", re.DOTALL)
 PAGE = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
@@ -109,14 +111,14 @@ def page(notebook: Any, path: Path) -> str:
     """An executed notebook as a page with embedded pictures; folders of this machine become `.` and `~`."""
     state = notebook.metadata.pop("widgets", {}).get(WIDGETS, {}).get("state", {})
     words = ""
+    formulas = dict[str, str]()
     for cell in notebook.cells:
         if cell.metadata.get(FOLDED):
             cell.source = OPTIONAL.sub(r"\1 *(optional)*", cell.source, count=1)
         if cell.cell_type == "markdown":
             words = _announced(cell.source) or words
-            cell.source = with_mathml(
-                re.sub(r"\]\((?!\w+://)([^)#\s]+)\.(?:ipynb|md)", r"](\1.html", cell.source)
-            )
+            linked = re.sub(r"\]\((?!\w+://)([^)#\s]+)\.(?:ipynb|md)", r"](\1.html", cell.source)
+            cell.source = _set_aside(with_mathml(linked), formulas)
         for output in cell.get("outputs", []):
             data = output.get("data", {})
             for kind in {"image/png", "image/jpeg"} & set(data):
@@ -128,6 +130,8 @@ def page(notebook: Any, path: Path) -> str:
                 output["data"] = {"text/html": f'<div class="panel">{shown}</div>' if shown else ""}
     exporter = HTMLExporter(template_name="basic", embed_images=True, exclude_anchor_links=True)  # type: ignore[no-untyped-call]
     body, _ = exporter.from_notebook_node(notebook, {"metadata": {"path": str(path.parent)}})
+    body = re.sub(' id="[^"]*"', lambda found: STAND_IN.sub("", found[0]), body)
+    body = STAND_IN.sub(lambda found: formulas[found[0]], body)
     for folder, short in ((NOTEBOOKS.parent, "."), (Path.home(), "~")):
         body = body.replace(f"{html.escape(str(folder))}/", f"{short}/")
     style, dark = (HtmlFormatter(style=name).get_style_defs(".highlight") for name in ("default", "monokai"))
@@ -151,6 +155,21 @@ def with_mathml(markdown: str) -> str:
         return f'<span class="formula">{mathml}</span>' if display else mathml
 
     return FORMULA.sub(as_mathml, markdown)
+
+
+def _set_aside(markdown: str, formulas: dict[str, str]) -> str:
+    """Markdown with a word in place of each formula; `formulas` gets the formula of each word.
+
+    nbconvert parses each tag of HTML inside a paragraph by itself, and closes it at once: a formula would lose
+    its structure.
+    """
+
+    def stand_in(match: re.Match[str]) -> str:
+        word = f"formula{len(formulas):05d}formula"
+        formulas[word] = match.group()
+        return word
+
+    return MATHML.sub(stand_in, markdown)
 
 
 def _announced(markdown: str) -> str:

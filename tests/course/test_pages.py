@@ -42,7 +42,7 @@ def test_pages_need_no_network_and_name_broken_notebooks(
     monkeypatch.setattr(sys, "argv", ["pages", str(tmp_path / "out")])
     cells = [nbformat.v4.new_code_cell(lines) for lines in (PANEL, "1 / 0", PICTURE)]  # type: ignore[no-untyped-call]
     cells.insert(2, nbformat.v4.new_markdown_cell("# [A *part*](x.ipynb)\nText. So it *looks*:"))  # type: ignore[no-untyped-call]
-    cells.append(nbformat.v4.new_markdown_cell("$x_c$ and [next](01_two.ipynb#part)"))  # type: ignore[no-untyped-call]
+    cells.append(nbformat.v4.new_markdown_cell("$x_c$ and [next](01_two.ipynb#part)\n\n## The point $y_c$"))  # type: ignore[no-untyped-call]
     cells.append(nbformat.v4.new_markdown_cell("### A proof\nWhy.", metadata={FOLDED: True}))  # type: ignore[no-untyped-call]
     nbformat.write(nbformat.v4.new_notebook(cells=cells), tmp_path / "00_one.ipynb")  # type: ignore[no-untyped-call]
     (tmp_path / "table.csv").write_text("a,b\n", encoding="utf-8")
@@ -50,7 +50,9 @@ def test_pages_need_no_network_and_name_broken_notebooks(
     assert (tmp_path / "out" / "table.csv").read_text(encoding="utf-8") == "a,b\n"
     assert "00_one.ipynb: cell 1 failed" in capsys.readouterr().out
     written = (tmp_path / "out" / "00_one.html").read_text(encoding="utf-8")
-    assert "<msub>" in written
+    assert "<msub><mi>x</mi><mi>c</mi></msub>" in written
+    assert "<msub><mi>y</mi>" in written.split("<h2", 1)[1].split("</h2>")[0]
+    assert "formula0" not in written
     assert 'href="01_two.html#part"' in written
     assert "<b>told</b>" in written
     assert "A proof <em>(optional)</em>" in written
