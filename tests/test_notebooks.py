@@ -34,7 +34,8 @@ SHORTER = {
     "same = np.zeros((20, 5))": "same = np.zeros((4, 2))",  # chapter 3: frames, seeds
     "errors_by_seed(scenes, 10, 3, bar)": "errors_by_seed(scenes, 3, 1, bar)",
     "for seed in range(6):": "for seed in range(2):",
-    "for seed in range(5)]": "for seed in range(2)]",  # chapter 5
+    "REPEATS = range(5)": "REPEATS = range(2)",  # chapter 5: seeds, and steps of the training
+    "STEPS = 1200": "STEPS = 40",
     "SEEDS = range(5)": "SEEDS = range(2)",  # chapter 6
     "clip(185, detector, report)": "clip(201, detector, report, 0)",  # chapter 7: the frames of chapter 8
     "sixty = part_of(chosen, 60)": "sixty = part_of(chosen, 30)",

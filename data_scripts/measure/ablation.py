@@ -109,7 +109,7 @@ IDEAS = (
         "boxes: mean of the moving features",
         {"filter.moving.without": ("moving-mean",)},
         MOVING,
-        "chapter 5, exercise 5.6",
+        "chapter 5, exercise 5.9",
     ),
 )
 

@@ -16,6 +16,8 @@ SOLUTION = re.compile(r"\bright\.(?!plot\()\w+\(|import (?:exercises|library) as
 PICTURES = "image/png", "image/jpeg", "text/html"
 # Wrong answers that show in the cell; for other functions, the first mistake that its check knows.
 WRONG: dict[str, str] = {
+    "suppress": "lambda corners, scores, most: np.argsort(-scores)",  # chapter 5: no box is dropped
+    "precision_recall": "lambda scores, right, wanted: [np.cumsum(right) / len(right)] * 2",
     "sweep": "lambda sequence, matches, values: [0.5 + value / 1000 for value in values]",
     "shrunk": "lambda estimate, covariance: 0.5 * estimate",
     # On these frames all candidates have the norm 1, and the prior does not change the winner.

@@ -1,9 +1,8 @@
-"""Chapter 5: boxes of real drives, distances to epipolar lines, precision and recall, box rules."""
+"""Chapter 5: boxes of real drives, distances to epipolar lines, box rules."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,12 +10,11 @@ from conftest import with_box
 from real_images import DRIVE_0013, RealImages, labelled_drive_0005
 
 from course.ch05 import FilteringPanel, real_drives
-from course.ch05.panel import precision_recall
 from course.lessons import CAMERA, drive
 from course.simulation.tracks import TrackConfig, simulate_tracks
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.sequence import Sequence
-from vo_lib.geometry.boxes import Boxes, no_boxes
+from vo_lib.geometry.matches import StereoMatches
 
 
 def test_a_drive_that_is_missing_is_named_with_the_command_that_fetches_it(
@@ -54,31 +52,23 @@ def test_only_standing_points_lie_on_their_epipolar_lines() -> None:
         assert np.median(distances[frame.moving]) > 1.0
 
 
-class Detector:
-    """A detector with two boxes on the labelled vehicle (the low-scored box is exact) and a false box."""
-
-    path = Path("made.onnx")
-
-    def __init__(self, true: Any):
-        self.true = true
-
-    def candidates(self, image: Any) -> None:
-        pass
-
-    def select_boxes(self, output: None, score: float, nms: float) -> Boxes:
-        to_the_right = np.array([[2.0], [0.0], [300.0]]) * [1, 0, 1, 0]
-        return Boxes(self.true + to_the_right, np.full(3, 2), np.array([0.9, 0.8, 0.3]))
-
-
-def test_of_two_boxes_on_one_vehicle_the_better_scored_is_right(bands: Path) -> None:
+def test_the_box_whose_features_are_farthest_off_is_named_by_its_number(bands: Path) -> None:
     sequence = open_sequence(with_box(bands, 6))
-    detector: Any = Detector(sequence.boxes(1).xyxy[0])
-    score, precision, recall = precision_recall(sequence, range(1, 3), detector)
-    np.testing.assert_allclose(score, [0.9, 0.9, 0.8, 0.8, 0.3, 0.3])
-    np.testing.assert_allclose(precision, [1, 1, 2 / 3, 1 / 2, 2 / 5, 1 / 3])
-    np.testing.assert_allclose(recall, [1 / 2, 1, 1, 1, 1, 1])
-    detector.select_boxes = lambda *_: no_boxes()
-    assert [len(each) for each in precision_recall(sequence, range(1, 3), detector)] == [0, 0, 0]
+    box = sequence.boxes(1).xyxy[0]
+    inner = box[:2] + (box[2:] - box[:2]) * np.linspace(0.2, 0.8, 4)[:, None]
+    uv = np.concatenate([inner, [[1.0, 1.0]]])
+    lengths = np.ones(len(uv), np.int64)
+    matches = StereoMatches(uv, uv, uv, uv, lengths, np.ones(len(uv)), np.arange(len(uv)))
+    rows = real_drives.distances_by_box(sequence, 1, matches, np.array([0.5, 0.6, 0.7, 0.8, 0.1]))
+    assert [(each.row, each.count) for each in rows] == [(-1, 1), (0, 4)]
+    far = real_drives.farthest_box(rows)
+    assert far is not None
+    assert far.median == pytest.approx(0.65)
+    lines = real_drives.distance_lines(rows).splitlines()
+    assert lines[0].startswith("outside boxes: features:   1, median 0.10 px")
+    assert lines[1].endswith("black in the picture")
+    few = real_drives.distances_by_box(sequence, 1, matches[np.array([0, 1])], np.array([0.5, 0.6]))
+    assert real_drives.farthest_box(few) is None
 
 
 def test_the_panel_offers_the_rules_of_its_method(bands: Path) -> None:

@@ -14,7 +14,10 @@ from matplotlib.figure import Figure
 from vo_lib.data.poses import from_first
 from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.ate_rpe import relative_error
-from vo_lib.evaluation.statistics import standard_deviation
+from vo_lib.evaluation.statistics import change_limit, standard_deviation
+from vo_lib.geometry.camera import StereoCamera
+from vo_lib.geometry.matches import StereoMatches
+from vo_lib.geometry.motion import transform
 from vo_lib.geometry.types import Array
 from vo_lib.report.page import ReportTable
 
@@ -69,8 +72,11 @@ def results_table(title: str, only: str = "") -> ReportTable:
     return ReportTable(title, columns, [row for row in rows if row[0].startswith(only)], [])
 
 
-def whole_drive(section: str, row: str) -> dict[str, str]:
-    """TE in % and RE in deg/100 m of a whole drive by method, ± standard deviation, from `results.md`."""
+def whole_drive_errors(section: str, row: str) -> dict[str, Array]:
+    """Of a whole drive by method, from `results.md`: TE (%), RE (deg/100 m), and their deviations, (4,).
+
+    The deviations are standard deviations over the seeds.
+    """
 
     def cells(title: str) -> dict[str, str]:
         table = results_table(f"{section}: {title}", row)
@@ -78,11 +84,88 @@ def whole_drive(section: str, row: str) -> dict[str, str]:
         return dict(zip(table.columns, next((r for r in table.rows if r[0] == row), [row]), strict=False))
 
     kinds = "TE, %", "RE, deg/100 m"
-    te, re, te_sd, re_sd = (cells(of + kind) for of in ("", SPREAD_OF) for kind in kinds)
+    te, re = (cells(kind) for kind in kinds)
+    te_sd, re_sd = (cells(SPREAD_OF + kind) for kind in kinds)
+    numbers = {}
+    for method in list(te)[1:]:
+        words = te[method], re[method], te_sd.get(method, "0"), re_sd.get(method, "0")
+        # The sign = stands for the number in the column before.
+        if "=" not in words:
+            numbers[method] = np.array([float(word) for word in words])
+    return numbers
+
+
+def whole_drive(section: str, row: str) -> dict[str, str]:
+    """TE in % and RE in deg/100 m of a whole drive by method, ± standard deviation, from `results.md`."""
     return {
-        method: f"{te[method]} ± {te_sd.get(method, '0.000')} / {re[method]} ± {re_sd.get(method, '0.000')}"
-        for method in list(te)[1:]
+        method: f"{te:.3f} ± {te_sd:.3f} / {re:.3f} ± {re_sd:.3f}"
+        for method, (te, re, te_sd, re_sd) in whole_drive_errors(section, row).items()
     }
+
+
+def whole_drive_line(section: str, row: str) -> str:
+    """What the removal of features in boxes changes on a whole drive, and whether one run would show it."""
+    errors = whole_drive_errors(section, row)
+    kept = errors["solution_selection"]
+    removed = errors["feature_selection"]
+    parts = []
+    for n, name in enumerate(("TE", "RE")):
+        limit = change_limit(float(kept[n]), float(kept[n + 2]), float(removed[n + 2]))
+        change = float(removed[n] - kept[n])
+        word = "not shown" if abs(change) <= limit else "better" if change < 0 else "worse"
+        parts.append(f"{name} {kept[n]:.3f} → {removed[n]:.3f} ({word})")
+    return f"{section.rpartition(' ')[2]:9} {row:17}: {', '.join(parts)}"
+
+
+def errors_by_seed(
+    sequence: Sequence, seeds: list[dict[str, Array]]
+) -> list[tuple[str, str, dict[str, Array]]]:
+    """Mean errors of a step and the error of the end: name, unit, and the values over the seeds by run."""
+    end = true_path(sequence)[-1]
+    kinds = ("rotation", "°"), ("translation", "mm"), ("end", "cm")
+    values: dict[str, list[tuple[float, float, float]]] = defaultdict(list)
+    for runs in seeds:
+        for name, poses in runs.items():
+            turns, steps = step_errors(sequence, poses)
+            off = 100 * float(np.linalg.norm(poses[-1, :3, 3] - end))
+            values[name].append((float(turns.mean()), float(steps.mean()), off))
+    return [
+        (kind, unit, {name: np.array(rows)[:, n] for name, rows in values.items()})
+        for n, (kind, unit) in enumerate(kinds)
+    ]
+
+
+def seeds_figure(sequence: Sequence, seeds: list[dict[str, Array]], height: int = 230) -> Figure:
+    """The errors of each run as dots, for each seed joined by a line, so that one sees how far runs overlap."""
+    kinds = errors_by_seed(sequence, seeds)
+    made, axes = figure(height, len(kinds))
+    for axis, (kind, unit, errors) in zip(axes, kinds, strict=True):
+        names = list(errors)
+        values = np.array([errors[name] for name in names])
+        axis.plot(range(len(names)), values, color=PALE, linewidth=1)
+        for place, colour in zip(range(len(names)), (BAD, GOOD, THIRD), strict=False):
+            axis.plot(np.full(values.shape[1], place), values[place], "o", color=colour)
+        axis.set(xlim=(-0.5, len(names) - 0.5), ylim=(0, room(1.1 * float(values.max()))))
+        axis.set_xticks(range(len(names)), names)
+        what = "error of the end" if kind == "end" else f"{kind} error of a step"
+        finish(axis, f"{what} [{unit}]")
+    return made
+
+
+def three_features(camera: StereoCamera, T_cp: Array) -> StereoMatches:
+    """Matches of three features of things 10 m ahead that moved since the previous frame, without noise.
+
+    Two moved 2 cm to the right, one above the epipole and one beside it; the third one moved 20 cm ahead.
+    T_cp : motion of the camera.
+    """
+    X_p = np.array([[0.0, -2.0, 10.0], [3.0, 0.0, 10.0], [3.0, 1.0, 10.0]])
+    X_c = transform(T_cp, X_p) + np.array([[0.02, 0.0, 0.0], [0.02, 0.0, 0.0], [0.0, 0.0, 0.2]])
+    prev_left, prev_right = camera.project(X_p)
+    cur_left, cur_right = camera.project(X_c)
+    count = len(X_p)
+    return StereoMatches(
+        prev_left, prev_right, cur_left, cur_right, np.ones(count, np.int64), np.ones(count), np.arange(count)
+    )
 
 
 def claim_figure(
@@ -95,13 +178,13 @@ def claim_figure(
     made, (turns, lengths, path) = figure(height, 3, (1.0, 1.0, 0.8))
     true = true_path(sequence)
     frames = int(sequence.frames[0]) + np.arange(1, len(true))
-    path.plot(true[:, 0], true[:, 2], color=DARK, linewidth=3, label="truth")
     for (name, poses), (colour, width) in zip(runs.items(), LINES, strict=False):
         turn, step = step_errors(sequence, poses)
         look: Any = {"color": colour, "linewidth": width, "zorder": 6 - width}  # thin lines above wide ones
         turns.plot(frames[: len(turn)], turn, label=name, **look)
         lengths.plot(frames[: len(step)], step, **look)
         path.plot(*poses[:, [0, 2], 3].T, **look)
+    path.plot(true[:, 0], true[:, 2], color=DARK, linewidth=1, label="truth", zorder=7)
     for axis in (turns, lengths):
         highest = max(float(np.asarray(line.get_ydata(), np.float64).max()) for line in axis.get_lines())
         axis.set_ylim(0, room(1.35 * highest))  # room for the legend above the lines

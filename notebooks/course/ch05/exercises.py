@@ -1,4 +1,4 @@
-"""Exercises of chapter 5: features in boxes, letterbox inverse, cells, overlap, suppression, boxes that move."""
+"""Exercises of chapter 5: features in boxes, label rows, cells, overlap, suppression, precision, moving boxes."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ B = [110.0, 104.0, 212.0, 184.0]
 SIDE = [185.0, 110.0, 290.0, 190.0]
 CORNERS = np.array([A, B, SIDE, [400.0, 90.0, 450.0, 130.0], [130.0, 120.0, 160.0, 150.0]])
 SCORES = np.array([0.7, 0.9, 0.6, 0.3, 0.8])
+LARGEST_LOG = 8.0  # of a side, so that a wild output has no infinite box
 LEAST = 0.3  # metres; a shorter step is none
 KEPT = "on moving things, kept"
 LOST = "on standing things, removed"
@@ -60,6 +61,67 @@ def pairs() -> list[Case]:
     return [(a, b), (a, a.copy()), *((a, far) for far in apart), *((far, a) for far in apart)]
 
 
+def label_of(box: Array, number: int, width: int, height: int) -> Array:
+    """The five numbers of a label row: the class, and centre, width and height in units of the image's size."""
+    x0, y0, x1, y1 = box + 0.5
+    return np.array(
+        [number, (x0 + x1) / 2 / width, (y0 + y1) / 2 / height, (x1 - x0) / width, (y1 - y0) / height]
+    )
+
+
+def labels() -> list[Case]:
+    """Cases of boxes to be written as label rows."""
+    boxes = [[99.5, 49.5, 299.5, 149.5], [-0.5, -0.5, 1240.5, 375.5], [620.0, 180.0, 655.5, 204.0]]
+    return [(np.array(box), number, *SIZE) for box, number in zip(boxes, (2, 0, 7), strict=True)]
+
+
+def outputs() -> list[Case]:
+    """Cases of network outputs (h, w, 5) with the size of a cell: one cell, a row, a grid of other cells."""
+    rng = np.random.default_rng(4)
+    by_hand = np.zeros((3, 4, 5), np.float32)
+    by_hand[..., 0] = -9.0
+    by_hand[1, 2] = [1.0, *np.log([2.0, 0.5, 1.0, 1.5])]
+    return [
+        (by_hand, 16),
+        (rng.normal(0.0, 1.0, (1, 6, 5)).astype(np.float32), 16),
+        (rng.normal(0.0, 1.0, (5, 3, 5)).astype(np.float32), 8),
+    ]
+
+
+def decoded(output: Array, stride: int) -> tuple[Array, Array]:
+    """Boxes (h w, 4) and scores (h w,) of the cells of an output (h, w, 5), row by row, pixels of its image."""
+    height, width = output.shape[:2]
+    v, u = np.mgrid[:height, :width]
+    centres = (np.stack([u, v], axis=2) + 0.5) * stride
+    sides = stride * np.exp(np.clip(output[..., 1:].astype(np.float64), -LARGEST_LOG, LARGEST_LOG))
+    corners = np.concatenate([centres - sides[..., :2], centres + sides[..., 2:]], axis=2)
+    scores = 1 / (1 + np.exp(-output[..., 0].astype(np.float64)))
+    return corners.reshape(-1, 4), scores.ravel()
+
+
+def _swapped_centres(output: Array, stride: int) -> tuple[Array, Array]:
+    """The result of `decoded` with rows and columns exchanged in the centres of the cells."""
+    corners, scores = decoded(output, stride)
+    v, u = np.mgrid[: output.shape[0], : output.shape[1]]
+    shift = stride * (v - u).ravel()
+    return corners + np.stack([shift, -shift, shift, -shift], axis=1), scores
+
+
+def _without_exp(output: Array, stride: int) -> tuple[Array, Array]:
+    """The result of `decoded` with the numbers themselves as sides, in cells."""
+    corners, scores = decoded(output, stride)
+    numbers = output[..., 1:].reshape(-1, 4).astype(np.float64)
+    return corners + stride * (numbers - np.exp(numbers)) * [-1, -1, 1, 1], scores
+
+
+def in_pixels(output: Array, stride: int) -> tuple[Array, Array]:
+    """The result of `decoded` with sides in pixels instead of cells."""
+    corners, scores = decoded(output, stride)
+    shares = output[..., 1:].reshape(-1, 4).astype(np.float64)
+    sides = (1 - stride) * np.exp(shares) * [-1, -1, 1, 1]
+    return corners + sides, scores
+
+
 def suppressed(corners: Array, scores: Array, most: float, rivals: slice | None = slice(None)) -> list[int]:
     """Indices that greedy suppression keeps, best first.
 
@@ -83,6 +145,22 @@ def heaps() -> list[Case]:
         corner = rng.uniform(0, 100, (15, 2))
         boxes = np.concatenate([corner, corner + rng.uniform(20, 60, (15, 2))], axis=1)
         cases.append((boxes, rng.permutation(15) / 15.0, float(rng.uniform(0.1, 0.7))))
+    return cases
+
+
+def precision_recall_of(scores: Array, right: BoolArray, wanted: int) -> tuple[Array, Array]:
+    """Precision and recall (N,) of the boxes down to each score, the best box first."""
+    hits = np.cumsum(right[np.argsort(-scores, kind="stable")])
+    return hits / np.arange(1, len(hits) + 1), hits / wanted
+
+
+def verdicts() -> list[Case]:
+    """Cases of judged boxes: their scores, in any order, whether each is right, and the wanted vehicles."""
+    rng = np.random.default_rng(3)
+    cases: list[Case] = [(np.array([0.9, 0.8, 0.7, 0.5]), np.array([True, True, False, True]), 5)]
+    cases.append((np.array([0.2, 0.9, 0.6]), np.array([True, False, True]), 2))
+    for count in (1, 12, 30):
+        cases.append((rng.permutation(count) / count, rng.random(count) < 0.6, count + 3))
     return cases
 
 
@@ -190,6 +268,108 @@ cells = Exercise(
     },
 )
 
+label_row = Exercise(
+    label_of,
+    labels,
+    atol=1e-6,
+    praise="the row of the first box is {got}: `read_rows` of the library gives the box back.",
+    hint="count from the outer edge of the first pixel: add half a pixel to each corner. Then centre and size, "
+    "each as a share of the image.",
+    line="cx = ((box[0] + box[2]) / 2 + 0.5) / width",
+    mistakes={
+        "the half pixel is missing: the box counts from the centre of the first pixel, the row from its edge.": (
+            lambda box, number, w, h: label_of(box - 0.5, number, w, h)
+        ),
+        "the half pixel has the wrong sign: the edge is before the centre, so each corner grows by ½.": (
+            lambda box, number, w, h: label_of(box - 1.0, number, w, h)
+        ),
+        "these are pixels: a row has shares of the image's width and height.": (
+            lambda box, number, w, h: label_of(box, number, 1, 1),
+            lambda box, number, w, h: label_of(box - 0.5, number, 1, 1),
+        ),
+        "these are the two corners: a row has the centre, then width and height.": (
+            lambda box, number, w, h: np.array([number, *((box + 0.5) / [w, h, w, h])]),
+            lambda box, number, w, h: np.array([number, *(box / [w, h, w, h])]),
+        ),
+        "this begins with the upper left corner: a row begins with the centre.": lambda box, number, w, h: (
+            label_of(box, number, w, h) - [0, *(box[2:] - box[:2]) / [w, h] / 2, 0, 0]
+        ),
+        "width and height of the image are exchanged.": lambda box, number, w, h: label_of(box, number, h, w),
+        "these are half sizes: a row has the whole width and height.": lambda *case: (
+            label_of(*case) * [1, 1, 1, 0.5, 0.5]
+        ),
+        "a pixel counts twice, on both sides of the box: its width is x1 - x0, without + 1.": (
+            lambda box, number, w, h: label_of(box, number, w, h) + np.array([0, 0, 0, 1 / w, 1 / h])
+        ),
+        "the class is missing or at the end: it is the first number.": lambda *case: np.roll(
+            label_of(*case), -1
+        ),
+    },
+)
+
+decode = Exercise(
+    decoded,
+    outputs,
+    parts=("corners", "scores"),
+    atol=1e-4,
+    rtol=1e-5,
+    praise="the library decodes all cells to the same boxes.",
+    hint="the centre of the cell in row r and column c is stride · (c + ½, r + ½). A side is stride · exp(number) "
+    "away from it.",
+    line="sides = stride * np.exp(output[..., 1:]); corners = centre - sides[..., :2], centre + sides[..., 2:]",
+    library=("decoded",),
+    mistakes={
+        "the boxes begin at the corner of a cell, not at its centre: add half a cell.": (
+            lambda output, stride: (decoded(output, stride)[0] - stride / 2, decoded(output, stride)[1])
+        ),
+        "the distances are in pixels: exp gives cells, so multiply it by the stride.": (in_pixels),
+        "the numbers are logarithms of the distances: take exp of them.": lambda output, stride: _without_exp(
+            output, stride
+        ),
+        "rows and columns are exchanged: the column gives x, the row gives y.": lambda output, stride: (
+            _swapped_centres(output, stride)
+        ),
+        "the score is a logit: it needs 1 / (1 + exp(-s)).": lambda output, stride: (
+            decoded(output, stride)[0],
+            output[..., 0].ravel(),
+        ),
+        "the sigmoid has the wrong sign: a large number is a high score.": lambda output, stride: (
+            decoded(output, stride)[0],
+            1.0 - decoded(output, stride)[1],
+        ),
+    },
+)
+
+precision_recall = Exercise(
+    precision_recall_of,
+    verdicts,
+    parts=("precision", "recall"),
+    praise="precision and recall after each box, the best box first: {got[0]} and {got[1]} for the first case.",
+    hint="sort by score, count the right boxes so far, and divide the count by two different numbers.",
+    line="hits = np.cumsum(right[np.argsort(-scores)]); return hits / np.arange(1, len(hits) + 1), hits / wanted",
+    mistakes={
+        "sort the boxes first, the best score first.": lambda scores, right, wanted: (
+            np.cumsum(right) / np.arange(1, len(right) + 1),
+            np.cumsum(right) / wanted,
+        ),
+        "the worst box is the first: sort by falling scores.": lambda scores, right, wanted: (
+            precision_recall_of(-scores, right, wanted)
+        ),
+        "recall is the share of the vehicles, not of the right boxes: divide by `wanted`.": (
+            lambda scores, right, wanted: precision_recall_of(scores, right, max(int(right.sum()), 1))
+        ),
+        "recall is the share of the vehicles, not of all boxes: divide by `wanted`.": (
+            lambda scores, right, wanted: precision_recall_of(scores, right, len(scores))
+        ),
+        "precision is the share of right boxes among the boxes so far, not among all boxes.": (
+            lambda scores, right, wanted: (
+                precision_recall_of(scores, right, len(scores))[1],
+                precision_recall_of(scores, right, wanted)[1],
+            )
+        ),
+    },
+)
+
 iou = Exercise(
     lambda a, b: overlap(a[None], b[None])[0, 0],
     pairs,
@@ -274,6 +454,11 @@ keep_outside = Exercise(
         ),
         "boxes are x0, y0, x1, y1: the last two numbers are a corner, not width and height.": (
             lambda p, c, *boxes: outside(p, c, *(b + b[:, [0, 1, 0, 1]] * [0, 0, 1, 1] for b in boxes))
+        ),
+        "boxes are x0, y0, x1, y1: the first two numbers are a corner, not a centre.": (
+            lambda p, c, *boxes: outside(
+                p, c, *(b[:, [0, 1, 0, 1]] + b[:, [2, 3, 2, 3]] * [-0.5, -0.5, 0.5, 0.5] for b in boxes)
+            )
         ),
         "u and v are exchanged: boxes begin with their u.": lambda p, c, *boxes: outside(
             p[:, ::-1], c[:, ::-1], *boxes

@@ -1,45 +1,24 @@
-"""Pictures of chapter 5: scores of the cells, candidates and boxes, kept and removed features, errors."""
+"""Pictures of chapter 5: candidates and boxes of a network, kept and removed features."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from vo_lib.detection.layout import STRIDES, letterboxed
-from vo_lib.detection.settings import DetectorConfig
+from vo_lib.detection.layout import letterboxed
 from vo_lib.detection.yolo import NetworkOutput
-from vo_lib.geometry.boxes import Boxes
+from vo_lib.geometry.boxes import Boxes, no_boxes
 from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.types import Array, BoolArray, Image
 from vo_lib.report.plots import match_image
 
 from ..colours import BAD, GOOD, bgr
-from ..drawing import PHOTO_HEIGHT, WIDTH, caption, figure, finish, photo, write
+from ..drawing import PHOTO_HEIGHT, WIDTH, caption, photo, write
+from .real_drives import BoxDistances, farthest_box
 
 MOST_DRAWN = 400  # candidates; more would hide the picture
 LEAST_LABELLED = 44  # pixels of a box, for its score above it
-
-
-def score_picture(image: Image, output: NetworkOutput) -> Image:
-    """The network's image once per stride, from left to right; the tint of a cell shows its best score."""
-    ground = photo(letterboxed(image, output.letterbox), output.letterbox.width)
-    parts = []
-    first = 0
-    for stride in STRIDES:
-        rows = output.letterbox.height // stride
-        columns = output.letterbox.width // stride
-        best = output.scores[first : first + rows * columns].max(axis=1).reshape(rows, columns)
-        first += rows * columns
-        share = np.kron(best, np.ones((stride, stride)))[:, :, None]
-        tinted = (1 - share) * (0.8 * ground) + share * np.array(bgr(BAD))
-        grid = np.asarray(tinted, np.uint8)
-        grid[::stride] = grid[::stride] // 4 * 3
-        grid[:, ::stride] = grid[:, ::stride] // 4 * 3
-        words = f"stride {stride}: {columns} x {rows} cells, best {best.max():.2f}"
-        parts.append(caption(photo(grid, WIDTH // 3), words))
-    return np.concatenate(parts, axis=1)
 
 
 def candidates_picture(
@@ -72,13 +51,26 @@ def filter_picture(
     return caption(photo(drawn, WIDTH, PHOTO_HEIGHT), words)
 
 
-def precision_figure(scores: Array, precision: Array, recall: Array) -> Figure:
-    """Precision and recall for each score as a curve; the default score is marked."""
-    made, (axis,) = figure(230)
-    default = DetectorConfig().score
-    at = max(int(np.sum(scores >= default)) - 1, 0)
-    axis.plot(recall, precision, color=GOOD)
-    axis.plot(recall[at], precision[at], "o", color=BAD, label=f"score {default:g}")
-    axis.set(xlim=(0, 1.02), ylim=(0, 1.02))
-    finish(axis, "precision and recall of all scores", "recall", "precision", "lower left")
-    return made
+def numbered_picture(
+    image: Image,
+    matches: StereoMatches,
+    keep: BoolArray,
+    boxes: Boxes,
+    rows: list[BoxDistances],
+    words: str,
+) -> Image:
+    """The picture of kept and other features, with boxes that are numbered from left to right.
+
+    The box of `farthest_box` is black, the others are white with a black rim, which shows on every ground.
+    """
+    drawn = match_image(image, matches, keep, no_boxes())
+    far = farthest_box(rows)
+    for number, each in enumerate(rows):
+        if each.row < 0:
+            continue
+        x0, y0, x1, y1 = np.rint(boxes.xyxy[each.row]).astype(int).tolist()
+        inner = (0, 0, 0) if each is far else (255, 255, 255)
+        cv2.rectangle(drawn, (x0, y0), (x1, y1), (0, 0, 0), 4 if each is far else 3, cv2.LINE_AA)
+        cv2.rectangle(drawn, (x0, y0), (x1, y1), inner, 1, cv2.LINE_AA)
+        write(drawn, str(number), max(x0, 0), max(y0 - 4, 16), 0.6)
+    return caption(photo(drawn, WIDTH, PHOTO_HEIGHT), words)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,10 +17,9 @@ from vo_lib.data.truth import matches_on_moving
 from vo_lib.detection.label_folders import chosen_mask, model_classes, with_kinds
 from vo_lib.detection.model_files import model_files
 from vo_lib.detection.models import find_model
-from vo_lib.detection.settings import DetectorConfig
 from vo_lib.detection.yolo import NetworkOutput, YoloDetector
 from vo_lib.errors import DataError, did_you_mean
-from vo_lib.geometry.boxes import VEHICLES, Boxes, no_boxes, overlap
+from vo_lib.geometry.boxes import VEHICLES, Boxes, no_boxes
 from vo_lib.geometry.matches import StereoMatches, empty_matches
 from vo_lib.geometry.result import Flag, FrameResult
 from vo_lib.geometry.types import Array, BoolArray, Image
@@ -41,7 +41,6 @@ from .figures import candidates_picture, filter_picture
 LABELS = "labels"  # in place of a model: the boxes of the sequence's own folder
 NETWORK_HEIGHT = 252  # of the picture of the candidates
 SHOWN_WORDS = 3  # of classes in a message
-LEAST_SCORE = 0.01  # of a box on the curve of precision and recall
 
 
 @dataclass(frozen=True)
@@ -52,13 +51,16 @@ class FilteringView(Checked):
     nms: float = setting(0.5, "IoU above which the lower-scored of two boxes is dropped", low=0.05, high=1)
 
 
+offered: dict[str, Any] = {}  # networks that a cell offers to the panel, by name, with the methods it uses
 _detectors: Memory[YoloDetector] = Memory(3)
 _candidates: Memory[NetworkOutput] = Memory(48)
 _motions: Memory[FrameResult] = Memory(48)
 
 
 def detector_of(model: str) -> YoloDetector:
-    """A detector, loaded once."""
+    """A detector, loaded once, or a network that a cell offers."""
+    if model.strip() in offered:
+        return offered[model.strip()]  # type: ignore[no-any-return]
     path = find_model(model.strip())
     key = (path.resolve(), *(file.stat().st_mtime_ns for file in model_files(path)))
     return _detectors.get(key, lambda: YoloDetector(path))
@@ -182,29 +184,6 @@ def motion_from(sequence: Sequence, frame: int, keep: BoolArray, config: MethodC
     return _motions.get(
         key, lambda: make_odometry(sequence.camera, alone).step(matches[keep], no_boxes()).motion
     )
-
-
-def precision_recall(sequence: Sequence, frames: range, detector: YoloDetector) -> tuple[Array, Array, Array]:
-    """Scores of a detector's boxes, best first, and precision and recall of all boxes down to each score.
-
-    A box is correct if its IoU with a labelled box is at least 0.5. If several boxes match the same label,
-    only the box with the best score is correct.
-    """
-    pairs = []
-    labelled = 0
-    for frame in frames:
-        output = frame_candidates(sequence, frame, detector)
-        boxes = detector.select_boxes(output, LEAST_SCORE, DetectorConfig().nms)
-        shared = overlap(boxes.xyxy, sequence.boxes(frame).xyxy)
-        labelled += shared.shape[1]
-        for row, score in zip(shared, boxes.score.tolist(), strict=True):
-            right = float(row.max(initial=0.0) >= 0.5)
-            pairs.append((score, right))
-            if right:
-                shared[:, row.argmax()] = 0.0  # each labelled box once
-    scores, right_ones = np.array(sorted(pairs, reverse=True)).reshape(-1, 2).T
-    hits = np.cumsum(right_ones)
-    return scores, hits / np.arange(1, len(hits) + 1), hits / max(labelled, 1)
 
 
 class FilteringPanel(Panel):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -25,6 +27,7 @@ from ..drawing import figure, finish
 from ..frames import opened
 from .claim import LINES, step_errors
 
+FEWEST = 3  # features of a box whose median says something
 FETCH = {
     "kitti/drive_0005": "2011_09_26_drive_0005 --frames 100:154",
     "kitti/drive_0013": "2011_09_26_drive_0013 --frames 0:80",
@@ -63,18 +66,51 @@ def line_distances(sequence: Sequence, matches: StereoMatches, T_cp: Array) -> A
     return sequence.camera.f * np.abs(sampson_distance(E, *points))
 
 
-def distance_lines(sequence: Sequence, frame: int, matches: StereoMatches, distances: Array) -> str:
-    """Median distances of the features outside all boxes, and inside each box, from left to right."""
+def short_name(model: str) -> str:
+    """The name of a detector without its folder."""
+    return Path(model).name
+
+
+@dataclass(frozen=True)
+class BoxDistances:
+    """Features of a box, or outside all boxes: the box's row in the frame (-1: none), number, and distances."""
+
+    row: int
+    count: int
+    median: float
+
+
+def distances_by_box(
+    sequence: Sequence, frame: int, matches: StereoMatches, distances: Array
+) -> list[BoxDistances]:
+    """Median distances of the features outside all boxes, then inside each box with features, left to right."""
     xyxy = sequence.boxes(frame).xyxy
-    xyxy = xyxy[np.argsort(xyxy[:, 0])]
-    within = inside(matches.cur_left, xyxy).T
-    parts = {"outside boxes": ~within.any(axis=0)}
-    parts |= {f"box at u = {box[::2].mean():4.0f}": part for box, part in zip(xyxy, within, strict=True)}
-    return "\n".join(
-        f"{name:14}: features: {part.sum():3}, median {np.median(distances[part]):.2f} px"
-        for name, part in parts.items()
-        if part.any()
-    )
+    within = inside(matches.cur_left, xyxy)
+    masks = {-1: ~within.any(axis=1)}
+    for row in np.argsort(xyxy[:, 0]).tolist():
+        masks[row] = within[:, row]
+    return [
+        BoxDistances(row, int(mask.sum()), float(np.median(distances[mask])))
+        for row, mask in masks.items()
+        if mask.any()
+    ]
+
+
+def farthest_box(rows: list[BoxDistances]) -> BoxDistances | None:
+    """The box with at least three features whose median distance is the largest."""
+    boxes = [each for each in rows if each.row >= 0 and each.count >= FEWEST]
+    return max(boxes, key=lambda each: each.median, default=None)
+
+
+def distance_lines(rows: list[BoxDistances]) -> str:
+    """A line for the features outside the boxes and for each box, by the number that is in the picture."""
+    far = farthest_box(rows)
+    lines = []
+    for number, each in enumerate(rows):
+        name = f"box {number}" if each.row >= 0 else "outside boxes"
+        mark = "  ← black in the picture" if each is far else ""
+        lines.append(f"{name:13}: features: {each.count:3}, median {each.median:.2f} px{mark}")
+    return "\n".join(lines)
 
 
 def turns_figure(

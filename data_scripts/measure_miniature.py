@@ -1,0 +1,145 @@
+"""Measure what the miniature detector of chapter 5 learns, by street, images and network.
+
+examples:
+  vo data measure_miniature --out notebooks/miniature.csv
+  vo data measure_miniature --experiments "20 frames" --seeds 1
+
+Each experiment trains the network of the notebook's cells with several seeds
+and judges it on three streets that it has not seen. A row is written after
+each training (half a minute or more); a second call with the same --out
+continues. Rows of other cells, after a change of the notebook, are replaced.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from measure.miniature import EXPERIMENTS, SEEDS, Experiment, judged, row_head
+from vo_lib.commands.common import parse_whole
+from vo_lib.commands.console import print_lines, reporting
+from vo_lib.errors import DataError
+from vo_lib.files import csv_text, read_csv, write_atomic
+
+NOTEBOOKS = Path(__file__).resolve().parents[1] / "notebooks"
+TESTS = ("parked", "another jam", "another traffic")
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """The options."""
+    names = ", ".join(each.name for each in EXPERIMENTS)
+    parser.add_argument("--experiments", metavar="E,E,…", help=f"experiments; default: {names}")
+    parser.add_argument("--seeds", default=str(SEEDS), metavar="N", help=f"number of seeds; default {SEEDS}")
+    parser.add_argument("--out", default="runs/miniature.csv", metavar="FILE", help="CSV file of the table")
+
+
+def chosen_experiments(text: str | None) -> list[Experiment]:
+    """The experiments of a comma-separated list; without a list, all."""
+    if text is None:
+        return list(EXPERIMENTS)
+    known = {each.name: each for each in EXPERIMENTS}
+    names = [name.strip() for name in text.split(",")]
+    for name in names:
+        if name not in known:
+            raise DataError(f"--experiments {name!r}: expected names from {', '.join(known)}")
+    return [known[name] for name in names]
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the missing trainings, the first seed of all experiments first, and write a row after each."""
+    seeds = parse_whole("--seeds", options.seeds)
+    experiments = chosen_experiments(options.experiments)
+    if str(NOTEBOOKS) not in sys.path:
+        sys.path.append(str(NOTEBOOKS))
+    from course.ch05 import miniature
+
+    head = row_head(TESTS)
+    rows = _rows_before(Path(options.out), head, miniature.code_digest())
+    tasks = [(each, seed) for seed in range(seeds) for each in experiments]
+    missing = [(each, seed) for each, seed in tasks if (each.name, str(seed)) not in rows]
+    streets = _Streets(miniature)
+    cv2.setNumThreads(1)
+    with reporting(f"{len(missing)} trainings") as report, threadpool_limits(1):
+        for number, (experiment, seed) in enumerate(missing, start=1):
+            values = _trained(experiment, seed, streets, miniature)
+            named = [experiment.name, str(seed), str(experiment.steps), miniature.code_digest(), *values]
+            rows[experiment.name, str(seed)] = named
+            names = [each.name for each in EXPERIMENTS]
+            ordered = sorted(rows.values(), key=lambda row: (names.index(row[0]), int(row[1])))
+            write_atomic(Path(options.out), csv_text([head, *ordered]))
+            report(number, len(missing))
+    print_lines(f"written to {options.out}")
+    return 0
+
+
+def _rows_before(path: Path, head: list[str], digest: str) -> dict[tuple[str, str], list[str]]:
+    """The rows of an earlier call with the same cells, by experiment and seed."""
+    if not path.exists():
+        return {}
+    lines = [cells for _, cells in read_csv(path)]
+    if not lines or lines[0] != head:
+        raise DataError("expected a table of this script: choose another --out", path)
+    names = {each.name for each in EXPERIMENTS}
+    return {(row[0], row[1]): row for row in lines[1:] if row[3] == digest and row[0] in names}
+
+
+class _Streets:
+    """The images of streets by name, read once."""
+
+    def __init__(self, miniature: Any) -> None:
+        self.miniature = miniature
+        self._frames: dict[str, Any] = {}
+
+    def sequence(self, name: str) -> Any:
+        """A named scene; "another jam" and "traffic 2" are other streets of the same kind."""
+        if name.startswith("another "):
+            return self.miniature.another_street(name.removeprefix("another "))
+        scene, _, number = name.partition(" ")
+        if number:
+            return self.miniature.another_street(scene, int(number))
+        return self.miniature.opened(f"synthetic/{scene}")
+
+    def training(self, name: str, count: int | None) -> list[Any]:
+        """Labelled images to learn from."""
+        key = f"{name} {count}"
+        if key not in self._frames:
+            self._frames[key] = self.miniature.labelled(self.sequence(name), count)
+        return list(self._frames[key])
+
+    def tests(self) -> dict[str, Any]:
+        """Images with their labels, classes included, of the streets that no training sees."""
+        if "tests" not in self._frames:
+            self._frames["tests"] = {name: self._judged(self.sequence(name)) for name in TESTS}
+        return dict(self._frames["tests"])
+
+    def _judged(self, sequence: Any) -> list[Any]:
+        count = self.miniature.JUDGED_FRAMES
+        chosen = np.linspace(0, len(sequence) - 1, count).round().astype(int).tolist()
+        return [(sequence.stereo(index)[0], sequence.boxes(index)) for index in chosen]
+
+
+def _trained(experiment: Experiment, seed: int, streets: _Streets, miniature: Any) -> list[str]:
+    """The cells of a row after the experiment, the seed, the steps and the digest."""
+    names = miniature.notebook_functions()
+    network = names[experiment.network]
+    frames = []
+    for street, count in experiment.images.items():
+        frames += streets.training(street, count)
+    weights, _ = names["train"](
+        frames, steps=experiment.steps, seed=seed, network=network, **experiment.settings
+    )
+
+    def find(image: Any) -> Any:
+        return names["detect"](image, weights, network=network)
+
+    values = judged(streets.tests(), find, names["judge"])
+    return [
+        str(sum(each.size for each in weights)),
+        *(f"{value:.4f}".rstrip("0").rstrip(".") for value in values),
+    ]

@@ -1,0 +1,292 @@
+"""Pictures of chapter 5, part two: cells, windows, curves, judged boxes, and the parts of YOLOv8."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import FancyBboxPatch
+
+from vo_lib.evaluation.statistics import change_limit, standard_deviation
+from vo_lib.geometry.boxes import overlap
+from vo_lib.geometry.types import Array, Image
+
+from ..colours import BAD, DARK, GOOD, PALE, THIRD, bgr
+from ..drawing import PHOTO_HEIGHT, WIDTH, caption, figure, finish, photo, write
+from .figures import LEAST_LABELLED
+
+MEASURED = Path(__file__).parents[2] / "miniature.csv"  # written by `vo data measure_miniature`
+RIGHT_IOU = 0.5
+WINDOWS_A_ROW = 4
+NAMES_ROOM = 0.035  # beside a chart, for names of its rows, as a share of the width
+SMOOTH = 25  # steps of a mean of the loss
+WHITE = (255, 255, 255)
+LINES = (GOOD, BAD, THIRD, DARK)
+# Of `street`, from detection/models/street.md: epochs of the three trainings, one after the other, and mAP50.
+STREET_HISTORY = ((1, 0.66), (6, 0.897), (7, 0.903))
+STREET_LATER = (8, 21, 0.911, 0.947)  # first and last epoch, lowest and highest mAP50
+
+
+def boxes_picture(
+    image: Image, boxes: Array, scores: Array, labels: Array | None, words: str, least: float = 0.0
+) -> Image:
+    """The image with boxes from a score on: right ones blue, wrong ones orange, labels white.
+
+    A box is right if its IoU with a label is at least ½. Without labels, all boxes are blue.
+    """
+    drawn = photo(image, image.shape[1])
+    boxes = boxes[scores >= least]
+    scores = scores[scores >= least]
+    right = np.ones(len(boxes), np.bool_)
+    if labels is not None:
+        right = overlap(boxes, labels).max(axis=1, initial=0.0) >= RIGHT_IOU
+    corners = np.rint(boxes).astype(int).tolist()
+    for x0, y0, x1, y1 in np.rint(labels if labels is not None else []).astype(int).tolist():
+        cv2.rectangle(drawn, (x0, y0), (x1, y1), (0, 0, 0), 5, cv2.LINE_AA)
+        cv2.rectangle(drawn, (x0, y0), (x1, y1), WHITE, 3, cv2.LINE_AA)
+    for (x0, y0, x1, y1), good in zip(corners, right.tolist(), strict=True):
+        cv2.rectangle(drawn, (x0, y0), (x1, y1), bgr(GOOD if good else BAD), 2, cv2.LINE_AA)
+    for (x0, y0, x1, _), score in zip(corners, scores.tolist(), strict=True):
+        if x1 - x0 >= LEAST_LABELLED and score < 1.0:
+            write(drawn, f"{score:.2f}", max(x0, 0), max(y0 - 4, 16), 0.55)
+    return caption(photo(drawn, WIDTH, PHOTO_HEIGHT), words)
+
+
+def cells_picture(
+    image: Image,
+    tint: Array,
+    size: float,
+    words: str,
+    boxes: Array | None = None,
+    cell: tuple[int, int] | None = None,
+    sides: Array | None = None,
+) -> Image:
+    """An image with the grid of cells, `size` pixels wide, tinted by numbers from 0 to 1 (h, w).
+
+    boxes : (K, 4), white. cell : row and column of a cell whose centre and four sides (4,), pixels, are drawn.
+    """
+    drawn = photo(image, WIDTH)
+    scale = WIDTH / image.shape[1]
+    height, width = drawn.shape[:2]
+    step = size * scale
+    rows, columns = tint.shape
+    cell_row = np.minimum((np.arange(height) / step).astype(int), rows - 1)
+    cell_column = np.minimum((np.arange(width) / step).astype(int), columns - 1)
+    share = 0.75 * np.clip(tint, 0.0, 1.0)[cell_row][:, cell_column][..., None]
+    tinted = (1 - share) * drawn + share * np.array(bgr(BAD))
+    drawn = np.ascontiguousarray(tinted, np.uint8)
+    for k in range(1, columns):
+        cv2.line(drawn, (round(k * step), 0), (round(k * step), height), (150, 150, 150), 1)
+    for k in range(1, rows):
+        cv2.line(drawn, (0, round(k * step)), (width, round(k * step)), (150, 150, 150), 1)
+    for box in [] if boxes is None else (boxes + 0.5) * scale:
+        x0, y0, x1, y1 = np.rint(box).astype(int).tolist()
+        cv2.rectangle(drawn, (x0, y0), (x1, y1), WHITE, 2, cv2.LINE_AA)
+    if cell is not None and sides is not None:
+        u = (cell[1] + 0.5) * step
+        v = (cell[0] + 0.5) * step
+        left, top, right, bottom = (sides * scale).tolist()
+        ends = ((u - left, v), (u, v - top), (u + right, v), (u, v + bottom))
+        corners = (round(u - left), round(v - top)), (round(u + right), round(v + bottom))
+        cv2.rectangle(drawn, *corners, bgr(GOOD), 2, cv2.LINE_AA)
+        for end in ends:
+            middle = (round(u), round(v))
+            cv2.arrowedLine(drawn, middle, (round(end[0]), round(end[1])), bgr(GOOD), 2, cv2.LINE_AA)
+    return caption(drawn, words)
+
+
+def windows_picture(windows: Sequence[tuple[Array, Array]], words: str) -> Image:
+    """Training windows, each an input (h, w, 1) with its boxes (K, 4), in rows of four."""
+    parts = []
+    for values, boxes in windows:
+        grey = np.clip(values[..., 0] * 64 + 114, 0, 255).astype(np.uint8)
+        part = photo(grey, WIDTH // WINDOWS_A_ROW)
+        scale = part.shape[1] / grey.shape[1]
+        for x0, y0, x1, y1 in np.rint(boxes * scale).astype(int).tolist():
+            cv2.rectangle(part, (x0, y0), (x1, y1), WHITE, 2, cv2.LINE_AA)
+        part[:, -2:] = 255
+        part[-2:] = 255
+        parts.append(part)
+    rows = [
+        np.concatenate(parts[start : start + WINDOWS_A_ROW], axis=1)
+        for start in range(0, len(parts), WINDOWS_A_ROW)
+    ]
+    return caption(np.concatenate(rows), words)
+
+
+def loss_figure(history: Array, height: int = 230) -> Figure:
+    """Losses of the scores and of the boxes by step (steps, 2), each point a mean of some steps."""
+    made, axes = figure(height, 2)
+    width = min(SMOOTH, len(history))
+    for axis, values, title in zip(axes, history.T, ("loss of the scores", "loss of the boxes"), strict=True):
+        smooth = np.convolve(values, np.full(width, 1 / width), mode="valid")
+        axis.plot(np.arange(len(smooth)) + width / 2, smooth, color=GOOD)
+        axis.set_ylim(0)
+        finish(axis, f"{title}, mean of {width} steps", "step")
+    return made
+
+
+def curves_figure(curves: Mapping[str, tuple[Array, Array]], height: int = 260) -> Figure:
+    """Precision by recall of several detectors or streets; each is a pair (precision, recall)."""
+    made, (axis,) = figure(height)
+    for n, (name, (precision, recall)) in enumerate(curves.items()):
+        style = "-" if n < len(LINES) else "--"
+        axis.plot(recall, precision, color=LINES[n % len(LINES)], linestyle=style, label=name)
+    axis.set(xlim=(0, 1.02), ylim=(0, 1.02))
+    finish(axis, "precision and recall of all scores", "recall", "precision", "lower left")
+    return made
+
+
+def measured(path: Path = MEASURED) -> dict[str, dict[str, Array]]:
+    """The measured numbers of `vo data measure_miniature`: by experiment, each column's values over the seeds."""
+    with path.open(encoding="utf-8", newline="") as lines:
+        rows = list(csv.DictReader(lines))
+    names = list(dict.fromkeys(row["experiment"] for row in rows))
+    columns = [name for name in rows[0] if name not in ("experiment", "code")]
+    return {
+        name: {
+            column: np.array([float(row[column]) for row in rows if row["experiment"] == name])
+            for column in columns
+        }
+        for name in names
+    }
+
+
+def streets_of(table: Mapping[str, Mapping[str, Array]]) -> list[str]:
+    """The columns of AP, one for each street."""
+    return [name for name in next(iter(table.values())) if name.startswith("ap ")]
+
+
+def experiments_figure(names: Sequence[str], height: int = 230) -> Figure:
+    """AP on each unseen street after some of the measured trainings: a dot for each seed."""
+    table = measured()
+    streets = streets_of(table)
+    made, axes = figure(height, len(streets))
+    for axis in axes:
+        box = axis.get_position()
+        axis.set_position((box.x0 + NAMES_ROOM, box.y0, box.width - NAMES_ROOM, box.height))
+    for n, (axis, street) in enumerate(zip(axes, streets, strict=True)):
+        for place, name in enumerate(names):
+            values = table[name][street]
+            colour = LINES[place % len(LINES)]
+            axis.plot(values, np.full(len(values), -place), "o", color=colour, alpha=0.6)
+            axis.plot([values.mean()] * 2, [-place - 0.3, -place + 0.3], color=colour)
+        axis.set(xlim=(0, 1), ylim=(0.6 - len(names), 0.6))
+        axis.set_yticks(-np.arange(len(names)), names if n == 0 else [""] * len(names))
+        finish(axis, street.removeprefix("ap "), "AP, a dot for each seed")
+    return made
+
+
+def is_shown(before: Array, after: Array) -> bool:
+    """Whether one run would show the change of a number, from its values over the seeds (S,)."""
+    deviation = float(standard_deviation(before))
+    limit = change_limit(float(before.mean()), deviation, float(standard_deviation(after)))
+    return abs(float(after.mean() - before.mean())) > limit
+
+
+def experiment_lines(names: Sequence[str], columns: Sequence[str] = ()) -> str:
+    """A line for each measured training: mean ± standard deviation over the seeds of each column.
+
+    A star marks numbers whose difference from the first line one run would show.
+    """
+    table = measured()
+    first = table[names[0]]
+    lines = []
+    for name in names:
+        cells = []
+        for column in columns or streets_of(table):
+            values = table[name][column]
+            star = "*" if name != names[0] and is_shown(first[column], values) else ""
+            spread = float(standard_deviation(values))
+            cells.append(f"{column.removeprefix('ap ')} {values.mean():.3f} ± {spread:.3f}{star}")
+        lines.append(f"{name:16}: {', '.join(cells)}")
+    return "\n".join([*lines, f"mean ± standard deviation over {len(first['seed'])} seeds"])
+
+
+def street_history_figure(height: int = 230) -> Figure:
+    """mAP50 of `street` on its validation images by epoch, as its page of the kit tells it."""
+    made, (axis,) = figure(height)
+    epochs, values = np.array(STREET_HISTORY).T
+    axis.plot(
+        epochs, values, "o-", color=GOOD, label="windows of 320×160 px; the last one with larger vehicles"
+    )
+    first, last, low, high = STREET_LATER
+    axis.fill_between([first, last], low, high, color=PALE, label="14 epochs on windows of 544×256 px: range")
+    axis.set(xlim=(0, 22), ylim=(0, 1.02))
+    axis.set_xticks(range(0, 22, 2))
+    finish(axis, "`street`: mAP50 on 240 validation images", "epoch", "mAP50", "lower right")
+    return made
+
+
+def _part(axis: Axes, x: float, y: float, width: float, words: str, colour: str, height: float = 0.8) -> None:
+    axis.add_patch(
+        FancyBboxPatch((x, y), width, height, boxstyle="round,pad=0.02", facecolor=colour, edgecolor=DARK)
+    )
+    axis.text(x + width / 2, y + height / 2, words, ha="center", va="center", fontsize=9.0)
+
+
+def _arrow(axis: Axes, start: tuple[float, float], end: tuple[float, float]) -> None:
+    axis.annotate("", end, start, arrowprops={"arrowstyle": "->", "color": DARK, "linewidth": 1.2})
+
+
+def yolo_figure(height: int = 400) -> Figure:
+    """The parts of YOLOv8 and the way of an image through them; parts that the miniature has are tinted."""
+    made, (axis,) = figure(height)
+    axis.set(xlim=(0, 12.4), ylim=(0.2, 6.4))
+    axis.set_axis_off()
+    shared = "#d5e6f3"
+    own = "#ffffff"
+    for n, (words, colour) in enumerate(
+        (
+            ("image 640 × 640", own),
+            ("convolutions, stride 2, 4", shared),
+            ("C2f, stride 8", own),
+            ("C2f, stride 16", own),
+            ("C2f, stride 32, SPPF", own),
+        )
+    ):
+        _part(axis, 0.1, 5.0 - 1.15 * n, 2.7, words, colour)
+        if n:
+            _arrow(axis, (1.45, 6.15 - 1.15 * n), (1.45, 5.83 - 1.15 * n))
+    for n, stride in enumerate((8, 16, 32)):
+        y = 2.7 - 1.15 * n
+        level = y + 0.4
+        # The coarsest map goes past the first join, the finest one past the second.
+        if stride < 32:
+            _part(axis, 3.9, y, 1.8, f"enlarge, join,\nC2f, stride {stride}", shared)
+        if stride > 8:
+            _part(axis, 6.3, y, 1.6, f"join, C2f,\nstride {stride}", own)
+        _part(axis, 8.5, y + 0.42, 1.9, "box: 4 × 16 numbers", own, 0.38)
+        _part(axis, 8.5, y - 0.02, 1.9, "score of each class", own, 0.38)
+        _arrow(axis, (2.85, level), (3.85 if stride < 32 else 6.25, level))
+        if stride < 32:
+            _arrow(axis, (5.75, level), (6.25 if stride > 8 else 8.45, level))
+        if stride > 8:
+            _arrow(axis, (7.95, level), (8.45, level))
+    _arrow(axis, (4.8, 0.8), (4.8, 1.5))  # from coarse to fine
+    _arrow(axis, (4.8, 2.4), (4.8, 2.65))
+    _arrow(axis, (7.1, 3.1), (7.1, 2.4))  # and back to coarse
+    _arrow(axis, (7.1, 1.5), (7.1, 1.25))
+    _part(axis, 10.9, 1.15, 1.4, "decode,\nsuppress", shared, 1.6)
+    for n in range(3):
+        _arrow(axis, (10.45, 3.1 - 1.15 * n), (10.85, 2.6 - 0.6 * n))
+    for x, words in ((1.45, "backbone"), (5.9, "neck"), (9.45, "head, without anchors")):
+        axis.text(x, 6.1, words, ha="center", fontsize=11.0, weight="bold")
+    axis.text(
+        3.9,
+        4.1,
+        "loss in training: cross-entropy of the scores, trained towards the\n"
+        "quality of the box; CIoU and DFL of the boxes; the cells that count\n"
+        "are those with the best score and IoU (task-aligned assignment)",
+        fontsize=9.0,
+        va="bottom",
+    )
+    finish(
+        axis, "YOLOv8; blue: the miniature with three levels has it, too, with a plain layer in place of C2f"
+    )
+    return made
