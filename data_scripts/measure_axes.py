@@ -66,9 +66,16 @@ def run(options: argparse.Namespace) -> int:
         print_wrapped(f"note: {turned.limit_words}")
     halves = fit_of_halves(truth, estimate, lengths, step)
     if halves:
-        first, last = (f"pitch {pitch:+.3f}, yaw {yaw:+.3f} deg" for pitch, yaw in halves)
+        first, last = halves
         print_wrapped(
-            f"The sub-sequences that start first give {first}; those that start last {last}. The more these "
-            "differ, the more of the fit is drift, which it removes from TE as well."
+            f"The sub-sequences that start first give {_angles_text(first)}; those that start last "
+            f"{_angles_text(last)}. The more these differ, the more of the fit is drift, which it removes "
+            "from TE as well."
         )
     return 0
+
+
+def _angles_text(angles: tuple[float, float]) -> str:
+    """Pitch and yaw, degrees, in words."""
+    pitch, yaw = angles
+    return f"pitch {pitch:+.3f}, yaw {yaw:+.3f} deg"

@@ -111,6 +111,26 @@ def test_difference_within_the_spread_has_no_strong_colour(spread: float, strong
     assert (darkest.mean() > 0.1) == strong
 
 
+@pytest.mark.parametrize(
+    ("spreads", "coloured"), [((None, None), False), ((None, 0.01), True), ((0.01, 0.01), True)]
+)
+def test_a_cell_with_one_seed_has_no_colour(spreads: tuple[float | None, ...], coloured: bool) -> None:
+    names = ("te_percent", "re_deg_per_100m")
+    records = [
+        {name: error for name in names} | {f"{name}_std": spread for name in names}
+        for error, spread in zip((1.0, 3.0), spreads, strict=True)
+    ]
+    picture = cv2.imdecode(np.frombuffer(heat_map(Sweep("", {"a": (1, 2)}, records)), np.uint8), 1)
+    assert picture is not None
+    saturation = np.ptp(picture.astype(np.int64), axis=2)
+    height, width = saturation.shape
+    # Two cells beside each other in the upper half; the first one has a single seed, or both have.
+    row = saturation[height // 4, : int(0.75 * width)]
+    assert bool((row > 20).any()) == coloured
+    if spreads[0] is None:
+        assert (picture == 229).all(axis=2).mean() > 0.1
+
+
 def test_sweep_of_a_short_path_has_no_errors(
     sequence: Sequence, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -41,6 +41,7 @@ DEFAULT = "default"  # folder of the runs with the settings that are not changed
 # Fields and columns for a path without ground truth: how far it is from that of the default settings.
 APART_KINDS = {"end_apart_m": "end apart m", "rmse_apart_m": "rmse apart m"}
 METHOD_AXIS = "method"
+NO_COLOUR = "0.9"  # grey of the cells without a colour in the heat map
 
 
 @dataclass(frozen=True)
@@ -294,8 +295,10 @@ def sweep_table(sweep: Sweep) -> ReportTable:
 def heat_map(sweep: Sweep) -> bytes:
     """PNG of TE and RE, or of the distances from the default; the last setting is the horizontal axis.
 
-    Dark is a large number, a cross no result.
+    Dark is a large number, a cross no result. A cell with one seed is grey: one run shows no difference.
     """
+    from matplotlib import colormaps  # here, since its import takes half a second
+
     *down, across = sweep.axes
     columns = [*map(settings.as_typed, sweep.axes[across])]
     grid = itertools.product(*(sweep.axes[name] for name in down))
@@ -304,16 +307,18 @@ def heat_map(sweep: Sweep) -> bytes:
     height = 2 * (1.2 + 0.55 * len(rows)) + 0.8
     figure = figure_page(sweep.title, width, height)
     better = "\nlower is better" if sweep.has_truth else "\nfrom the default"
+    colours = colormaps["YlGnBu"].with_extremes(bad=NO_COLOUR)
     for axis, (kind, label) in zip(figure.subplots(2), sweep.kinds.items(), strict=True):
-        pairs = np.array([(record[kind], record[f"{kind}_std"]) for record in sweep.records], float)
-        values = pairs[:, 0].reshape(len(rows), -1)
-        # A difference that one run would not show has no strong colour.
-        low = np.nanmin(values)
-        high = np.nanmax(values)
-        deviation = np.nan_to_num(pairs[:, 1]).mean()
-        margin = max(0.0, change_limit(low, deviation, deviation) - (high - low)) / 2
-        image = axis.imshow(values, "YlGnBu", aspect="auto", vmin=low - margin, vmax=high + margin)
-        figure.colorbar(image, ax=axis, label=f"{label}{better}", format="%.4g")
+        means = np.array([record[kind] for record in sweep.records], np.float64)
+        deviations = np.array([record[f"{kind}_std"] for record in sweep.records], np.float64)
+        values = np.where(np.isnan(deviations), np.nan, means).reshape(len(rows), -1)
+        lowest, highest = _colour_range(means, deviations)
+        image = axis.imshow(values, aspect="auto", cmap=colours, vmin=lowest, vmax=highest)
+        if np.isnan(deviations).all():
+            title = f"{label}{better}; one seed: no colours".replace("\n", ", ")
+            axis.set_title(title, fontsize="medium")
+        else:
+            figure.colorbar(image, ax=axis, label=f"{label}{better}", format="%.4g")
         axis.set_xticks(range(len(columns)), columns)
         axis.set_yticks(range(len(rows)) if down else [], rows if down else [])
         axis.set(xlabel=across, ylabel=",\n".join(down))
@@ -323,3 +328,19 @@ def heat_map(sweep: Sweep) -> bytes:
             colour = "white" if image.norm(values[row, column]) > 0.6 else "black"
             axis.text(column, row, text, ha="center", va="center", color=colour, fontsize="small")
     return png(figure)
+
+
+def _colour_range(means: Array, deviations: Array) -> tuple[float, float]:
+    """The numbers with the palest and the darkest colour, for cells (N,) with these means over the seeds.
+
+    Cells with one seed, whose deviation is NaN, do not count. A difference that one run would not show has no
+    strong colour: then the range is wider than the means.
+    """
+    known = ~np.isnan(deviations)
+    if not known.any():
+        return 0.0, 1.0
+    low = float(means[known].min())
+    high = float(means[known].max())
+    deviation = float(deviations[known].mean())
+    margin = max(0.0, change_limit(low, deviation, deviation) - (high - low)) / 2
+    return low - margin, high + margin
