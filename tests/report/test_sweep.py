@@ -116,7 +116,7 @@ def test_difference_within_the_spread_has_no_strong_colour(spread: float, strong
 )
 def test_a_cell_with_one_seed_has_no_colour(spreads: tuple[float | None, ...], coloured: bool) -> None:
     names = ("te_percent", "re_deg_per_100m")
-    records = [
+    records: list[dict[str, Any]] = [
         {name: error for name in names} | {f"{name}_std": spread for name in names}
         for error, spread in zip((1.0, 3.0), spreads, strict=True)
     ]

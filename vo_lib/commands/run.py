@@ -54,6 +54,7 @@ from .console import (
 if TYPE_CHECKING:
     from ..data.sequence import Sequence
     from ..kit.calibration import Calibration
+    from ..loops.graph import LoopClosure
     from ..paper.settings import MethodConfig
     from ..runs.drive import Run
 
@@ -106,22 +107,20 @@ def add(parser: argparse.ArgumentParser) -> None:
 def _run(options: argparse.Namespace) -> int:
     base = common.read_settings(options)
     if options.help_settings:
-        return _help_settings(base)
+        return _print_settings_page(base)
     config, given = _with_typed_settings(base, options)
     _refuse_unused(options, config, given)
     _note_unused(options, config, given)
     common.require_drawing()
-    loops = from_options(options, LoopConfig, close_loops.PREFIX)
-    calibration = _check(options, config)
-    detection = from_options(options, DetectorConfig, DETECTOR)
+    loop_config = from_options(options, LoopConfig, close_loops.PREFIX)
+    _check_options(options)
+    calibration = _read_calibration(options, config)
+    detector_config = from_options(options, DetectorConfig, DETECTOR)
     sequence = common.open_with_bar(options.sequence, options.cache, options)
     label = f"{sequence.name}, {options.method}, {config.variant}"
     with run_folder(options.out) as folder:
-        refuse_foreign_files(folder, options.fresh)
-        changed = [] if options.fresh else changed_files(folder)
-        if options.fresh or changed or not is_finished(folder):
-            _refuse_to_replace_input(options)
-        sequence = _with_boxes(sequence, options, config, detection)
+        changed = _check_folder(folder, options)
+        sequence = _with_boxes(sequence, options, config, detector_config)
         matches = CachedMatches(sequence, config, options.cache) if options.keep_matches else None
         with reporting(label) as report:
             result, read_back = run_once(
@@ -134,21 +133,16 @@ def _run(options: argparse.Namespace) -> int:
                 fresh=options.fresh,
                 progress=report,
             )
-        paths = {options.method: result.poses}
-        pairs = []
-        if options.loops:
-            compared = close_loops.loops_with_bar(sequence, config, loops)
-            closed = close_loops.close_run(folder, sequence, result.poses, compared, loops)
-            paths[close_loops.CLOSED_NAME] = closed.poses
-            pairs = list(zip(closed.loops.first.tolist(), closed.loops.second.tolist(), strict=True))
-        picture = trajectories_figure({label: (sequence.truth, paths)}, pairs)
+        closure = _close_loops(folder, result, loop_config) if options.loops else None
+        paths, loop_pairs = _paths_and_loops(result, options.method, closure)
+        picture = trajectories_figure({label: (sequence.truth, paths)}, loop_pairs)
         write_atomic(folder / PICTURE, png(picture))
-    _show(result, options.method, paths)
-    if options.loops:
-        print_lines(f"loops closed: {len(pairs)} (not in the paper); see {LOOPS_POSES} and {LOOPS}")
+    _print_result(result, options.method, paths)
+    if closure is not None:
+        print_lines(f"loops closed: {len(loop_pairs)} (not in the paper); see {LOOPS_POSES} and {LOOPS}")
     print_lines(f"written to {folder}")
     if options.video is not None:
-        film = Film(options.video, result, label, pairs, options.method)
+        film = Film(options.video, result, label, loop_pairs, options.method)
         common.draw_with_bar(film, film_frames(result, matches, calibration))
         print_lines(f"film: {options.video}")
     if read_back:
@@ -156,6 +150,36 @@ def _run(options: argparse.Namespace) -> int:
     elif changed:
         print_wrapped(f"note: {common.changed_words(changed)} in {folder}, so the run was computed again")
     return 0
+
+
+def _check_folder(folder: Path, options: argparse.Namespace) -> list[str]:
+    """The files of a finished run in the folder that were changed since, so that it is computed again.
+
+    Raises `DataError` for files of somebody else, and if the run would replace a file that it reads.
+    """
+    refuse_foreign_files(folder, options.fresh)
+    changed = [] if options.fresh else changed_files(folder)
+    if options.fresh or changed or not is_finished(folder):
+        _refuse_to_replace_input(options)
+    return changed
+
+
+def _close_loops(folder: Path, result: Run, loop_config: LoopConfig) -> LoopClosure:
+    """Find and close the loops of a run; its folder gets the corrected path and the list of loops."""
+    compared = close_loops.loops_with_bar(result.sequence, result.config, loop_config)
+    return close_loops.close_run(folder, result.sequence, result.poses, compared, loop_config)
+
+
+def _paths_and_loops(
+    result: Run, method: str, closure: LoopClosure | None
+) -> tuple[dict[str, Array], list[tuple[int, int]]]:
+    """The paths to draw and compare, by name, and the pairs of frames between which a loop was closed."""
+    paths = {method: result.poses}
+    if closure is None:
+        return paths, []
+    paths[close_loops.CLOSED_NAME] = closure.poses
+    loops = closure.loops
+    return paths, list(zip(loops.first.tolist(), loops.second.tolist(), strict=True))
 
 
 def _with_typed_settings(base: MethodConfig, options: argparse.Namespace) -> tuple[MethodConfig, list[str]]:
@@ -184,28 +208,40 @@ def _with_boxes(
     return sequence
 
 
-def _show(result: Run, method: str, estimates: dict[str, Array]) -> None:
-    """Print errors, removals, flags, time and warnings of a run."""
+def _print_result(result: Run, method: str, paths: dict[str, Array]) -> None:
+    """Print errors, removals, flags, time and warnings of a run; `paths` : those with errors, by name."""
     sequence = result.sequence
-    motions = result.motions
     title = f"{sequence.name}, {method}, {result.config.variant}, {len(result.poses)} frames"
     if sequence.truth is None:
         print_lines(f"{title}: no errors, since the sequence has no ground truth")
     else:
-        measure = suitable_protocol(sequence.truth)
-        path_errors = evaluate(sequence.truth, estimates, measure, sequence.times, is_part=sequence.is_part)
+        protocol = suitable_protocol(sequence.truth)
+        path_errors = evaluate(sequence.truth, paths, protocol, sequence.times, is_part=sequence.is_part)
         for table in evaluation_tables(title, path_errors):
             show_report_table(table)
-    facts = path_facts(result.poses, sequence.times)
+    flags = sorted({flag for motion in result.motions for flag in motion.flags})
+    show_table(["quantity", "value"], _quantities(result, flags))
+    print_wrapped(*(f"{flag}: {FLAG_MEANINGS[flag]}." for flag in flags))
+    if path_lost(result):
+        missing = [motion.measured for motion in result.motions].count(False)
+        print_wrapped(
+            f"Tracking was lost: {missing} of {len(result.motions)} frames have no motion; see frames.csv."
+        )
+    print_wrapped(*(f"warning: {sentence}" for sentence in warnings_of(result)))
+
+
+def _quantities(result: Run, flags: list[Flag]) -> list[list[str]]:
+    """Rows of name and value: what a run did, apart from its errors; `flags` : those of its frames."""
+    motions = result.motions
+    facts = path_facts(result.poses, result.sequence.times)
     travelled = f"{facts.length:.1f} m in {facts.duration:.1f} s ({format_number(facts.speed, 2)} m/s)"
     rows = [["length and duration of the path", travelled]]
     rows.append(["matches per frame, median", format_number(result.matches_per_frame, 0)])
     if result.config.filter.rule != "none":
         share = f"{100 * result.removed_share:.1f} %"
-        rows.append(["features removed in boxes", share if sequence.labels else "no labels"])
+        rows.append(["features removed in boxes", share if result.sequence.labels else "no labels"])
     used = format_number(median(motion.used for motion in motions), 0)
     rows.append(["matches used per frame (after buckets), median", used])
-    flags = sorted({flag for motion in motions for flag in motion.flags})
     for flag in flags:
         rows.append([f"frames flagged {flag}", str(sum(flag in motion.flags for motion in motions))])
     calibration = result.calibration
@@ -213,17 +249,10 @@ def _show(result: Run, method: str, estimates: dict[str, Array]) -> None:
         errors = calibration.describe(result.config.calibration)
         rows.append(["corrected calibration errors (± σ)", errors.replace("; ", "\n")])
     rows.append(["time per frame", f"{result.ms_per_frame:.1f} ms"])
-    show_table(["quantity", "value"], rows)
-    print_wrapped(*(f"{flag}: {FLAG_MEANINGS[flag]}." for flag in flags))
-    if path_lost(result):
-        missing = [motion.measured for motion in motions].count(False)
-        print_wrapped(
-            f"Tracking was lost: {missing} of {len(motions)} frames have no motion; see frames.csv."
-        )
-    print_wrapped(*(f"warning: {sentence}" for sentence in warnings_of(result)))
+    return rows
 
 
-def _help_settings(config: MethodConfig) -> int:
+def _print_settings_page(config: MethodConfig) -> int:
     """Print the thresholds of the variant, the detector and the loops with their ranges and defaults."""
     usage = f"vo run … --variant {config.variant} [--SETTING X …]"
     page = argparse.ArgumentParser(usage=usage, add_help=False)
@@ -233,8 +262,8 @@ def _help_settings(config: MethodConfig) -> int:
     return 0
 
 
-def _check(options: argparse.Namespace, config: MethodConfig) -> Calibration | None:
-    """The calibration of --calibration, or None; `DataError` for options that contradict each other."""
+def _check_options(options: argparse.Namespace) -> None:
+    """Raise `DataError` for options that are missing, contradict each other, or name an unusable film."""
     given = {"a sequence (`vo list`)": options.sequence, "--out DIR": options.out}
     if missing := [name for name, value in given.items() if value is None]:
         taken = "" if options.cache is None else f"; --cache takes a folder, here {options.cache}"
@@ -243,12 +272,17 @@ def _check(options: argparse.Namespace, config: MethodConfig) -> Calibration | N
         raise DataError(f"{FORMER_CLASSES}: filter.classes chooses the classes: --filter.classes NAME,NAME,…")
     if options.detector is not None and options.labels is not None:
         raise DataError("--labels and --detector: use only one of them, since both give boxes")
-    if (film := options.video) is not None:
+    film = options.video
+    if film is not None:
         folder = film.absolute().parent
         exists = folder.is_dir() or folder == Path(options.out).absolute()
         if film.suffix.lower() != FILM_ENDING or not exists:
             raise DataError(f"expected an existing folder and a name ending in {FILM_ENDING}", film)
         refuse_foreign_film(film)
+
+
+def _read_calibration(options: argparse.Namespace, config: MethodConfig) -> Calibration | None:
+    """The calibration of --calibration, or None; `DataError` for a variant that takes none."""
     if options.calibration is None:
         return None
     if config.variant == "published":
