@@ -16,7 +16,7 @@ import argparse
 import dataclasses
 from pathlib import Path
 
-from vo_lib.commands.common import add_cache, naming_classes, open_with_bar, warn_without_vehicles
+from vo_lib.commands.common import add_cache, open_with_bar
 from vo_lib.commands.console import (
     add_option,
     add_settings,
@@ -26,6 +26,7 @@ from vo_lib.commands.console import (
     print_lines,
     reporting,
 )
+from vo_lib.commands.vehicle_boxes import naming_classes, warn_without_vehicles
 from vo_lib.config import SETTINGS
 from vo_lib.detection.label_folders import RECORD, write_label_folder
 from vo_lib.detection.settings import DetectorConfig

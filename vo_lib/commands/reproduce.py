@@ -50,7 +50,7 @@ from ..runs.durations import Durations
 from ..runs.folder import has_runs, read_run, run_folder
 from ..runs.jobs import Job, run_jobs
 from ..runs.match_cache import CachedMatches
-from . import close_loops, common
+from . import close_loops, common, vehicle_boxes
 from .console import print_lines, print_wrapped, reporting, show_report_table
 
 
@@ -75,7 +75,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     option("--lengths", metavar="L,L,…", help=text)
     option("--out", default="runs/table1", metavar="DIR", help="folder; default %(default)s")
     common.add_part(parser)
-    common.add_detector(parser, " in sequences whose images do not all have labels")
+    vehicle_boxes.add_detector(parser, " in sequences whose images do not all have labels")
     common.add_many(parser)
     text = "film of feature_selection on each sequence, first seed, shown in the report"
     option("--films", action="store_true", help=text)
@@ -107,7 +107,7 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
         find_model(options.detector)
     candidates = default_sequences() if options.sequences is None else parse_sequences(options.sequences)
     names, missing = split_missing(candidates)
-    common.refuse_labels_of_several(options, names)
+    vehicle_boxes.refuse_labels_of_several(options, names)
     common.warn_missing(missing, len(names) + len(missing), accepted=options.missing == "ok")
     durations = Durations()
     with ExitStack() as stack:
@@ -117,13 +117,16 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
         # Before the lock, which marks the folder as the kit's.
         refuse_foreign(folder, table_files(blocks, [sequence.name for sequence in opened]), own)
         stack.enter_context(only_process(folder))
-        opener = common.Opener(opened, options, durations)
+        opener = vehicle_boxes.Opener(opened, options, durations)
         cells = plan_cells(blocks, methods, opener.names, seeds, folder, opener)
         jobs = jobs_of(cells)
         workers = common.parse_jobs(options.jobs, len(jobs))
         runs = [(job.sequence, job.config) for job in jobs]
-        remarks = (*remarks, *common.note_label_remarks(runs, common.TYPED_SET_CLASSES, with_name=True))
-        without_boxes = common.warn_without_boxes(runs)
+        remarks = (
+            *remarks,
+            *vehicle_boxes.note_label_remarks(runs, vehicle_boxes.TYPED_SET_CLASSES, with_name=True),
+        )
+        without_boxes = vehicle_boxes.warn_without_boxes(runs)
         with reporting(f"{len(jobs)} runs") as report:
             outcomes = run_jobs(
                 jobs,

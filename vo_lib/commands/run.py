@@ -39,7 +39,7 @@ from ..runs.folder import (
 )
 from ..runs.jobs import run_once
 from ..runs.match_cache import CachedMatches
-from . import close_loops, common
+from . import close_loops, common, vehicle_boxes
 from .console import (
     SETTINGS_PAGE,
     add_option,
@@ -81,7 +81,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     )
     common.add_method(parser)
     common.add_part(parser)
-    common.add_detector(parser)
+    vehicle_boxes.add_detector(parser)
     option("--out", metavar="DIR", help="folder for the results; if it has this run already, it is only read")
     option("--fresh", action="store_true", help="compute the run again, even if the folder has it")
     text = (
@@ -202,9 +202,9 @@ def _with_boxes(
         print_wrapped(
             f"note: {options.method} does not use the boxes of --detector; only a film shows the boxes"
         )
-    sequence = common.labelled(sequence, options, options.cache, detection, config.filter.classes)
-    common.warn_without_boxes([(sequence, config)])
-    common.note_label_remarks([(sequence, config)], common.TYPED_CLASSES)
+    sequence = vehicle_boxes.with_detected_boxes(sequence, options, detection, config.filter.classes)
+    vehicle_boxes.warn_without_boxes([(sequence, config)])
+    vehicle_boxes.note_label_remarks([(sequence, config)], vehicle_boxes.TYPED_CLASSES)
     return sequence
 
 

@@ -19,7 +19,7 @@ from ..report.table1 import is_own_table, slug
 from ..runs.durations import Durations
 from ..runs.folder import has_runs, run_folder
 from ..runs.jobs import Job, Outcome, run_jobs
-from . import common
+from . import common, vehicle_boxes
 from .console import print_lines, reporting, show_report_table
 
 TABLE = "sweep.csv"
@@ -45,7 +45,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     option("--config", type=Path, metavar="FILE", help=text)
     common.add_set(parser, "the table has a row for each combination of the values", required=True)
     common.add_part(parser)
-    common.add_detector(parser, " in sequences whose images do not all have labels")
+    vehicle_boxes.add_detector(parser, " in sequences whose images do not all have labels")
     common.add_many(parser)
     option("--out", default="runs/sweep", metavar="DIR", help="folder; default %(default)s")
     parser.set_defaults(command=_sweep, others="--set gives the values of a threshold")
@@ -68,21 +68,21 @@ def _sweep(options: argparse.Namespace) -> int:
             "several sequences or methods need a single --set: for a grid of more settings, call the command "
             "once for each of them"
         )
-    common.refuse_labels_of_several(options, names)
+    vehicle_boxes.refuse_labels_of_several(options, names)
     count = seeds * math.prod(map(len, axes.values())) * len(names) * len(methods)
     workers = common.parse_jobs(options.jobs, count)
     durations = Durations()
     opened = [common.open_with_bar(name, options.cache, options) for name in names]
     if len({sequence.name for sequence in opened}) < len(opened):
         raise DataError("two sequences have the same name: sweep them separately")
-    opener = common.Opener(opened, options, durations)
+    opener = vehicle_boxes.Opener(opened, options, durations)
     runs = []
     for config in bases.values():
         for changes in combinations(axes):
             of_cell = changed(config, changes)
             runs += [(opener(name, of_cell), of_cell) for name in opener.names]
-    common.warn_without_boxes(runs)
-    common.note_label_remarks(runs, common.TYPED_SET_CLASSES)
+    vehicle_boxes.warn_without_boxes(runs)
+    vehicle_boxes.note_label_remarks(runs, vehicle_boxes.TYPED_SET_CLASSES)
     maps = [_map_name(name, opener.names) for name in opener.names]
     with ExitStack() as stack:
         folder = stack.enter_context(run_folder(options.out))

@@ -1,0 +1,187 @@
+"""Vehicle boxes of the sequences that a command opens: their detection, and what it says about them."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from ..data.catalogue import SYNTHETIC
+from ..data.class_names import ClassesError
+from ..data.label_remarks import label_remarks, missing_labels
+from ..data.sequence import Sequence
+from ..detection.label_folders import labelled_sequence
+from ..detection.settings import DetectorConfig
+from ..detection.yolo import PROVIDERS
+from ..errors import DataError
+from ..geometry.boxes import VEHICLES
+from ..paper.settings import MethodConfig
+from ..runs.durations import DETECTION, Durations, Task
+from .console import continues_when_repeated, print_wrapped, reporting
+
+DETECT = "For boxes, add `--detector MODEL`, an ONNX file or a model of `vo data get_detector`."
+TYPED_CLASSES = "--filter.classes {}"  # how `vo run` takes the setting
+TYPED_SET_CLASSES = "--set filter.classes={}"  # how `vo reproduce` and `vo sweep` take it
+
+
+def add_detector(parser: argparse.ArgumentParser, where: str = "") -> None:
+    """Add the options for a detector and its processor."""
+    text = "detect vehicles{} with `street` (included, for drawn streets), a downloaded model or an ONNX file"
+    parser.add_argument("--detector", metavar="MODEL", help=text.format(where))
+    text = "where the detector runs; default cpu"
+    parser.add_argument("--provider", default="cpu", choices=list(PROVIDERS), help=text)
+
+
+def refuse_labels_of_several(options: argparse.Namespace, names: list[str]) -> None:
+    """Raise `DataError` for a folder of labels beside a detector, or for several sequences."""
+    if options.labels is not None and options.detector is not None:
+        raise DataError("--labels and --detector: use only one of them, since both give boxes")
+    if options.labels is not None and len(names) > 1:
+        raise DataError(
+            f"--labels: one folder of labels belongs to one sequence, and there are {len(names)}; labels/ in "
+            "the folder of each sequence is found without this option"
+        )
+
+
+class Opener:
+    """The sequences of a table by name, with the boxes of --detector for the classes of a configuration.
+
+    Attributes
+    ----------
+    names : names of the sequences.
+    durations : gets the time of the detector.
+    """
+
+    def __init__(self, sequences: list[Sequence], options: argparse.Namespace, durations: Durations):
+        self._sequences = {sequence.name: sequence for sequence in sequences}
+        self.names = [sequence.name for sequence in sequences]
+        self._options = options
+        self._boxed: dict[tuple[str, tuple[str, ...]], Sequence] = {}
+        self._durations = durations
+
+    def __call__(self, name: str, config: MethodConfig) -> Sequence:
+        """The sequence with its labels if every image has a label file, else with the boxes of --detector."""
+        sequence = self._sequences[name]
+        if self._options.detector is None or not missing_labels(sequence):
+            return sequence
+        key = (name, config.filter.classes)
+        if key not in self._boxed:
+            self._boxed[key] = self._detected(sequence, config)
+        return self._boxed[key]
+
+    def _detected(self, sequence: Sequence, config: MethodConfig) -> Sequence:
+        missing = len(missing_labels(sequence))
+        if sequence.labels is not None:
+            print_wrapped(
+                f"note: {sequence.name}: {missing} of {len(sequence)} images have no label file, so the "
+                "boxes of all images are those of --detector"
+            )
+        return with_detected_boxes(
+            sequence,
+            self._options,
+            classes=config.filter.classes,
+            option=TYPED_SET_CLASSES,
+            durations=self._durations,
+        )
+
+
+def with_detected_boxes(
+    sequence: Sequence,
+    options: argparse.Namespace,
+    config: DetectorConfig | None = None,
+    classes: tuple[str, ...] = (VEHICLES,),
+    option: str = TYPED_CLASSES,
+    durations: Durations | None = None,
+) -> Sequence:
+    """The sequence, with the boxes of --detector if the option is present; the cache stores the boxes.
+
+    classes : the classes to detect (setting filter.classes); option : how they are typed, as in
+    `naming_classes`; durations : gets the time of the images that are not in the cache.
+    """
+    if options.detector is None:
+        return sequence
+    if options.detector == "street" and not sequence.name.startswith(SYNTHETIC):
+        print_wrapped(
+            f"warning: `street` was trained on drawn streets; its boxes on {sequence.name} may be wrong"
+        )
+    label = f"detecting vehicles in {sequence.name}"
+    start = time.perf_counter()
+    detected = 0
+    with reporting(label) as report, continues_when_repeated(), naming_classes(option):
+
+        def count(done: int, total: int) -> None:
+            nonlocal detected
+            detected += 1
+            report(done, total)
+
+        sequence = labelled_sequence(
+            sequence,
+            options.detector,
+            config,
+            classes=classes,
+            provider=options.provider,
+            cache=options.cache,
+            waiting=_print_waiting,
+            progress=count,
+        )
+    if durations is not None and detected:
+        durations.add(Task(DETECTION, detected), time.perf_counter() - start)
+    warn_without_vehicles(sequence)
+    return sequence
+
+
+def _print_waiting(folder: Path) -> None:
+    """Say why nothing happens while another process detects vehicles in the same images."""
+    print_wrapped("note: another process detects vehicles in these images; waiting until it ends")
+
+
+@contextmanager
+def naming_classes(option: str) -> Iterator[None]:
+    """Errors on the choice of classes say how to type it; `option` : text such as "--filter.classes {}"."""
+    try:
+        yield
+    except ClassesError as error:
+        typed = option.format(shlex.quote(error.value))
+        raise DataError(f"{error.problem} {typed}{error.condition}") from None
+
+
+def note_label_remarks(
+    runs: Iterable[tuple[Sequence, MethodConfig]], option: str, with_name: bool = False
+) -> list[str]:
+    """Print and return remarks on the label folders of runs that remove features in boxes, each once.
+
+    option : how filter.classes is typed, as in `naming_classes`; with_name : begin with the sequence's name.
+
+    Raises `DataError` if a label file is invalid or no box can count.
+    """
+    choices = [(sequence, config.filter.classes) for sequence, config in runs if config.filter.uses_boxes]
+    remarks: dict[str, None] = {}
+    with naming_classes(option):
+        for sequence, classes in {(s.name, classes): (s, classes) for s, classes in choices}.values():
+            prefix = f"{sequence.name}: " if with_name else ""
+            remarks |= dict.fromkeys(prefix + remark for remark in label_remarks(sequence, classes))
+    print_wrapped(*(f"note: {remark}" for remark in remarks))
+    return list(remarks)
+
+
+def warn_without_boxes(runs: Iterable[tuple[Sequence, MethodConfig]]) -> list[str]:
+    """If a method removes features in boxes, print and return a warning about sequences without boxes."""
+    without = (s.name for s, config in runs if s.labels is None and config.filter.uses_boxes)
+    if not (names := ", ".join(dict.fromkeys(without))):
+        return []
+    warning = (
+        f"No vehicle boxes for {names}: no features are removed, so feature_selection is equal to "
+        f"solution_selection. {DETECT}"
+    )
+    print_wrapped(f"warning: {warning}")
+    return [warning]
+
+
+def warn_without_vehicles(sequence: Sequence) -> None:
+    """Print a warning if a detector's labels of the sequence have no box at all."""
+    if not any(len(sequence.labelled_boxes(index)) for index in range(len(sequence))):
+        images = f"the {len(sequence)} images of {sequence.name}"
+        print_wrapped(f"warning: the detector found no vehicle in {images}: no features are removed")
