@@ -206,7 +206,13 @@ SENTENCES = (
     ("No difference that one run would show, in either direction", "without changes", STREETS, 0, False),
     ("On average three times as many trucks are found", "with the jam", ("trucks", *STREETS[1:2]), 1, False),
     ("The three levels find about twice as many small vehicles", "three levels", ("small",), 1, True),
-    ("nothing else changes so that one run would show it", "three levels", (*STREETS, "clear"), 0, False),
+    (
+        "nothing else changes so that one run would show it",
+        "three levels",
+        (*STREETS, "clear", "cut", "hidden", "trucks"),
+        0,
+        False,
+    ),
     ("after 300 instead of 1200, AP is lower on each of the streets", "300 steps", STREETS, -1, True),
 )
 

@@ -272,7 +272,7 @@ label_row = Exercise(
     label_of,
     labels,
     atol=1e-6,
-    praise="the row of the first box is {got}: `read_rows` of the library gives the box back.",
+    praise="`read_rows` of the library gives the same boxes back.",
     hint="count from the outer edge of the first pixel: add half a pixel to each corner. Then centre and size, "
     "each as a share of the image.",
     line="cx = ((box[0] + box[2]) / 2 + 0.5) / width",
