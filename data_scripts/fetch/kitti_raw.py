@@ -11,7 +11,7 @@ from fetch.calibrations.kitti import matrix, read_calibration_file
 from fetch.stereo_calibration import rig_from_matrices
 from fetch.stereo_sources import Drive, FolderSource, pair_images
 from vo_lib.data.kitti import read_image
-from vo_lib.data.poses import is_rotation, read_rows
+from vo_lib.data.poses import is_rotation, read_number_rows
 from vo_lib.errors import DataError
 from vo_lib.files import read_text
 from vo_lib.geometry.motion import inverse, nearest_rotation, rigid, rotation_from_vector
@@ -126,7 +126,9 @@ def _poses(
     cam_velo = _rigid(velo_file)
     R_rect = _rotation(cameras, "R_rect_00", where / "calib_cam_to_cam.txt")
     T_cam_imu = rigid(np.eye(3), shift) @ rigid(R_rect, np.zeros(3)) @ cam_velo @ velo_imu
-    rows = np.concatenate([read_rows(path, "30 numbers of a GPS/IMU packet", 30)[0] for path in packets])
+    rows = np.concatenate(
+        [read_number_rows(path, "30 numbers of a GPS/IMU packet", 30)[0] for path in packets]
+    )
     wrong = (np.abs(rows[:, :6]) > OXTS_LIMITS).any(axis=1)
     if wrong.any():
         path = packets[int(np.argmax(wrong))]

@@ -18,7 +18,7 @@ from vo_lib.data.class_names import (
     label_numbers,
     vehicle_kind,
 )
-from vo_lib.data.label_names import class_names
+from vo_lib.data.label_names import read_class_names
 from vo_lib.errors import DataError
 from vo_lib.geometry.boxes import Boxes
 
@@ -171,7 +171,7 @@ def test_names_are_found_beside_the_labels(tmp_path: Path, layout: str) -> None:
     (top / labels).mkdir(parents=True)
     for name, text in files.items():
         (top / name).write_text(text, encoding="utf-8")
-    found = class_names(top / labels)
+    found = read_class_names(top / labels)
     assert dict(sorted(found.names.items())) == {0: "person", 1: "car"}
     assert Path(found.source) in {top / name for name in files}
 
@@ -191,13 +191,13 @@ def test_files_that_describe_other_labels_do_not_count(tmp_path: Path, text: str
     labels = tmp_path / "x" / "labels"
     labels.mkdir(parents=True)
     (tmp_path / name).write_text(text, encoding="utf-8")
-    assert class_names(labels) == ClassNames()
+    assert read_class_names(labels) == ClassNames()
 
 
 def test_names_two_levels_above_have_a_usual_file(tmp_path: Path) -> None:
     (tmp_path / "x" / "labels").mkdir(parents=True)
     (tmp_path / "coco.names").write_text("light\nsign\n", encoding="utf-8")
-    assert class_names(tmp_path / "x" / "labels") == ClassNames()
+    assert read_class_names(tmp_path / "x" / "labels") == ClassNames()
 
 
 def test_nearest_names_count_and_contradictions_are_refused(tmp_path: Path) -> None:
@@ -205,16 +205,16 @@ def test_nearest_names_count_and_contradictions_are_refused(tmp_path: Path) -> N
     labels.mkdir(parents=True)
     (tmp_path / "data.yaml").write_text(YAML, encoding="utf-8")
     (tmp_path / "x" / "classes.txt").write_text("truck\n", encoding="utf-8")
-    assert class_names(labels).names == {0: "truck"}
+    assert read_class_names(labels).names == {0: "truck"}
     (tmp_path / "x" / "data.yaml").write_text("names: [car]\n", encoding="utf-8")
     with pytest.raises(DataError, match=r"x/data\.yaml: has other class names than classes\.txt beside it"):
-        class_names(labels)
+        read_class_names(labels)
     (tmp_path / "x" / "data.yaml").write_text("names: [", encoding="utf-8")
     with pytest.raises(DataError, match="is not YAML"):
-        class_names(labels)
+        read_class_names(labels)
 
 
 def test_records_of_earlier_versions_have_cocos_numbers(tmp_path: Path) -> None:
     (tmp_path / "classes.txt").write_text("car\n", encoding="utf-8")
     (tmp_path / "detector.json").write_text('{"model": "a", "sha256": "b", "settings": {}}', encoding="utf-8")
-    assert class_names(tmp_path) == ClassNames(source=str(tmp_path / "detector.json"))
+    assert read_class_names(tmp_path) == ClassNames(source=str(tmp_path / "detector.json"))

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vo_lib.data.label_files import count_labels, label_files, read_labels, read_rows, write_labels
+from vo_lib.data.label_files import count_labels, label_files, read_label_rows, read_labels, write_labels
 from vo_lib.errors import DataError
 from vo_lib.geometry.boxes import Boxes, no_boxes
 
@@ -125,7 +125,7 @@ def test_polygons_are_not_taken_for_keypoints(tmp_path: Path, count: int, size: 
         points = centre + size * np.stack([np.cos(angles), np.sin(angles)], axis=1) * [0.9, 0.6]
         line = " ".join(f"{value:.6f}" for value in points.ravel())
         (tmp_path / "000000.txt").write_text(f"2 {line}\n")
-        assert read_rows(tmp_path / "000000.txt").polygon.tolist() == [True], line
+        assert read_label_rows(tmp_path / "000000.txt").polygon.tolist() == [True], line
 
 
 CORNERS = ("2 0.08 0.48 0.24 0.80", "2 0.56 0.45 0.63 0.61")

@@ -19,7 +19,7 @@ from ..errors import DataError
 from ..files import open_binary, read_bytes, read_text
 from ..geometry.camera import StereoCamera
 from ..geometry.types import Array, Image
-from .poses import read_rows
+from .poses import read_number_rows
 
 _FRAMES = [4541, 1101, 4661, 801, 271, 2761, 1101, 1101, 4071, 1591, 1201]  # 00-10, which have true poses
 _FRAMES += [921, 1061, 3281, 631, 1901, 1731, 491, 1801, 4981, 831, 2721]
@@ -135,7 +135,7 @@ def _read_projections(path: Path, names: tuple[str, str]) -> list[tuple[Array, i
 
 def read_times(path: Path) -> Array:
     """Times (N,) of the frames in seconds from a file with one number per line; no time may decrease."""
-    rows, lines = read_rows(path, "one number, the time of a frame in seconds", 1)
+    rows, lines = read_number_rows(path, "one number, the time of a frame in seconds", 1)
     decreases = rows[1:, 0] < rows[:-1, 0]
     if decreases.any():
         raise DataError("the time decreases", path, lines[int(np.argmax(decreases)) + 1])

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -49,7 +50,7 @@ class LabelRows:
     may_be_keypoints: BoolArray
 
 
-def read_rows(path: str | Path) -> LabelRows:
+def read_label_rows(path: str | Path) -> LabelRows:
     """The rows of a label file: `class cx cy w h [score]`, or `class x1 y1 x2 y2 x3 y3 …` for a polygon.
 
     Values are shares of the image's size. A rotated box is a polygon of four points.
@@ -57,60 +58,65 @@ def read_rows(path: str | Path) -> LabelRows:
     Raises `DataError` with file and line for a wrong number of fields, a value outside 0..1, an invalid class
     number, and for rows with keypoints.
     """
-    rows: list[tuple[int, list[float], float, bool]] = []
-    unclear = []
-    for number, line in enumerate(read_text(path).splitlines(), start=1):
-        words = line.split()
-        if not words:
-            continue
-        _refuse_kitti(words, path, number)
-        keypoints = len(words) >= POLYGON_FIELDS and _have_keypoints(_numbers(words[1:]))
-        if keypoints:
-            raise DataError(
-                "expected class cx cy w h [score], found a box with keypoints, as of a pose model: keep the "
-                "first 5 numbers of each line",
-                path,
-                number,
-            )
-        is_polygon = len(words) >= POLYGON_FIELDS and len(words) % 2 == 1
-        if len(words) not in (5, 6) and not is_polygon:
-            raise DataError(
-                f"expected class cx cy w h [score], or class x1 y1 x2 y2 x3 y3 … of a polygon, found "
-                f"{len(words)} fields",
-                path,
-                number,
-            )
-        try:
-            class_id = float(words[0])
-            values = [float(word) for word in words[1:]]
-        except ValueError:
-            class_id = math.nan
-            values = []
-        valid_class = 0 <= class_id <= MAX_CLASS_ID and class_id == int(class_id)
-        if not valid_class or not all(-SLACK <= value <= 1.0 + SLACK for value in values):
-            start = line.strip()[:60]
-            raise DataError(f"expected a class number and values in 0..1, found {start!r}", path, number)
-        if len(words) == POLYGON_FIELDS and words[-1].isdecimal():
-            raise DataError(
-                "expected class cx cy w h [score], found 7 fields, the last of which is a whole number: omit "
-                "the number of the track",
-                path,
-                number,
-            )
-        values = [min(max(value, 0.0), 1.0) for value in values]
-        unclear.append(keypoints is None)
-        if is_polygon:
-            rows.append((int(class_id), _bounding_box(values), 1.0, True))
-        else:
-            score = values[4] if len(values) == 5 else 1.0
-            rows.append((int(class_id), values[:4], score, False))
+    lines = enumerate(read_text(path).splitlines(), start=1)
+    rows = [_read_row(line, path, number) for number, line in lines if line.strip()]
     return LabelRows(
-        np.array([row[0] for row in rows], np.int64),
-        np.array([row[1] for row in rows], np.float64).reshape(-1, 4),
-        np.array([row[2] for row in rows], np.float64),
-        np.array([row[3] for row in rows], np.bool_),
-        np.array(unclear, np.bool_),
+        np.array([row.class_id for row in rows], np.int64),
+        np.array([row.shares for row in rows], np.float64).reshape(-1, 4),
+        np.array([row.score for row in rows], np.float64),
+        np.array([row.is_polygon for row in rows], np.bool_),
+        np.array([row.may_have_keypoints for row in rows], np.bool_),
     )
+
+
+class _Row(NamedTuple):
+    """A row of `LabelRows`."""
+
+    class_id: int
+    shares: list[float]
+    score: float
+    is_polygon: bool
+    may_have_keypoints: bool
+
+
+def _read_row(line: str, path: str | Path, number: int) -> _Row:
+    """A line of a label file that is not empty; errors as in `read_label_rows`."""
+    words = line.split()
+    _refuse_kitti(words, path, number)
+    has_keypoints = len(words) >= POLYGON_FIELDS and _have_keypoints(_numbers(words[1:]))
+    if has_keypoints:
+        raise DataError(
+            "expected class cx cy w h [score], found a box with keypoints, as of a pose model: keep the "
+            "first 5 numbers of each line",
+            path,
+            number,
+        )
+    is_polygon = len(words) >= POLYGON_FIELDS and len(words) % 2 == 1
+    if len(words) not in (5, 6) and not is_polygon:
+        raise DataError(
+            f"expected class cx cy w h [score], or class x1 y1 x2 y2 x3 y3 … of a polygon, found "
+            f"{len(words)} fields",
+            path,
+            number,
+        )
+    class_id, *values = _numbers(words) or [math.nan]
+    is_valid_class = 0 <= class_id <= MAX_CLASS_ID and class_id == int(class_id)
+    if not is_valid_class or not all(-SLACK <= value <= 1.0 + SLACK for value in values):
+        start = line.strip()[:60]
+        raise DataError(f"expected a class number and values in 0..1, found {start!r}", path, number)
+    if len(words) == POLYGON_FIELDS and words[-1].isdecimal():
+        raise DataError(
+            "expected class cx cy w h [score], found 7 fields, the last of which is a whole number: omit "
+            "the number of the track",
+            path,
+            number,
+        )
+    values = [min(max(value, 0.0), 1.0) for value in values]
+    may_have_keypoints = has_keypoints is None
+    if is_polygon:
+        return _Row(int(class_id), _bounding_box(values), 1.0, True, may_have_keypoints)
+    score = values[4] if len(values) == 5 else 1.0
+    return _Row(int(class_id), values[:4], score, False, may_have_keypoints)
 
 
 def _numbers(words: list[str]) -> list[float]:
@@ -225,9 +231,9 @@ def _bounding_box(values: list[float]) -> list[float]:
 def read_labels(path: str | Path, width: int, height: int) -> Boxes:
     """Boxes, in pixels, of a YOLO label file for an image of this size.
 
-    Raises `DataError` as `read_rows` does, and for rows that are corners, not centre and size.
+    Raises `DataError` as `read_label_rows` does, and for rows that are corners, not centre and size.
     """
-    rows = read_rows(path)
+    rows = read_label_rows(path)
     if not len(rows.class_id):
         return no_boxes()
     if _reaches_outside(rows) and _are_corners(rows) and _are_corners_everywhere(Path(path)):
@@ -259,7 +265,7 @@ def _reaches_outside(rows: LabelRows) -> bool:
 
 def _are_corners_everywhere(path: Path) -> bool:
     """Whether all boxes in the folder of a label file could be corners."""
-    return all(_are_corners(read_rows(file)) for file in label_files(path.parent))
+    return all(_are_corners(read_label_rows(file)) for file in label_files(path.parent))
 
 
 def label_files(folder: Path) -> list[Path]:
@@ -285,13 +291,13 @@ class LabelCounts:
 
 
 def count_labels(files: Iterable[Path]) -> LabelCounts:
-    """Contents of label files; raises `DataError` as `read_rows` does."""
+    """Contents of label files; raises `DataError` as `read_label_rows` does."""
     boxes = Counter[int]()
     polygons = 0
     keypoints = 0
     corners = True
     for path in files:
-        rows = read_rows(path)
+        rows = read_label_rows(path)
         boxes.update(rows.class_id.tolist())
         polygons += int(np.count_nonzero(rows.polygon))
         keypoints += int(np.count_nonzero(rows.may_be_keypoints))

@@ -39,7 +39,7 @@ MAX_DESCRIPTION_BYTES = 1_000_000  # a larger YAML file of another name is not r
 _NUMBERED = re.compile(r"(\d{1,5})\s*[:,\s]\s*(\S.*)")
 
 
-def class_names(folder: Path) -> ClassNames:
+def read_class_names(folder: Path) -> ClassNames:
     """The classes of a label folder; without a file of names, there are only numbers.
 
     A folder written by the kit's detector has its names in the record of the detector. Otherwise the nearest

@@ -9,7 +9,7 @@ from ..errors import DataError
 from .class_names import COCO, ClassNames, listed
 from .kitti import list_frames
 from .label_files import LabelCounts, count_labels, label_files
-from .label_names import DETECTOR_RECORD, LISTS, class_names, is_file_of_names
+from .label_names import DETECTOR_RECORD, LISTS, is_file_of_names, read_class_names
 from .sequence import Sequence
 
 
@@ -21,7 +21,7 @@ def label_remarks(sequence: Sequence, classes: tuple[str, ...]) -> list[str]:
     if sequence.labels is None:
         return []
     sequence.require_boxes(classes)
-    names = class_names(sequence.labels)
+    names = read_class_names(sequence.labels)
     counts = count_labels(label_files(sequence.labels))
     return [
         *_class_remark(sequence.labels, names, counts, classes),

@@ -114,7 +114,7 @@ def time_mismatch(times: Array, true_times: Array, truth_name: str, tolerance: f
             f"; the clocks differ by about {_digits(offset)} s: write the times of one clock in both files"
         )
     elif not words:
-        nearest = np.abs(times - true_times[_nearest(true_times, times)])
+        nearest = np.abs(times - true_times[nearest_indices(true_times, times)])
         words = (
             f"; the nearest times are {float(nearest.min()):.3g} s apart, so another clock, or --t-max-diff"
         )
@@ -144,13 +144,13 @@ def _common_share(times: Array, others: Array) -> float:
     return float(common / total) if total > 0 else 0.0
 
 
-def _nearest(sorted_times: Array, times: Array) -> Index:
+def nearest_indices(sorted_times: Array, times: Array) -> Index:
     """Indices (N,) of the nearest of the increasing `sorted_times` for each of `times` (N,)."""
     after = np.clip(np.searchsorted(sorted_times, times), 1, max(len(sorted_times) - 1, 1))
-    before_is_nearer = np.abs(times - sorted_times[after - 1]) <= np.abs(
-        times - sorted_times[np.minimum(after, len(sorted_times) - 1)]
-    )
-    return np.asarray(np.minimum(after - before_is_nearer, len(sorted_times) - 1))
+    last = len(sorted_times) - 1
+    time_before = np.abs(times - sorted_times[after - 1])
+    time_after = np.abs(times - sorted_times[np.minimum(after, last)])
+    return np.asarray(np.where(time_before <= time_after, after - 1, after))
 
 
 def _unit_words(unit: float | None, whose: str, as_column: bool) -> str:

@@ -29,7 +29,14 @@ from .pose_columns import (
     separator_of,
     split_cells,
 )
-from .pose_times import UNIT_NAMES, epoch_unit, is_plausible, likely_unit, median_interval
+from .pose_times import (
+    UNIT_NAMES,
+    epoch_unit,
+    is_plausible,
+    likely_unit,
+    median_interval,
+    nearest_indices,
+)
 
 KITTI_ROW = "12 numbers, the upper 3×4 of a pose, row by row"
 TUM_ROW = "8 numbers, t x y z qx qy qz qw"
@@ -65,7 +72,7 @@ def read_kitti_poses(path: str | Path) -> Array:
     Rotations are returned as written, not made orthonormal: KITTI's files have 7 digits. Raises `DataError`
     with file and line if a row is not a pose.
     """
-    rows, lines = read_rows(path, KITTI_ROW, 12)
+    rows, lines = read_number_rows(path, KITTI_ROW, 12)
     T = np.tile(np.eye(4), (len(rows), 1, 1))
     T[:, :3] = rows.reshape(-1, 3, 4)
     _refuse(~is_rotation(T[:, :3, :3]), f"the 3×3 part is not a rotation; expected {KITTI_ROW}", path, lines)
@@ -79,7 +86,7 @@ def read_tum(path: str | Path) -> tuple[Array, Array]:
     Lines that start with # are comments. Raises `DataError` with file and line if a row is not a time and a
     pose, or if the time does not increase.
     """
-    rows, lines = read_rows(path, TUM_ROW, 8, comment="#")
+    rows, lines = read_number_rows(path, TUM_ROW, 8, comment="#")
     _check_increasing(rows[:, 0], lines, path)
     return rows[:, 0], _poses(rows[:, 1:], lines, path, TUM_ROW)
 
@@ -97,7 +104,7 @@ def read_euroc(path: str | Path) -> tuple[Array, Array]:
                 "the header names no time: expected a column such as timestamp [ns]", path, header
             )
         return named.times, named.poses
-    rows, lines = read_rows(path, EUROC_ROW, 8, comment="#", separator=",")
+    rows, lines = read_number_rows(path, EUROC_ROW, 8, comment="#", separator=",")
     times = NANOSECONDS * rows[:, 0]
     _check_increasing(times, lines, path)
     return times, _poses(rows[:, [1, 2, 3, 5, 6, 7, 4]], lines, path, EUROC_ROW)
@@ -188,45 +195,68 @@ def _read_named(path: str | Path, header: int) -> PoseFile:
         raise DataError("no rows below the header", path, header)
     separator = separator_of(rows[0][1])
     columns = read_columns(lines[header - 1], header, path, separator)
-    numbers = list[int]()
-    values = list[list[float]]()
-    without = 0
-    for number, line in rows:
-        words = _words_of_pose(line, separator, columns, path, number)
-        if not any(words[-7:]):
-            without += 1  # a table of several topics has rows without a pose
-            continue
-        try:
-            values.append([finite_number(word) for word in words])
-        except ValueError as error:
-            raise DataError(f"{error}; the header is in line {header}", path, number) from None
-        numbers.append(number)
-    if not values:
-        raise DataError("no row has a pose", path, header)
-    table = np.array(values)
-    notes = [f"{path}: {without} rows without a pose are skipped."] if without else []
+    table, numbers = _read_table(rows, separator, columns, path)
+    skipped = len(rows) - len(table)
+    notes = [f"{path}: {skipped} rows without a pose are skipped."] if skipped else []
     table[:, -7:-4] *= columns.metres
     expected = f"{' '.join(columns.names[place] for place in columns.quaternion)} of length 1"
     poses = _poses(table[:, -7:], numbers, path, expected)
-    if not columns.time and (columns.frame is None or epoch_unit(table[:, 0]) == 1.0):
+    if columns.time:
+        times, unit_notes = _sum_times(table, columns.time, columns, path)
+    elif columns.frame is not None and epoch_unit(table[:, 0]) != 1.0:
+        # Some data sets call the time of a frame, in nanoseconds since 1970, its number.
+        times, unit_notes = _sum_times(table, ((columns.places[0], None),), columns, path)
+    else:
         if columns.frame is not None:
             _check_frames(table[:, 0], numbers, path)
-        elif without:
+        elif skipped:
             raise DataError("rows without a pose in a file without times", path, header)
         notes.append(f"{path}: the header names no time, so row k is frame k.")
         return PoseFile(None, poses, tuple(notes))
-    # Some data sets call the time of a frame, in nanoseconds since 1970, its number.
-    time = columns.time or ((columns.places[0], None),)
-    factors = [factor for _, factor in time]
-    times = np.zeros(len(table))
-    for place, factor in enumerate(factors):
-        unit = epoch_unit(table[:, place]) if factor is None else factor
-        times += unit * table[:, place]
-        if factor is None and unit != 1.0:
-            name = columns.names[time[place][0]]
-            notes.append(f"{path}: the numbers in {name} are read as {UNIT_NAMES[unit]} since 1970.")
     _check_increasing(times, numbers, path)
-    return PoseFile(times, poses, tuple(notes))
+    return PoseFile(times, poses, (*notes, *unit_notes))
+
+
+def _read_table(
+    rows: list[tuple[int, str]], separator: str | None, columns: PoseColumns, path: str | Path
+) -> tuple[Array, list[int]]:
+    """The numbers (N, M) of the rows with a pose, in the order of `columns.places`, and their line numbers.
+
+    rows : line number and text of each row.
+    """
+    numbers = list[int]()
+    values = list[list[float]]()
+    for number, line in rows:
+        words = _words_of_pose(line, separator, columns, path, number)
+        if not any(words[-7:]):
+            continue  # a table of several topics has rows without a pose
+        try:
+            values.append([finite_number(word) for word in words])
+        except ValueError as error:
+            raise DataError(f"{error}; the header is in line {columns.line}", path, number) from None
+        numbers.append(number)
+    if not values:
+        raise DataError("no row has a pose", path, columns.line)
+    return np.array(values), numbers
+
+
+def _sum_times(
+    table: Array, time: tuple[tuple[int, float | None], ...], columns: PoseColumns, path: str | Path
+) -> tuple[Array, list[str]]:
+    """Times (N,) in seconds from the first columns of a table (N, M), and notes on units that were guessed.
+
+    time : as `PoseColumns.time`.
+    """
+    times = np.zeros(len(table))
+    notes = list[str]()
+    for column, (place, factor) in enumerate(time):
+        unit = epoch_unit(table[:, column]) if factor is None else factor
+        times += unit * table[:, column]
+        if factor is None and unit != 1.0:
+            notes.append(
+                f"{path}: the numbers in {columns.names[place]} are read as {UNIT_NAMES[unit]} since 1970."
+            )
+    return times, notes
 
 
 def _words_of_pose(
@@ -278,8 +308,7 @@ def match_times(
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Indices into two arrays of increasing times, seconds: the pairs of nearest times within `tolerance`."""
     few, many = (times_a, times_b) if len(times_a) <= len(times_b) else (times_b, times_a)
-    after = np.clip(np.searchsorted(many, few), 1, max(len(many) - 1, 1))
-    nearest = after - (np.abs(few - many[after - 1]) <= np.abs(few - many[np.minimum(after, len(many) - 1)]))
+    nearest = nearest_indices(many, few)
     close = np.flatnonzero(np.abs(few - many[nearest]) <= tolerance)
     # A pose has one partner at most: the nearest.
     nearest_first = close[np.argsort(np.abs(few - many[nearest])[close], kind="stable")]
@@ -315,7 +344,7 @@ def _refuse(invalid: NDArray[np.bool_], message: str, path: str | Path, lines: l
         raise DataError(message, path, lines[int(np.argmax(invalid))])
 
 
-def read_rows(
+def read_number_rows(
     path: str | Path, expected: str, columns: int, comment: str | None = None, separator: str | None = None
 ) -> tuple[Array, list[int]]:
     """Finite numbers of a text table, (N, columns), and the line number of each row, counted from 1.

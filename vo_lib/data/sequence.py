@@ -35,7 +35,7 @@ from .kitti import (
     read_times,
 )
 from .label_files import count_labels, label_files, read_labels
-from .label_names import class_names, is_file_of_names
+from .label_names import is_file_of_names, read_class_names
 from .masks import read_mask
 from .poses import read_kitti_poses
 
@@ -152,7 +152,7 @@ class Sequence:
         """
         if self.labels is None:
             return lambda index: no_boxes()
-        choice = class_names(self.labels).choose(classes)
+        choice = read_class_names(self.labels).choose(classes)
         return lambda index: choice.select(self.labelled_boxes(index))
 
     def require_boxes(self, classes: tuple[str, ...]) -> None:
@@ -162,7 +162,7 @@ class Sequence:
         """
         if self.labels is None:
             return
-        names = class_names(self.labels)
+        names = read_class_names(self.labels)
         choice = names.choose(classes)
         if names.names:
             return

@@ -23,7 +23,7 @@ from ..data.class_names import ClassesError, ClassNames, label_numbers
 from ..data.drawn import cache_folder
 from ..data.image_hashes import image_hashes
 from ..data.kitti import BITS, list_frames, read_image
-from ..data.label_files import label_files, read_rows, write_labels
+from ..data.label_files import label_files, read_label_rows, write_labels
 from ..data.label_names import DETECTOR_RECORD
 from ..data.label_remarks import missing_labels
 from ..data.sequence import Sequence
@@ -389,7 +389,7 @@ def _require_replaceable(folder: Path) -> None:
         if file.stem in own:
             continue
         try:
-            read_rows(file)
+            read_label_rows(file)
         except DataError:
             raise DataError(
                 "is named as a frame and is no YOLO label, so it is not replaced: choose another folder", file

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 
 from ..data.image_hashes import image_hashes
-from ..data.label_names import class_names
+from ..data.label_names import read_class_names
 from ..data.sequence import Sequence
 from ..files import read_bytes
 from ..paper.settings import MethodConfig
@@ -87,7 +87,7 @@ def labels_digest(sequence: Sequence, classes: tuple[str, ...]) -> str:
     if sequence.labels is None:
         return _digest(b"")
     files = [sequence.labels / f"{frame}.txt" for frame in sequence.frames]
-    names = class_names(sequence.labels)
+    names = read_class_names(sequence.labels)
     choice = names.choose(classes)
     text = json.dumps(sorted(choice.kinds.items())) if names.names else ""
     return _digest_of_data(files, text.encode())

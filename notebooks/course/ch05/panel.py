@@ -11,7 +11,7 @@ import numpy as np
 
 from vo_lib.config import change, preset
 from vo_lib.data.class_names import COCO, ClassesError, ClassNames, listed
-from vo_lib.data.label_names import class_names
+from vo_lib.data.label_names import read_class_names
 from vo_lib.data.sequence import Sequence
 from vo_lib.data.truth import matches_on_moving
 from vo_lib.detection.label_folders import chosen_mask, model_classes, with_kinds
@@ -92,7 +92,7 @@ def no_class(sequence: Sequence, view: FilteringView, rule: FilterConfig) -> str
     if view.model.strip() == LABELS:
         if sequence.labels is None:
             return ""
-        names = class_names(sequence.labels)
+        names = read_class_names(sequence.labels)
         try:
             sequence.boxes_of(rule.classes)
         except ClassesError:
