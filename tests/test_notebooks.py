@@ -119,7 +119,7 @@ def test_right_answers_of_chapters_0_to_6_form_an_odometry_in_chapter_8(tmp_path
     pages = [output.get("data", {}).get("text/html", "") for output in outputs(notebook)]
     joined = next(page for page in pages if "whose" in page)
     assert joined.count("<td>yours") == len(own.STAGES)  # perhaps "yours, slow: …"
-    board = next(page for page in pages if ", by TE" in page)
+    board = next(page for page in pages if "Errors on " in page)
     assert ">yours<" in board
     assert any("<video" in page for page in pages)
     assert (tmp_path / "my_path.webm").stat().st_size > 100_000

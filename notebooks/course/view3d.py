@@ -43,6 +43,8 @@ class Shape:
     at : places (N, 3), metres, x right, y down, z forward.
     colour : "#RRGGBB"; for dots also grey levels (N,).
     name : text at the first place of a line or area, or at the last place of a path.
+    in_legend : whether the name is beside a piece of the colour above the shapes; lines that cover each other
+        need this.
     width : width of a line or dot, pixels.
     first : (N,) first frame with each dot or place of a path; a slider selects the frame.
     """
@@ -53,6 +55,7 @@ class Shape:
     name: str = ""
     width: float = 2.0
     first: Any = None
+    in_legend: bool = False
 
 
 def camera(T_w_c: Array, name: str = "", colour: str = DARK, size: float = 0.3) -> Shape:
@@ -97,8 +100,13 @@ class View:
                 axis.fill(u, v, color=shape.colour, alpha=0.25)
             else:
                 axis.plot(u, v, color=shape.colour, linewidth=shape.width)
+            if shape.in_legend:
+                axis.plot([], [], color=shape.colour, linewidth=shape.width, label=shape.name)
+                continue
             k = 0 if shape.first is None else -1
             axis.annotate(shape.name, (u[k], v[k]), (4, -12), textcoords="offset points", fontsize=FONT_SIZE)
+        if any(shape.in_legend for shape in self.shapes):
+            axis.legend(loc="upper left", fontsize=FONT_SIZE, frameon=False)
         axis.set_aspect("equal", adjustable="datalim")
         axis.invert_yaxis()
         axis.set_axis_off()
@@ -119,10 +127,10 @@ def view_of_run(run: Run) -> View:
     frames = np.arange(len(run.poses))
     grey, first = np.array([each[1:] for each in points], int).reshape(-1, 2).T
     shapes = [Shape(np.array([X for X, _, _ in points]).reshape(-1, 3), grey, "dots", width=1.5, first=first)]
-    shapes.append(Shape(run.poses[:, :3, 3], GOOD, name="path", first=frames))
+    shapes.append(Shape(run.poses[:, :3, 3], GOOD, name="path", first=frames, width=3.0, in_legend=True))
     if sequence.truth is not None:
         true = from_first(sequence.truth)[:, :3, 3]
-        shapes.append(Shape(true, DARK, name="truth", width=1.0))
+        shapes.append(Shape(true, DARK, name="truth", width=1.0, in_legend=True))
     title = f"{sequence.name}: path and {len(points)} points"
     return View(*shapes, height=480, times=sequence.times - sequence.times[0], title=title)
 

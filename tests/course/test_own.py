@@ -41,9 +41,9 @@ def test_a_stage_is_yours_where_it_passes_and_the_librarys_elsewhere(
     yours = [name for name, whose in mine.whose.items() if whose == "yours"]
     assert yours == ["truncated_error", "weights"]
     assert "yours fails its check" in mine.whose["chain"]
-    assert mine.chain is ch00.chain.right
+    assert mine.functions["chain"] is ch00.chain.right
     assert mine.weights(0.5, 0.5) == 0.5
-    assert mine.select is ch03.select.right
+    assert mine.functions["select"] is ch03.select.right
     assert mine.name == "2 of 14 stages yours"
     assert "fails its check" in mine._repr_html_()
     with pytest.raises(AttributeError, match="no stage is called turn"):
@@ -112,6 +112,9 @@ def test_a_run_becomes_a_page_in_three_dimensions(bands: Path) -> None:
     points, path, truth = data["shapes"]
     np.testing.assert_allclose(path["at"], made.poses[:, :3, 3], atol=1e-3)
     assert len(truth["at"]) == len(path["at"]) == len(data["times"]) == 4
+    # Both lines nearly cover each other: a name at an end would not tell which is which.
+    assert [shape["in_legend"] for shape in data["shapes"]] == [False, True, True]
+    assert path["width"] > truth["width"]
     # Six walls, the farthest at f b / 4 px.
     depths = np.unique(np.round(np.array(points["at"])[:, 2], 0))
     assert 5 < depths.min() < depths.max() < 40

@@ -26,8 +26,12 @@ SEEDS = (0, 1, 2)
 
 def away(poses: Array, sequence: Sequence) -> float:
     """Distance of the last position from the true last position, metres, after aligning the first poses."""
-    ends = [(np.linalg.inv(T[0]) @ T[-1])[:3, 3] for T in (poses, true_poses(sequence))]
-    return float(np.linalg.norm(ends[0] - ends[1]))
+    return float(np.linalg.norm(_way(poses) - _way(true_poses(sequence))))
+
+
+def _way(poses: Array) -> Array:
+    """The last position (3,) in the axes of the first pose, metres."""
+    return np.asarray((np.linalg.inv(poses[0]) @ poses[-1])[:3, 3])
 
 
 def drift_of(poses: Array, sequence: Sequence) -> float:
@@ -37,8 +41,17 @@ def drift_of(poses: Array, sequence: Sequence) -> float:
 
 def measured(poses: Array, sequence: Sequence, lengths: tuple[float, ...] = (10.0,), step: int = 2) -> Array:
     """TE in % and RE in deg/100 m, (2,), of poses (N, 4, 4)."""
-    errors = kitti_errors(true_poses(sequence), poses, lengths, step)
+    return _errors(true_poses(sequence), poses, lengths, step)
+
+
+def _errors(truth: Array, poses: Array, lengths: tuple[float, ...], step: int) -> Array:
+    errors = kitti_errors(truth, poses, lengths, step)
     return np.array([errors.te, errors.re], float)  # None becomes NaN
+
+
+def exchanged(poses: Array, sequence: Sequence) -> Array:
+    """`measured` with the two paths exchanged: the pieces are then cut by the length of the estimate."""
+    return _errors(poses, true_poses(sequence), (10.0,), 2)
 
 
 all_yours = Exercise(
@@ -76,12 +89,13 @@ drift = Exercise(
 te_and_re = Exercise(
     measured,
     parts=("te", "re"),
-    atol=6e-4,
+    atol=1e-6,  # with the paths exchanged, RE differs by a few millionths
     slips={"share": "TE is a fraction: multiply by 100.", "radians": "this is in radians; RE is in degrees."},
     praise="TE {right[0]:.3f} %, RE {right[1]:.3f} deg/100 m.",
     hint="call your own `all_errors` with one length and a step of two frames.",
     line="te_re = mine.all_errors(street.truth, yours, (10,), 2)",
     mistakes={
+        "the paths are exchanged: the first is the truth, whose length cuts the pieces.": exchanged,
         "these sub-sequences start at other frames: the step is 2.": partial(measured, step=1),
         "these sub-sequences have other lengths than 10 m.": (
             partial(measured, lengths=(20.0,)),
@@ -130,7 +144,9 @@ def better(drive: Any, sequence: Sequence) -> Verdict:
             return Verdict(False, "in some poses, R (3, 3) is not a rotation, or is NaN.")
     configs = {str(seed): preset("feature_selection", variant="published", seed=seed) for seed in SEEDS}
     paper = [run.poses for run in run_methods(sequence, configs).values()]
-    mine, theirs = (
-        np.mean([measured(np.asarray(p), sequence, (20.0,), 1)[1] for p in each]) for each in (paths, paper)
-    )
-    return less_luck({"RE": float(mine), "RE published": float(theirs)})
+    return less_luck({"RE": _mean_re(paths, sequence), "RE published": _mean_re(paper, sequence)})
+
+
+def _mean_re(paths: list[Any], sequence: Sequence) -> float:
+    """Mean RE of paths over 20 m, deg/100 m."""
+    return float(np.mean([measured(np.asarray(path), sequence, (20.0,), 1)[1] for path in paths]))

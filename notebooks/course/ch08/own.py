@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import html
 import time
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import numpy as np
 
 from vo_lib import preset
 from vo_lib.data.sequence import Sequence
+from vo_lib.errors import DataError
 from vo_lib.geometry.motion import inverse
 from vo_lib.geometry.result import FrameResult
 from vo_lib.geometry.types import Array, Image, IntArray, Progress
@@ -24,8 +26,12 @@ from vo_lib.runs.front_end import TimedMatches
 
 from ..ch00.exercises import right_chain
 from ..ch05.real_drives import line_distances
+from ..checker import Exercise
 from ..marks import tasks
+from ..results import Unusable, Verdict
 from ..stored_answers import NAME, load
+from .limits import TooLong, within
+from .stages import LIMIT_S, StageError, call_stage, result_within
 
 # The functions in the order of the loop.
 STAGES = (
@@ -47,22 +53,44 @@ STAGES = (
 SLOW, LEAST_S = 5.0, 0.02  # a stage is slow above this multiple of the library's time
 
 
+# Called after each stage of the loop with the frame, the name of the stage, its inputs and its result.
+Listener = Callable[[int | None, str, tuple[Any, ...], Any], None]
+
+
 @dataclass(frozen=True)
 class StudentOdometry:
-    """The stages as attributes: `mine.select(…)`.
+    """The stages as attributes: `mine.select(…)`, or in frame 7 `mine.at(7).select(…)`.
+
+    A stage that stops with an exception, never ends, or returns something that the loop cannot use raises a
+    `StageError`, which names the stage, the frame and the reason.
 
     `whose` : for each stage, "yours" or the reason for the library's function. `slow` : ratio of your
-    function's time to the library function's time.
+    function's time to the library function's time. `limit_s` : longest time of one call.
     """
 
     functions: Mapping[str, Any]
     whose: Mapping[str, str]
     slow: Mapping[str, float]
+    limit_s: float = LIMIT_S
+    frame: int | None = None
+    listener: Listener | None = None
 
     def __getattr__(self, name: str) -> Any:
         if name not in STAGES:
             raise AttributeError(f"no stage is called {name}; there are {', '.join(STAGES)}")
-        return self.functions[name]
+        return partial(self.run_stage, name)
+
+    def run_stage(self, name: str, *inputs: Any) -> Any:
+        """The result of a stage; `StageError` if it has none."""
+        function = self.functions[name]
+        result = call_stage(name, self.whose[name], self.frame, function, *inputs, limit_s=self.limit_s)
+        if self.listener is not None:
+            self.listener(self.frame, name, inputs, result)
+        return result
+
+    def at(self, frame: int) -> StudentOdometry:
+        """The same stages for the calls of one frame; messages name this frame."""
+        return replace(self, frame=frame)
 
     @property
     def facts(self) -> dict[str, float]:
@@ -85,9 +113,20 @@ class StudentOdometry:
         return f"<table><tr><th>exercise</th><th>stage</th><th>whose</th></tr>{rows}</table>"
 
 
-def join(**given: Any) -> StudentOdometry:
-    """Each stage from `given` or `my_vo.py` if the function passes its check, otherwise from the library."""
-    written = {**load(Path(NAME)), **given}
+def join(limit_s: float = LIMIT_S, **given: Any) -> StudentOdometry:
+    """Each stage from `given` or `my_vo.py` if the function passes its check, otherwise from the library.
+
+    given : functions in place of those of the file, or None for the library's.
+    limit_s : longest time of one check, of the file itself, and later of one call in the loop, seconds.
+
+    Raises `DataError` if the file cannot be run, or does not end.
+    """
+    path = Path(NAME)
+    try:
+        written = {**within(limit_s, load, path), **given}
+    except TooLong:
+        words = f"does not end within {limit_s:g} s: take the loop without an end out of it"
+        raise DataError(words, path) from None
     exercises = tasks()
     functions = {}
     whose = {}
@@ -96,18 +135,31 @@ def join(**given: Any) -> StudentOdometry:
         own = written.get(name)
         _, exercise = exercises[name]
         start = time.perf_counter()
-        verdict = exercise.grade(own) if callable(own) else None
+        verdict = _checked(exercise, own, limit_s) if callable(own) else None
         seconds = time.perf_counter() - start
         passed = verdict is not None and verdict.passed
         functions[name] = own if passed else exercise.right
-        why = f"yours fails its check: {verdict.message}" if verdict is not None else f"not in {NAME} yet"
+        why = f"not in {NAME} yet"
+        if verdict is not None:
+            why = f"yours fails its check: {verdict.message}"
+        elif name in given:
+            why = "as you asked"
         whose[name] = "yours" if passed else f"the library's: {why}"
         if passed and seconds > LEAST_S:
             start = time.perf_counter()
             exercise.grade(exercise.right)
             times = seconds / (time.perf_counter() - start)
             slow |= {name: times} if times > SLOW else {}
-    return StudentOdometry(functions, whose, slow)
+    return StudentOdometry(functions, whose, slow, limit_s)
+
+
+def _checked(exercise: Exercise, own: Any, limit_s: float) -> Verdict:
+    """The verdict of a check; not passed if the function does not end."""
+    verdict = result_within(limit_s, exercise.grade, (own,))
+    if isinstance(verdict, Unusable):
+        return Verdict(False, f"it {verdict.message}")
+    assert isinstance(verdict, Verdict)
+    return verdict
 
 
 def watched(matches: Iterable[TimedMatches], report: Progress, frames: int) -> Iterator[TimedMatches]:
@@ -127,18 +179,30 @@ def solve_sets(mine: StudentOdometry, x_p: Array, x_c: Array) -> tuple[Array, In
     """Essential matrices (M, 3, 3) of S five-point sets x_p, x_c (S, 5, 2), and the index (M,) of their sets.
 
     Your solver is called once per set. The library's solver is called once for all sets and is much faster.
+
+    Raises `StageError` if no set has a solution.
     """
     if mine.whose["solve_five"] != "yours":
         solved = five_point(x_p, x_c)
-        return solved.E, solved.set_index
-    of_sets = [mine.solve_five(*five) for five in zip(x_p, x_c, strict=True)]
-    counts = [len(E) for E in of_sets]
-    return np.concatenate([E for E in of_sets if len(E)]), np.repeat(np.arange(len(counts)), counts)
+        E = solved.E
+        set_index = solved.set_index
+    else:
+        # A listener hears of all sets at once.
+        alone = replace(mine, listener=None)
+        of_sets = [alone.solve_five(*five) for five in zip(x_p, x_c, strict=True)]
+        E = np.concatenate([np.zeros((0, 3, 3)), *of_sets])
+        set_index = np.repeat(np.arange(len(of_sets)), [len(each) for each in of_sets])
+    if mine.listener is not None:
+        mine.listener(mine.frame, "solve_five", (x_p, x_c), E)
+    if len(E) == 0:
+        raise StageError(f"frame {mine.frame}: `solve_five` finds no solution for any of {len(x_p)} sets")
+    return E, set_index
 
 
 def mixed(rotations: Array, translations: Array) -> Array:
     """A path (N, 4, 4): the rotation of each step is from one path, the translation from another path."""
-    T, other = (inverse(path[1:]) @ path[:-1] for path in (rotations, translations))
+    T = inverse(rotations[1:]) @ rotations[:-1]
+    other = inverse(translations[1:]) @ translations[:-1]
     T[:, :3, 3] = other[:, :3, 3]
     return np.array(right_chain(T))
 
@@ -170,9 +234,10 @@ def film(
                 continue
             before = sequence.boxes(index - 1)
             boxes = sequence.boxes(index)
-            keep = mine.keep_outside(pair.prev_left, pair.cur_left, before.xyxy, boxes.xyxy)
+            stage = mine.at(index)
+            keep = stage.keep_outside(pair.prev_left, pair.cur_left, before.xyxy, boxes.xyxy)
             used = pair[keep]
-            used = used[mine.buckets(used.cur_left, used.age, used.strength, 50, 3)]
+            used = used[stage.buckets(used.cur_left, used.age, used.strength, 50, 3)]
             T_cp = inverse(poses[index]) @ poses[index - 1]
             near = line_distances(sequence, used, T_cp) < 1.0
             counts = len(pair), int(np.sum(~keep)), len(used), int(np.sum(near))

@@ -1,0 +1,145 @@
+"""Chapter 8: a call of one stage in the loop, with the frame and the reason if the stage fails."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from vo_lib.errors import DataError
+from vo_lib.geometry.types import Array
+
+from ..marks import tasks
+from ..results import Unusable, outcome
+from .limits import TooLong, within
+
+LIMIT_S = 20.0  # of a check, and of a call in the loop
+
+Shape = tuple[int | None, ...]  # None: any length
+
+# The shapes of the results of each stage of the loop, from its inputs.
+SHAPES: Mapping[str, Callable[..., list[Shape]]] = {
+    "keep_outside": lambda uv_p, *_: [np.shape(uv_p)[:1]],
+    "buckets": lambda *_: [(None,)],
+    "solve_five": lambda *_: [(None, 3, 3)],
+    "epipolar_distance": lambda E, x_p, x_c: [np.shape(x_p)[:1]],
+    "truncated_error": lambda *_: [()],
+    "select": lambda *_: [()],
+    "four_motions": lambda *_: [(4, 3, 4)],
+    "choose_motion": lambda *_: [(3, 4)],
+    "rows_of_one": lambda *_: [(8, 6), (8,)],
+    "depth_weights": lambda Z: [np.shape(Z)],
+    "translation_of_all": lambda *_: [(3,)],
+    "weights": lambda r, s: [np.shape(r)],
+    "chain": lambda motions: [(len(motions) + 1, 4, 4)],
+}
+MASKS = ("keep_outside",)
+INDICES = ("buckets", "select")  # among the entries of their first input
+
+
+class StageError(DataError):
+    """A stage that failed in the loop: the message names the frame, the stage and the reason."""
+
+
+def call_stage(
+    name: str,
+    whose: str,
+    frame: int | None,
+    function: Callable[..., Any],
+    *inputs: Any,
+    limit_s: float = LIMIT_S,
+) -> Any:
+    """The result of a stage as an array, or a pair of arrays, of the expected form.
+
+    whose : "yours", or anything else for the library's function. frame : None outside the frames.
+
+    Raises `StageError` for an exception, no end within `limit_s`, a result of another form, and numbers that
+    are not finite.
+    """
+    given = result_within(limit_s, function, inputs)
+    if isinstance(given, Unusable):
+        reason = given.message
+    else:
+        result, reason = in_form(name, given, inputs)
+    if not reason:
+        return result
+    number, _ = tasks()[name]
+    owner = "your" if whose == "yours" else "the library's"
+    when = "after the last frame" if frame is None else f"frame {frame}"
+    advice = f"correct exercise {number}, or take the library's: own.join({name}=None)"
+    if whose != "yours":
+        advice = "look at the stages and lines before it, from which its inputs come"
+    raise StageError(f"{when}: {owner} `{name}` {reason.rstrip('.')}. Remedy: {advice}")
+
+
+def result_within(limit_s: float, function: Callable[..., Any], inputs: tuple[Any, ...]) -> Any:
+    """The result of a call; `Unusable`, with the reason as the end of a sentence, if it fails or never ends."""
+    try:
+        given = within(limit_s, outcome, function, inputs)
+    except TooLong:
+        return Unusable(False, f"does not end within {limit_s:g} s (is there a loop without an end?)")
+    except SystemExit:
+        return Unusable(False, "calls `exit`")
+    if isinstance(given, Unusable):
+        return Unusable(False, given.message.replace("the code stopped", "stopped", 1))
+    return given
+
+
+def in_form(name: str, given: Any, inputs: tuple[Any, ...]) -> tuple[Any, str]:
+    """The result of a stage as arrays, and what is wrong with it; "" if it can be used."""
+    if name not in SHAPES:
+        return given, ""
+    shapes = SHAPES[name](*inputs)
+    if given is None:
+        return None, "returns None"
+    parts = [given] if len(shapes) == 1 else list(given) if np.iterable(given) else []
+    if len(parts) != len(shapes):
+        return None, f"does not return {len(shapes)} results"
+    arrays = []
+    for part, shape in zip(parts, shapes, strict=True):
+        array, reason = _as_array(part, shape)
+        if reason:
+            return None, reason
+        arrays.append(array)
+    if name in MASKS:
+        return arrays[0].astype(bool), ""
+    if name in INDICES:
+        count = len(inputs[0])
+        wrong = (arrays[0] < 0) | (arrays[0] >= count) | (arrays[0] % 1 != 0)
+        if wrong.any():
+            return None, f"returns {arrays[0][wrong][0]:g}, which is no index of {count} entries"
+        return arrays[0].astype(np.intp), ""
+    return (arrays[0] if len(arrays) == 1 else tuple(arrays)), ""
+
+
+def _as_array(part: Any, shape: Shape) -> tuple[Array, str]:
+    nothing = np.zeros(0)
+    try:
+        array = np.asarray(sorted(part) if isinstance(part, (set, frozenset)) else part)
+    except ValueError:
+        return nothing, "returns rows of different lengths"
+    if array.dtype.kind not in "biuf":
+        return nothing, f"returns no real numbers, but {type(part).__name__}"
+    may_be_empty = None in shape or 0 in shape
+    if array.size == 0 and may_be_empty:
+        return array.reshape([0 if length is None else length for length in shape]), ""
+    if shape == () and array.size == 1:
+        array = array.reshape(())
+    fits = array.ndim == len(shape) and all(
+        want in (None, got) for got, want in zip(array.shape, shape, strict=True)
+    )
+    if not fits:
+        wanted = ", ".join("any" if length is None else str(length) for length in shape)
+        return nothing, f"returns the shape {array.shape}, not ({wanted})"
+    wrong = np.count_nonzero(~np.isfinite(array))
+    if wrong:
+        return nothing, f"returns NaN or infinity in {wrong} of {array.size} numbers"
+    return array, ""
+
+
+def named_inputs(name: str, inputs: tuple[Any, ...]) -> dict[str, Any]:
+    """The inputs of a stage by the names of the exercise's parameters."""
+    names = inspect.signature(tasks()[name][1].right).parameters
+    return dict(zip(names, inputs, strict=False))

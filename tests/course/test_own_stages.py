@@ -1,0 +1,237 @@
+"""Chapter 8 names a stage that fails in the loop, with its frame, and a fault in the lines between stages."""
+
+from __future__ import annotations
+
+import json
+import math
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import small
+
+from course.ch08 import own
+from course.ch08.limits import TooLong, within
+from course.ch08.loop import first_difference, library_loop
+from course.ch08.stages import StageError
+from vo_lib.data.sequence import Sequence
+from vo_lib.errors import DataError
+from vo_lib.runs.front_end import TimedMatches
+from vo_lib.runs.match_cache import CachedMatches
+
+NOTEBOOK = Path(__file__).resolve().parents[2] / "notebooks" / "08_your_own_odometry.ipynb"
+SHORT_S = 0.3
+
+
+def endless(*_: Any) -> None:
+    while True:
+        pass
+
+
+def asleep(*_: Any) -> None:
+    time.sleep(1000)
+
+
+def endless_with_a_bare_except(*_: Any) -> None:
+    while True:
+        try:
+            math.sqrt(-1)
+        except:  # noqa: E722
+            time.sleep(0)
+
+
+@pytest.fixture(scope="module")
+def turning(street: Sequence) -> tuple[Sequence, list[TimedMatches]]:
+    part = street.part(30, 36)
+    return part, list(CachedMatches(part, small()))
+
+
+def with_stages(**functions: Any) -> own.StudentOdometry:
+    """An odometry whose checks are left out: these functions are the student's."""
+    library = own.join()
+    whose = {**library.whose, **dict.fromkeys(functions, "yours")}
+    return replace(library, functions={**library.functions, **functions}, whose=whose, limit_s=SHORT_S)
+
+
+@pytest.mark.parametrize("function", [endless, asleep, endless_with_a_bare_except])
+def test_a_call_without_an_end_is_interrupted_on_any_thread(function: Callable[..., None]) -> None:
+    with pytest.raises(TooLong):
+        within(SHORT_S, function)
+    if function is asleep:
+        return  # another thread is interrupted before its next line of Python only
+    found = list[str]()
+
+    def on_a_thread() -> None:
+        try:
+            within(SHORT_S, function)
+        except TooLong:
+            found.append("interrupted")
+
+    thread = threading.Thread(target=on_a_thread)
+    thread.start()
+    thread.join(60)
+    assert found == ["interrupted"]
+
+
+def test_a_call_within_its_time_returns_and_leaves_no_timer() -> None:
+    assert within(SHORT_S, max, 3, 5) == 5
+    with pytest.raises(ZeroDivisionError):
+        within(SHORT_S, lambda: 1 / 0)
+    time.sleep(2 * SHORT_S)  # a timer that is left would interrupt this
+
+
+def test_limits_are_nested() -> None:
+    def slow() -> None:
+        assert within(60, max, 3, 5) == 5
+        endless()
+
+    with pytest.raises(TooLong):
+        within(SHORT_S, slow)
+
+
+def in_third_frame(stage: str, fault: Callable[..., Any]) -> Any:
+    """The library's stage, with a fault from its third call on; one call a frame is expected."""
+    right = own.join().functions[stage]
+    calls = list[int]()
+
+    def function(*inputs: Any) -> Any:
+        calls.append(1)
+        return fault(*inputs) if len(calls) > 2 else right(*inputs)
+
+    return function
+
+
+def stops(*_: Any) -> Any:
+    raise ValueError("no such match")
+
+
+@pytest.mark.parametrize(
+    ("stage", "fault", "words"),
+    [
+        ("buckets", stops, "stopped with ValueError: no such match"),
+        ("buckets", endless, "does not end within 0.3 s"),
+        ("buckets", lambda *_: None, "returns None"),
+        ("buckets", lambda uv, *_: [len(uv)], "is no index of"),
+        ("buckets", lambda uv, *_: uv, "returns the shape"),
+        ("buckets", lambda *_: exit(), "calls `exit`"),
+        ("keep_outside", lambda uv, *_: uv[:, 0] * math.nan, "returns NaN or infinity in"),
+        ("keep_outside", lambda uv, *_: np.flatnonzero(uv[:, 0] > 300), "returns the shape"),
+        ("select", lambda E, *_: -1, "returns -1, which is no index of"),
+        (
+            "four_motions",
+            lambda E: np.full((4, 3, 4), math.inf),
+            "returns NaN or infinity in 48 of 48 numbers",
+        ),
+        ("depth_weights", lambda Z: [[1.0], [2.0, 3.0]], "returns rows of different lengths"),
+    ],
+)
+def test_a_stage_that_fails_in_the_loop_is_named_with_its_frame(
+    turning: tuple[Sequence, list[TimedMatches]], stage: str, fault: Callable[..., Any], words: str
+) -> None:
+    sequence, matches = turning
+    mine = with_stages(**{stage: in_third_frame(stage, fault)})
+    frame = 4 if stage == "select" else 3  # the first frame has no previous essential vector
+    with pytest.raises(StageError, match=rf"^frame {frame}: your `{stage}` ") as caught:
+        library_loop(sequence, matches, odometry=mine)
+    assert words in str(caught.value)
+    assert f"own.join({stage}=None)" in str(caught.value)
+
+
+def test_a_stage_may_return_lists_sets_and_numbers_of_one_entry(
+    turning: tuple[Sequence, list[TimedMatches]],
+) -> None:
+    sequence, matches = turning
+    library = own.join()
+    right = library.functions
+    mine = with_stages(
+        keep_outside=lambda *x: [int(each) for each in right["keep_outside"](*x)],
+        buckets=lambda *x: set(right["buckets"](*x)),
+        truncated_error=lambda *x: [right["truncated_error"](*x)],
+        select=lambda *x: float(right["select"](*x)),
+        rows_of_one=lambda *x: [each.tolist() for each in right["rows_of_one"](*x)],
+    )
+    path = library_loop(sequence, matches, odometry=mine)
+    # A set has another order of features, and the sets of five are drawn from it.
+    np.testing.assert_allclose(path, library_loop(sequence, matches, odometry=library), atol=0.05)
+
+
+def test_a_function_without_an_end_does_not_pass_and_a_file_without_an_end_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = "# ---- weights ----\ndef weights(r, s):\n    while True: pass\n"
+    text += "# ---- depth_weights ----\ndef depth_weights(Z): return exit()\n"
+    (tmp_path / "my_vo.py").write_text(text, encoding="utf-8")
+    mine = own.join(limit_s=SHORT_S, chain=None)
+    assert "does not end within 0.3 s" in mine.whose["weights"]
+    assert "calls `exit`" in mine.whose["depth_weights"]
+    assert mine.whose["chain"] == "the library's: as you asked"
+    assert mine.facts["borrowed"] == len(own.STAGES)
+    (tmp_path / "my_vo.py").write_text("while True: pass\n", encoding="utf-8")
+    with pytest.raises(DataError, match=r"my_vo\.py: does not end within 0\.3 s"):
+        own.join(limit_s=SHORT_S)
+
+
+def loop_of_the_notebook(mine: own.StudentOdometry, *changes: tuple[str, str]) -> Callable[..., Any]:
+    """The function `drive` of the notebook, with some of its text changed."""
+    cells = json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"]
+    source = next(
+        text for text in ("".join(cell["source"]) for cell in cells) if text.startswith("def drive(")
+    )
+    for old, new in changes:
+        assert source.count(old) == 1, old
+        source = source.replace(old, new)
+    names: dict[str, Any] = {"np": np, "own": own, "mine": mine}
+    exec(source, names)
+    made: Callable[..., Any] = names["drive"]
+    return made
+
+
+def test_the_loop_of_the_notebook_is_composed_as_the_librarys(
+    turning: tuple[Sequence, list[TimedMatches]],
+) -> None:
+    sequence, matches = turning
+    mine = own.join()
+    path = loop_of_the_notebook(mine)(sequence, matches)
+    np.testing.assert_array_equal(path, library_loop(sequence, matches, odometry=mine))
+    assert first_difference(loop_of_the_notebook(mine), mine, sequence, matches) == ""
+
+
+KEEP = "        pair = pair[stage.keep_outside(pair.prev_left, pair.cur_left, *boxes)]\n"
+E_PREV = "        e_prev = E[winner].ravel() / np.linalg.norm(E[winner])\n"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("([R_cp, t_cp])", "([R_cp.T, t_cp])", "`chain` gets another `motions`*its rotation is transposed"),
+        ("([R_cp, t_cp])", "([R_cp, -t_cp])", "`chain` gets*its translation has the opposite sign"),
+        ("append(T_cp)", "append(np.linalg.inv(T_cp))", "`chain` gets*it is inverted"),
+        (KEEP, "", "frame 1: your loop does not call `keep_outside`"),
+        (KEEP, KEEP.replace(" pair = ", " _ = "), "frame 1: `buckets` gets another `uv`*rows instead of"),
+        ("*each, R_cp, camera", "*each, R_cp.T, camera", "frame 1: `rows_of_one` gets*it is transposed"),
+        (E_PREV, "", "frame 2: your loop does not call `select`"),
+        ("e_prev, 2)", "e_prev, 1)", "frame 2: `select` gets another `k`*it is 1, not 2"),
+        ("camera.baseline)", "2 * camera.baseline)", "`rows_of_one` gets another `b`*it is"),
+        ("by_depth * stage.weights", "stage.weights", "`translation_of_all` gets another `w`"),
+        ("in range(4)", "in range(2)", "calls `translation_of_all` 2 times, the library's 4 times"),
+        (
+            "(odometry.chain(motions))",
+            "(odometry.chain(motions))[:, ::-1]",
+            "other poses than those of `chain`",
+        ),
+    ],
+)
+def test_a_fault_of_composition_is_named(
+    turning: tuple[Sequence, list[TimedMatches]], old: str, new: str, words: str
+) -> None:
+    sequence, matches = turning
+    mine = own.join()
+    found = first_difference(loop_of_the_notebook(mine, (old, new)), mine, sequence, matches)
+    for part in words.split("*"):
+        assert part in found
