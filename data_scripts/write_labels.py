@@ -28,7 +28,8 @@ from vo_lib.commands.console import (
 )
 from vo_lib.commands.vehicle_boxes import naming_classes, warn_without_vehicles
 from vo_lib.config import SETTINGS
-from vo_lib.detection.label_folders import RECORD, write_label_folder
+from vo_lib.data.label_names import DETECTOR_RECORD
+from vo_lib.detection.label_folders import write_label_folder
 from vo_lib.detection.settings import DetectorConfig
 from vo_lib.detection.yolo import PROVIDERS
 
@@ -72,5 +73,7 @@ def run(options: argparse.Namespace) -> int:
             progress=report,
         )
     warn_without_vehicles(dataclasses.replace(sequence, labels=folder))
-    print_lines(f"{folder}: {len(sequence)} frames, {count} of them new; {RECORD} describes the model")
+    print_lines(
+        f"{folder}: {len(sequence)} frames, {count} of them new; {DETECTOR_RECORD} describes the model"
+    )
     return 0

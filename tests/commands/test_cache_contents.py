@@ -20,8 +20,9 @@ from vo_lib import open_sequence, preset
 from vo_lib.commands.cache_contents import cache_items
 from vo_lib.commands.cli import main
 from vo_lib.data.drawn import ensure_scene
+from vo_lib.data.label_names import DETECTOR_RECORD
 from vo_lib.data.scenes import scene_config
-from vo_lib.detection.label_folders import RECORD, labelled_sequence
+from vo_lib.detection.label_folders import labelled_sequence
 from vo_lib.detection.layout import yolox_cells
 from vo_lib.runs.match_cache import CachedMatches
 
@@ -124,9 +125,9 @@ def test_files_without_use_are_deleted_and_their_size_is_told(
     matches = user_cache / "matches" / "kit-0123456789abcdef"
     matches.mkdir()
     labels = shutil.copytree(kinds["labels"].path, user_cache / "labels" / "older")
-    record = json.loads((labels / RECORD).read_text(encoding="utf-8"))
+    record = json.loads((labels / DETECTOR_RECORD).read_text(encoding="utf-8"))
     del record["settings"]["nms"]
-    (labels / RECORD).write_text(json.dumps(record), encoding="utf-8")
+    (labels / DETECTOR_RECORD).write_text(json.dumps(record), encoding="utf-8")
     draft = scene.with_name(f".{scene.name}.abcdefgh")  # as older versions named it
     (draft / "image_0").mkdir(parents=True)
     os.utime(draft, (time.time() - 7200,) * 2)

@@ -105,7 +105,7 @@ def test_trained_model_runs_in_the_kit(
     assert train_detector([*words, "--one-class", "vehicle"]) == 0
     assert "mAP50" in capfd.readouterr().out
     detector = YoloDetector(tmp_path / "run" / "detector.onnx")
-    assert detector.layout == "yolov8"
+    assert detector.layout_name == "yolov8"
     assert detector.names == ("vehicle",)
     detector.detect(np.full((120, 400), 40, np.uint8))
 

@@ -24,8 +24,8 @@ from tiny_onnx import write_answering
 
 from vo_lib.commands.cli import main
 from vo_lib.data.catalogue import open_sequence
+from vo_lib.data.label_names import DETECTOR_RECORD
 from vo_lib.detection.label_folders import (
-    RECORD,
     detection_record,
     label_folder,
     labelled_sequence,
@@ -62,7 +62,7 @@ def texts(folder: Path) -> dict[str, str]:
 def test_labels_are_written_with_the_hash_of_the_model(bands: Path, model: Path, write: Write) -> None:
     assert write() == 0
     assert len(texts(bands / "labels")) == 6
-    record = json.loads((bands / "labels" / RECORD).read_text())
+    record = json.loads((bands / "labels" / DETECTOR_RECORD).read_text())
     assert record["sha256"] == hashlib.sha256(model.read_bytes()).hexdigest()
     boxes = open_sequence(bands).boxes(3)
     assert boxes.class_id.tolist() == [2]
@@ -221,12 +221,12 @@ def test_record_of_another_program_is_kept(
 ) -> None:
     out = tmp_path / "mine"
     out.mkdir()
-    (out / RECORD).write_text(content, encoding="utf-8")
+    (out / DETECTOR_RECORD).write_text(content, encoding="utf-8")
     for words in ([], ["--replace"]):
         assert write("--out", str(out), *words) == 2
         assert "expected the record of the detector that wrote the labels" in capsys.readouterr().err
-        assert [path.name for path in out.iterdir()] == [RECORD]
-        assert (out / RECORD).read_text(encoding="utf-8") == content
+        assert [path.name for path in out.iterdir()] == [DETECTOR_RECORD]
+        assert (out / DETECTOR_RECORD).read_text(encoding="utf-8") == content
 
 
 def test_second_detection_waits_for_the_first(
@@ -283,7 +283,7 @@ def test_cached_labels_belong_to_one_detector(bands: Path, model: Path, tmp_path
     assert folders[0] is not None
     whole = texts(folders[0])
     (folders[0] / "000002.txt").write_text("2 0.5 0.")
-    (folders[0] / RECORD).write_text("[1, 2")
+    (folders[0] / DETECTOR_RECORD).write_text("[1, 2")
     assert labelled_sequence(open_sequence(bands), model, cache=tmp_path).labels == folders[0]
     assert texts(folders[0]) == whole
 
@@ -327,7 +327,7 @@ def test_labels_of_other_classes_are_never_taken(
     path = write_answering(tmp_path / "two.onnx", answer, names="{0: 'car', 1: 'person'}")
     write = load("write_labels")
     assert write([str(bands), "--model", str(path)]) == 0
-    record = json.loads((bands / "labels" / RECORD).read_text())
+    record = json.loads((bands / "labels" / DETECTOR_RECORD).read_text())
     assert record["names"] == {"2": "car", "0": "person"}
     assert record["written"] == [2]
     words = ["run", str(bands), "--features.blob_cell", "9", "--fresh"]

@@ -370,7 +370,7 @@ def test_every_kind_of_export_gives_the_boxes(
         net = (640, 640)
         image = (512, 512)
     detector = YoloDetector(written(tmp_path / "m.onnx", export, image, net))
-    assert detector.layout == export.layout
+    assert detector.layout_name == export.layout
     assert detector.names == export.names
     tolerance = 0.5 * image[1] / 640 + 0.5 if export.output_type == np.float16 else 0.02
     assert_true_boxes(detector.detect(np.zeros(image, np.uint8)), image, tolerance)
@@ -462,7 +462,7 @@ def test_rows_without_a_score_decide_nothing(kind: str, garbage: Table, tmp_path
     detector = YoloDetector(
         written(tmp_path / "m.onnx", replace(export, build=build), (375, 1242), (640, 640))
     )
-    assert detector.layout == export.layout
+    assert detector.layout_name == export.layout
     assert_true_boxes(detector.detect(np.zeros((375, 1242), np.uint8)), (375, 1242))
 
 

@@ -201,7 +201,7 @@ def test_boxes_are_those_of_ultralytics(kind: str, tmp_path: Path) -> None:
     export = EXPORTS[kind]
     model = exported(export.yaml, export.options, tmp_path)
     detector = YoloDetector(model, DetectorConfig(size=SIZE, score=SCORE, nms=NMS))
-    assert detector.layout == export.layout
+    assert detector.layout_name == export.layout
     assert detector.names is not None
     total = 0
     for image in images():

@@ -62,7 +62,7 @@ def either(request: pytest.FixtureRequest, tmp_path: Path) -> YoloDetector:
     """A network of each layout that detects the same box of a car in every image."""
     path = write_answering(tmp_path / "m.onnx", LAYOUTS[request.param], names="{0: 'cat', 1: 'Car'}")
     detector = YoloDetector(path)
-    assert detector.layout == request.param
+    assert detector.layout_name == request.param
     return detector
 
 
@@ -77,7 +77,7 @@ def test_both_layouts_give_the_box(either: YoloDetector) -> None:
 
 def test_layouts_place_wide_images_differently(either: YoloDetector) -> None:
     result = either.detect(np.zeros((32, 64), np.uint8))
-    top = 2.5 if either.layout == "yolov8" else 18.5
+    top = 2.5 if either.layout_name == "yolov8" else 18.5
     assert result.xyxy[0] == pytest.approx([21.5, top, 41.5, top + 10], abs=1e-3)
 
 

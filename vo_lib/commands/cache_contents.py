@@ -14,8 +14,9 @@ from pathlib import Path
 
 from ..data.drawn import cache_folder, scene_key
 from ..data.image_hashes import hash_folder
+from ..data.label_names import DETECTOR_RECORD
 from ..data.scenes import SceneConfig
-from ..detection.label_folders import RECORD, RECORD_KEYS, is_current_record
+from ..detection.label_folders import RECORD_KEYS, is_current_record
 from ..errors import DataError
 from ..files import DRAFT, LOCK, delete_abandoned_drafts, delete_tree, folder_size, read_mapping
 from ..runs.identity import FRONT_END_CODE
@@ -110,7 +111,7 @@ def _matches(cache: Path | None) -> Iterator[CacheItem]:
 def _labels(folder: Path) -> Iterator[CacheItem]:
     for path in _files(folder):
         try:
-            record = read_mapping(path / RECORD, "the record of a detector")
+            record = read_mapping(path / DETECTOR_RECORD, "the record of a detector")
         except DataError:
             continue
         if record.keys() >= RECORD_KEYS:

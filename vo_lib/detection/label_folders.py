@@ -37,7 +37,6 @@ from .models import find_model
 from .settings import DetectorConfig
 from .yolo import YoloDetector
 
-RECORD = DETECTOR_RECORD
 RECORD_KEYS = {"model", "sha256", "settings"}  # in every record that the kit has written
 IMAGE_LIST = "images.sha256"  # a line for each label: the hash of the image, then its name, as of sha256sum
 IMAGE_LINE = re.compile(r"([0-9a-f]{64})  (\d+)\.png")
@@ -205,34 +204,54 @@ def write_label_folder(
         if not missing:
             return 0
         detector = YoloDetector(model, config, provider=provider)
-        mask = chosen_mask(detector, classes)
+        class_mask = chosen_mask(detector, classes)
         if not belongs:
             _replace_labels(folder, sequence)
-        _write_record(folder, record, detector, mask)
+        _write_record(folder, record, detector, class_mask)
         known = _labels_by_image(others)
 
-        def detect(frame: str) -> None:
+        def write_label(frame: str) -> None:
             label = folder / f"{frame}.txt"
             if hashes[frame] in known:
                 write_atomic(label, read_bytes(known[hashes[frame]]))
-                return
-            image = read_image(sequence.left_file(frame), sequence.bits)
-            boxes = with_label_numbers(detector, detector.detect(image, mask))
-            write_labels(label, boxes, image.shape[1], image.shape[0])
+            else:
+                _detect_label(sequence, frame, label, detector, class_mask)
 
-        with ThreadPoolExecutor(DETECTION_THREADS) as pool, open(folder / IMAGE_LIST, "a") as image_list:
-            results = pool.map(detect, missing)
-            try:
-                for number, frame in enumerate(missing, start=len(sequence) - len(missing) + 1):
-                    next(results)
-                    image_list.write(f"{hashes[frame]}  {frame}.png\n")
-                    image_list.flush()
-                    if progress:
-                        progress(number, len(sequence))
-            except BaseException:
-                pool.shutdown(cancel_futures=True)  # Ctrl-C does not wait for the other images
-                raise
+        done = len(sequence) - len(missing)
+        with open(folder / IMAGE_LIST, "a") as image_list:
+
+            def note_label(frame: str) -> None:
+                nonlocal done
+                image_list.write(f"{hashes[frame]}  {frame}.png\n")
+                image_list.flush()
+                done += 1
+                if progress:
+                    progress(done, len(sequence))
+
+            _in_threads(write_label, missing, note_label)
         return len(missing)
+
+
+def _detect_label(
+    sequence: Sequence, frame: str, label: Path, detector: YoloDetector, class_mask: BoolArray
+) -> None:
+    """Detect the boxes in a frame's left image, and write its label file."""
+    image = read_image(sequence.left_file(frame), sequence.bits)
+    boxes = with_label_numbers(detector, detector.detect(image, class_mask))
+    write_labels(label, boxes, image.shape[1], image.shape[0])
+
+
+def _in_threads(work: Callable[[str], None], frames: list[str], finished: Callable[[str], None]) -> None:
+    """Do the work for each frame in threads; `finished` is called in this one, in the order of the frames."""
+    with ThreadPoolExecutor(DETECTION_THREADS) as pool:
+        results = pool.map(work, frames)
+        try:
+            for frame in frames:
+                next(results)
+                finished(frame)
+        except BaseException:
+            pool.shutdown(cancel_futures=True)  # Ctrl-C does not wait for the other images
+            raise
 
 
 def labelled_sequence(
@@ -255,7 +274,7 @@ def labelled_sequence(
     config = config or DetectorConfig()
     record = detection_record(model, config, classes, provider)
     folder = label_folder(sequence, record, cache)
-    _delete_damaged_record(folder / RECORD)
+    _delete_damaged_record(folder / DETECTOR_RECORD)
     others = sorted(folder.parent.glob(f"{glob.escape(_prefix(record))}-*"))
     write_label_folder(
         sequence,
@@ -312,7 +331,7 @@ def _write_record(folder: Path, record: dict[str, Any], detector: YoloDetector, 
         about["written"] = numbers[mask].tolist()
         about["names"] = dict(zip(map(str, numbers.tolist()), detector.names, strict=True))
         about["numbers"] = numbers.tolist()  # of the model's classes, in the model's order
-    write_atomic(folder / RECORD, json.dumps(record | about, indent=1) + "\n")
+    write_atomic(folder / DETECTOR_RECORD, json.dumps(record | about, indent=1) + "\n")
 
 
 def require_label_folder(folder: Path) -> None:
@@ -363,7 +382,7 @@ def _belongs(folder: Path, record: dict[str, Any], replace: bool) -> bool:
 
     Raises `DataError` for a record of another program, and for other labels unless `replace`.
     """
-    path = folder / RECORD
+    path = folder / DETECTOR_RECORD
     if path.exists():
         present = read_mapping(path, EXPECTED_RECORD)
         if {name: present.get(name) for name in record} == record:
@@ -410,7 +429,7 @@ def _replace_labels(folder: Path, sequence: Sequence) -> None:
                 file,
             )
     # The record is deleted first: a folder never has labels of one detector and the record of another.
-    for file in (folder / RECORD, folder / IMAGE_LIST, *labels):
+    for file in (folder / DETECTOR_RECORD, folder / IMAGE_LIST, *labels):
         file.unlink(missing_ok=True)
 
 

@@ -293,35 +293,44 @@ def _from_separate(
     others = [k for k in others if k != number]
     lists = [k for k in others if outputs[k].values.size == len(rows)]
     wide = [k for k in others if k not in lists]
-    on_grid = len(rows) in _boxes_a_cell(width, height)
-    form: BoxForm = "corners" if _are_corners(rows[:, :4]) else "centre"
-    names = metadata.names
-    known = None if names is None else len(names)
-    if len(wide) == 1 and not lists and number is None and rows.shape[1] == 4:
-        scores = wide[0]
-        scores_first = len(table_of(outputs[wide[0]].values)) != len(rows)
-        table = table_of(outputs[scores].values)
-        classes = table.shape[0] if scores_first else table.shape[1]
-        if table.ndim != 2 or table.shape[1 if scores_first else 0] != len(rows):
-            raise _refusal(outputs, "boxes and scores have different numbers of rows")
-        if not is_share(np.asarray(table, np.float64), SCORE_SLACK).all():
-            raise _refusal(outputs, "the scores are not from 0 to 1: before the last step (sigmoid)?")
-        separate = SeparateOutputs(boxes, scores, None, None, boxes_first, scores_first, form, classes)
-        return OutputLayout("boxes-scores", separate, classes, one_to_one=not on_grid)
-    if not wide and len(lists) == 2 and rows.shape[1] == 4:
-        scores, labels = _scores_and_labels(outputs, lists)
-        separate = SeparateOutputs(boxes, scores, labels, number, boxes_first, False, form, known)
-        return OutputLayout("boxes-scores-classes", separate, known, one_to_one=not on_grid)
-    if not wide and len(lists) == 1 and rows.shape[1] == 4 and known in (None, 1):
-        separate = SeparateOutputs(boxes, lists[0], None, number, boxes_first, False, form, 1)
-        return OutputLayout("boxes-scores", separate, 1, one_to_one=not on_grid)
+    classes = None if metadata.names is None else len(metadata.names)
     if rows.shape[1] == 5:
         words = (
             "boxes with scores and a list of classes, as of MMDetection, whose networks expect images with "
             "their mean taken out"
         )
         raise _refusal(outputs, words)
-    raise _refusal(outputs, "expected one output of boxes and one of scores, or boxes, scores and classes")
+    scores_first = False
+    labels: int | None = None
+    name = "boxes-scores"
+    if len(wide) == 1 and not lists and number is None:
+        (scores,) = wide
+        scores_first, classes = _score_table(outputs, scores, len(rows))
+    elif not wide and len(lists) == 2:
+        scores, labels = _scores_and_labels(outputs, lists)
+        name = "boxes-scores-classes"
+    elif not wide and len(lists) == 1 and classes in (None, 1):
+        (scores,) = lists
+        classes = 1
+    else:
+        words = "expected one output of boxes and one of scores, or boxes, scores and classes"
+        raise _refusal(outputs, words)
+    form: BoxForm = "corners" if _are_corners(rows[:, :4]) else "centre"
+    reader = SeparateOutputs(boxes, scores, labels, number, boxes_first, scores_first, form, classes)
+    on_grid = len(rows) in _boxes_a_cell(width, height)
+    return OutputLayout(name, reader, classes, one_to_one=not on_grid)
+
+
+def _score_table(outputs: Sequence[Output], scores: int, count: int) -> tuple[bool, int]:
+    """Whether an output with scores is (classes, N) for `count` boxes, and its number of classes."""
+    table = table_of(outputs[scores].values)
+    scores_first = len(table) != count
+    classes = table.shape[0] if scores_first else table.shape[1]
+    if table.ndim != 2 or table.shape[1 if scores_first else 0] != count:
+        raise _refusal(outputs, "boxes and scores have different numbers of rows")
+    if not is_share(np.asarray(table, np.float64), SCORE_SLACK).all():
+        raise _refusal(outputs, "the scores are not from 0 to 1: before the last step (sigmoid)?")
+    return scores_first, classes
 
 
 def _boxes_output(outputs: Sequence[Output], tables: Sequence[int]) -> tuple[int, bool]:

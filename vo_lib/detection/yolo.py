@@ -20,7 +20,7 @@ from ..data.class_names import COCO
 from ..errors import DataError
 from ..geometry.boxes import Boxes
 from ..geometry.types import Array, BoolArray, Image
-from . import layout
+from .layout import Letterbox, best_boxes, fit_letterbox, fit_size, fit_stretched, letterboxed
 from .metadata import read_metadata
 from .model_files import model_files
 from .models import find_model
@@ -57,7 +57,7 @@ class NetworkOutput:
     corners : (N, 4) x0, y0, x1, y1 in the network's image, pixels; scores : (N, C) of the classes.
     """
 
-    letterbox: layout.Letterbox
+    letterbox: Letterbox
     corners: Array
     scores: Array
     width: int
@@ -74,7 +74,7 @@ class YoloDetector:
         names; None for another model without names.
     named : the names are the model's own.
     class_count : number of classes; None if the file does not tell.
-    layout : name of the layout of the outputs, such as "yolov8".
+    layout_name : name of the layout of the outputs, such as "yolov8".
     """
 
     def __init__(
@@ -98,13 +98,11 @@ class YoloDetector:
         except ValueError as error:
             raise DataError(str(error), self.path) from None
         # What the network gives, from its outputs for black images.
-        self._height_first = False  # the order of the image's size, for networks that ask for it
-        self._layout = self._recognised()
-        if self._sizes_input is not None:
-            self._height_first = self._expects_height_first()
-        self.layout = self._layout.name
+        self._output_layout = self._recognise_outputs()
+        self.layout_name = self._output_layout.name
+        self._height_first = self._sizes_input is not None and self._expects_height_first()
         # The classes, by the file's own names or by COCO's.
-        self.class_count = self._layout.classes
+        self.class_count = self._output_layout.classes
         self.named = self._metadata.names is not None
         default_names = COCO if self.class_count == len(COCO) else None
         self.names = self._metadata.names or default_names
@@ -121,11 +119,12 @@ class YoloDetector:
         """The network's output for an image, as in `detect`, before the selection of boxes."""
         height, width = image.shape[:2]
         size = self.input_size(width, height)
-        if self._layout.placement == "stretched" or self._sizes_input is not None:
-            letterbox = layout.fit_stretched(width, height, *size)
+        if self._output_layout.placement == "stretched" or self._sizes_input is not None:
+            letterbox = fit_stretched(width, height, *size)
         else:
-            letterbox = layout.fit_letterbox(width, height, *size, self._layout.placement == "centred")
-        outputs = self._run(self._to_input(layout.letterboxed(image, letterbox)), width, height)
+            letterbox = fit_letterbox(width, height, *size, self._output_layout.placement == "centred")
+        original_size = (height, width) if self._height_first else (width, height)
+        outputs = self._run(self._to_input(letterboxed(image, letterbox)), original_size)
         corners, scores = self._read(outputs, letterbox, width, height)
         return NetworkOutput(letterbox, corners, scores, width, height)
 
@@ -136,8 +135,8 @@ class YoloDetector:
 
         Raises `DataError` if most boxes are not in the image, as after an export of another kind.
         """
-        boxes = layout.best_boxes(
-            output.corners, output.scores, score, nms, class_mask, one_to_one=self._layout.one_to_one
+        boxes = best_boxes(
+            output.corners, output.scores, score, nms, class_mask, one_to_one=self._output_layout.one_to_one
         )
         self._check_boxes(boxes, output.letterbox)
         return dataclasses.replace(
@@ -152,10 +151,10 @@ class YoloDetector:
         size in the model's metadata, or else 640.
         """
         longer = self.config.size or self._default_size
-        if self._layout.placement == "stretched" or self._sizes_input is not None:
+        if self._output_layout.placement == "stretched" or self._sizes_input is not None:
             width = longer
             height = longer
-        free_width, free_height = layout.fit_size(width, height, longer)
+        free_width, free_height = fit_size(width, height, longer)
         return self._width or free_width, self._height or free_height
 
     @property
@@ -164,7 +163,7 @@ class YoloDetector:
 
     def _to_input(self, image: Image) -> NDArray[Any]:
         """The network's input (1, 3, H, W): RGB in 0..1, or BGR in 0..255 for YOLOX and inputs of bytes."""
-        in_bytes = self._layout.bytes_in or self._type == np.uint8
+        in_bytes = self._output_layout.bytes_in or self._type == np.uint8
         if image.ndim == 2:
             planes = np.broadcast_to(image, (3, *image.shape))
         else:
@@ -175,25 +174,25 @@ class YoloDetector:
         scale = 1.0 if in_bytes else 1.0 / 255.0
         return np.multiply(planes[None], scale, dtype=np.float32).astype(self._type, copy=False)
 
-    def _run(self, images: NDArray[Any], width: int, height: int) -> list[NDArray[Any]]:
-        """The outputs for a network's image; width, height : size of the original image, pixels."""
+    def _run(self, images: NDArray[Any], original_size: tuple[int, int]) -> list[NDArray[Any]]:
+        """The outputs for a network's image.
+
+        original_size : of the original image, pixels, in the order that the network expects, if it asks.
+        """
         feed = {self._input.name: images}
         if self._sizes_input is not None:
-            sizes = (height, width) if self._height_first else (width, height)
-            feed[self._sizes_input.name] = np.array([sizes], np.int64)
+            feed[self._sizes_input.name] = np.array([original_size], np.int64)
         try:
             return [np.asarray(output) for output in self._session.run(None, feed)]
         except Exception as error:  # ONNX Runtime's exception types have no common base class
             raise DataError(f"ONNX Runtime cannot run this model: {_first_line(error)}", self.path) from None
 
-    def _read(
-        self, outputs: list[NDArray[Any]], letterbox: layout.Letterbox, width: int, height: int
-    ) -> Candidates:
+    def _read(self, outputs: list[NDArray[Any]], letterbox: Letterbox, width: int, height: int) -> Candidates:
         """The boxes in a network's outputs, in pixels of its image; width, height : size of the image."""
         in_image = self._sizes_input is not None
         unit = (width, height) if in_image else (letterbox.width, letterbox.height)
         try:
-            corners, scores = self._layout.reader.read(outputs, *unit)
+            corners, scores = self._output_layout.reader.read(outputs, *unit)
         except UnusableOutput as error:
             raise DataError(str(error), self.path) from None
         if len(corners) and np.isnan(corners).all():
@@ -206,7 +205,7 @@ class YoloDetector:
             corners = corners * ((letterbox.width / width, letterbox.height / height) * 2)
         return Candidates(corners, scores)
 
-    def _check_boxes(self, boxes: Boxes, letterbox: layout.Letterbox) -> None:
+    def _check_boxes(self, boxes: Boxes, letterbox: Letterbox) -> None:
         """Raise `DataError` if most of the boxes, in the network's image, have their centre far outside."""
         size = np.array([letterbox.width, letterbox.height])
         centre = (boxes.xyxy[:, :2] + boxes.xyxy[:, 2:]) / 2
@@ -214,7 +213,7 @@ class YoloDetector:
         if 2 * np.count_nonzero(outside) > len(boxes):
             raise DataError(
                 f"{np.count_nonzero(outside)} of {len(boxes)} boxes are outside the image: the output, taken "
-                f"as {self.layout}, seems to be of another kind",
+                f"as {self.layout_name}, seems to be of another kind",
                 self.path,
             )
 
@@ -243,7 +242,7 @@ class YoloDetector:
             raise DataError(f"expected an input of floating-point numbers, found {images.type}", self.path)
         return images, sizes
 
-    def _recognised(self) -> OutputLayout:
+    def _recognise_outputs(self) -> OutputLayout:
         """The layout of the outputs, from those for a black image.
 
         A network that takes every size gets a small image, and one of its usual size if that does not tell.
@@ -255,7 +254,7 @@ class YoloDetector:
         refusals = []
         names = [output.name for output in self._session.get_outputs()]
         for width, height in sizes:
-            values = self._run(np.zeros((1, 3, height, width), self._type), width, height)
+            values = self._run(np.zeros((1, 3, height, width), self._type), (width, height))
             outputs = [Output(name, array) for name, array in zip(names, values, strict=True)]
             try:
                 return recognise(outputs, self._metadata, width, height)
@@ -272,8 +271,8 @@ class YoloDetector:
         height = self._height or self._default_size
         black = np.zeros((1, 3, height, width), self._type)
         widest = []
-        for sizes in TEST_SIZES:
-            corners, _ = self._layout.reader.read(self._run(black, *sizes), *sizes)
+        for size in TEST_SIZES:
+            corners, _ = self._output_layout.reader.read(self._run(black, size), *size)
             widest.append(np.abs(corners[:, [0, 2]]).max(initial=0.0))
         return bool(widest[0] < widest[1])
 
