@@ -21,9 +21,9 @@ from vo_lib.files import read_csv
 from vo_lib.geometry.motion import inverse
 from vo_lib.geometry.twist import motion_from_twist
 from vo_lib.geometry.types import Array
-from vo_lib.loops.find import Loops, find_loops
+from vo_lib.loops.find import PlacePairs, find_loops
 from vo_lib.loops.graph import close_path, interpolate_corrections
-from vo_lib.loops.places import candidates, place_frames
+from vo_lib.loops.places import candidate_pairs, place_frames
 from vo_lib.loops.settings import LoopConfig
 from vo_lib.report.film import LOOP_LINE_COLOUR, Film, film_frames
 from vo_lib.report.plots import png, trajectories_figure
@@ -50,11 +50,11 @@ def circle(count: int, drift: float) -> Array:
     return np.array([np.linalg.matrix_power(step, k) for k in range(count)])
 
 
-def loops_between(truth: Array, pairs: list[tuple[int, int]]) -> Loops:
+def loops_between(truth: Array, pairs: list[tuple[int, int]]) -> PlacePairs:
     """Loops with the true motion between the frames; each has 100 matches, all of which are inliers."""
     (first, second), whole = np.array(pairs).T, np.full(len(pairs), 100)
     motion = inverse(truth[first]) @ truth[second]
-    return Loops(first, second, np.ones(len(pairs)), whole, whole, np.zeros(len(pairs)), motion)
+    return PlacePairs(first, second, np.ones(len(pairs)), whole, whole, np.zeros(len(pairs)), motion)
 
 
 def worst(poses: Array, truth: Array) -> float:
@@ -95,7 +95,7 @@ def test_a_sequence_shorter_than_the_gap_has_no_loops(bands: Path) -> None:
 def test_place_is_compared_with_similar_places_beyond_the_gap() -> None:
     similarity = np.array([[1.0, 0.0, 0.9, 0.3], [0, 1, 0, 0.8], [0.9, 0, 1, 0.9], [0.3, 0.8, 0.9, 1]])
     config = LoopConfig(gap=20, candidates=1, similarity=0.5)
-    assert candidates(similarity, np.array([0, 10, 20, 30]), config).tolist() == [[0, 2], [1, 3]]
+    assert candidate_pairs(similarity, np.array([0, 10, 20, 30]), config).tolist() == [[0, 2], [1, 3]]
     assert len(place_frames(4541, LoopConfig(every=10))) == 455
     assert len(place_frames(4541, LoopConfig())) <= LoopConfig().places
 

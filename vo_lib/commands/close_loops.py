@@ -16,7 +16,7 @@ from ..evaluation.path_errors import evaluate
 from ..files import written_together
 from ..geometry.types import Array
 from ..loops.close import close_accepted, comparison_key, write_closure
-from ..loops.find import Loops, find_loops
+from ..loops.find import PlacePairs, find_loops
 from ..loops.graph import LoopClosure
 from ..loops.settings import LoopConfig
 from ..paper.settings import MethodConfig
@@ -38,14 +38,14 @@ def add_loops(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--loops", action="store_true", help=text)
 
 
-def loops_with_bar(sequence: Sequence, method: MethodConfig, config: LoopConfig) -> Loops:
+def find_loops_with_bar(sequence: Sequence, method: MethodConfig, config: LoopConfig) -> PlacePairs:
     """Compare the places of a sequence, and show a progress bar."""
     with reporting(f"loops of {sequence.name}") as report, single_threaded():
         return find_loops(sequence, method, config, report)
 
 
 def close_run(
-    folder: Path, sequence: Sequence, poses: Array, loops: Loops, config: LoopConfig
+    folder: Path, sequence: Sequence, poses: Array, loops: PlacePairs, config: LoopConfig
 ) -> LoopClosure:
     """Close the accepted loops of a run, and write the corrected path and the loops into its folder."""
     with single_threaded():  # the last digits depend on the number of threads
@@ -57,7 +57,7 @@ def close_run(
 
 def close_outcomes(outcomes: list[Outcome], config: LoopConfig) -> list[ReportTable]:
     """Close the loops of finished runs in their folders; return a table of errors, or [] without truth."""
-    compared: dict[Hashable, Loops] = {}
+    compared: dict[Hashable, PlacePairs] = {}
     errors_of_row: dict[str, list[list[float]]] = {}
     for outcome in outcomes:
         if outcome.error is not None:
@@ -65,7 +65,7 @@ def close_outcomes(outcomes: list[Outcome], config: LoopConfig) -> list[ReportTa
         job = outcome.job
         key = (job.sequence.name, comparison_key(job.config))
         if key not in compared:
-            compared[key] = loops_with_bar(job.sequence, job.config, config)
+            compared[key] = find_loops_with_bar(job.sequence, job.config, config)
         before = read_kitti_poses(job.folder / POSES)
         closure = close_run(job.folder, job.sequence, before, compared[key], config)
         if job.sequence.truth is not None:

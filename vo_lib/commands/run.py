@@ -166,7 +166,7 @@ def _check_folder(folder: Path, options: argparse.Namespace) -> list[str]:
 
 def _close_loops(folder: Path, result: Run, loop_config: LoopConfig) -> LoopClosure:
     """Find and close the loops of a run; its folder gets the corrected path and the list of loops."""
-    compared = close_loops.loops_with_bar(result.sequence, result.config, loop_config)
+    compared = close_loops.find_loops_with_bar(result.sequence, result.config, loop_config)
     return close_loops.close_run(folder, result.sequence, result.poses, compared, loop_config)
 
 

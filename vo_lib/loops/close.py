@@ -9,7 +9,7 @@ from ..data.poses import write_kitti_poses
 from ..files import csv_text, write_atomic
 from ..geometry.types import Array
 from ..paper.settings import MethodConfig
-from .find import Loops
+from .find import PlacePairs
 from .graph import LoopClosure, close_path
 from .settings import LoopConfig
 
@@ -21,7 +21,7 @@ def comparison_key(method: MethodConfig) -> Hashable:
     return (method.seed, method.filter, method.buckets, method.reprojection)
 
 
-def close_accepted(poses: Array, loops: Loops, config: LoopConfig) -> LoopClosure:
+def close_accepted(poses: Array, loops: PlacePairs, config: LoopConfig) -> LoopClosure:
     """The path (N, 4, 4) after the accepted ones of the compared `loops` have been closed."""
     return close_path(poses, loops[loops.accepted(config)], config)
 

@@ -19,15 +19,15 @@ from ..paper.buckets import select_by_bucket
 from ..paper.matching import DescribedPair, LoopMatcher, describe_pair
 from ..paper.settings import FeatureConfig, MatchingConfig, MethodConfig
 from ..paper.viso2 import ransac_motion
-from .places import candidates, place_frames, similarities, uncovered
+from .places import candidate_pairs, place_frames, similarities, uncovered
 from .settings import LoopConfig
 
 PAIRS_KEPT = 32  # number of described stereo pairs in memory; neighbouring places share many candidates
 
 
 @dataclass(frozen=True, eq=False)
-class Loops(Rows):
-    """N pairs of places that were compared.
+class PlacePairs(Rows):
+    """N pairs of places that were compared; the accepted ones are loops.
 
     first, second : (N,) frames of the two places, from 0; similarity : (N,) similarity of their left images.
     matches, inliers : (N,) number of matches between the stereo pairs, and number of inliers of their motion.
@@ -48,7 +48,9 @@ class Loops(Rows):
         return np.asarray((self.inliers >= config.inliers) & (self.inliers >= config.share * self.matches))
 
 
-def find_loops(sequence: Sequence, method: MethodConfig, config: LoopConfig, progress: Progress) -> Loops:
+def find_loops(
+    sequence: Sequence, method: MethodConfig, config: LoopConfig, progress: Progress
+) -> PlacePairs:
     """Pairs of similar places, accepted or not, with the motion between them.
 
     method : only the seed and the settings of box rule, buckets and reprojection are used, not the features.
@@ -56,7 +58,7 @@ def find_loops(sequence: Sequence, method: MethodConfig, config: LoopConfig, pro
     """
     frames = place_frames(len(sequence), config)
     similarity = similarities(sequence, method, config, lambda done, of: progress(done, 2 * of))
-    pairs = candidates(similarity, frames, config)
+    pairs = candidate_pairs(similarity, frames, config)
     match_counts = np.zeros(len(pairs), np.int64)
     inlier_counts = np.zeros(len(pairs), np.int64)
     residual = np.zeros(len(pairs))
@@ -69,7 +71,9 @@ def find_loops(sequence: Sequence, method: MethodConfig, config: LoopConfig, pro
         motion[row] = inverse(T_cp)
         progress(len(frames) + len(frames) * (row + 1) // len(pairs), 2 * len(frames))
     first, second = frames[pairs].T
-    return Loops(first, second, similarity[tuple(pairs.T)], match_counts, inlier_counts, residual, motion)
+    return PlacePairs(
+        first, second, similarity[tuple(pairs.T)], match_counts, inlier_counts, residual, motion
+    )
 
 
 def reprojection_error(camera: StereoCamera, matches: StereoMatches, T_cp: Array) -> float:

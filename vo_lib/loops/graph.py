@@ -14,7 +14,7 @@ from ..geometry.motion import inverse
 from ..geometry.rows import Rows
 from ..geometry.twist import adjoint, bracket, motion_from_twist, twist_from_motion
 from ..geometry.types import Array, BoolArray, IntArray
-from .find import Loops
+from .find import PlacePairs
 from .places import place_frames
 from .settings import LoopConfig
 
@@ -55,7 +55,9 @@ def linearised(poses: Array, edges: Edges) -> tuple[Array, Array, Array]:
     return r / sigma, by_first / sigma[:, :, None], by_second / sigma[:, :, None]
 
 
-def optimise(poses: Array, edges: Edges, scale: float, tolerance: float = LAST_MOVE) -> tuple[Array, ...]:
+def optimise(
+    poses: Array, edges: Edges, scale: float, tolerance: float = LAST_MOVE
+) -> tuple[Array, Array, Array]:
     """Optimise poses T_w_c (N, 4, 4) by Gauss-Newton; the first pose is fixed.
 
     scale : residual at which a loop has weight ½, in standard deviations; if infinite, all weights are 1.
@@ -65,19 +67,19 @@ def optimise(poses: Array, edges: Edges, scale: float, tolerance: float = LAST_M
     Returns the poses and, for each edge (M,), the residual in standard deviations and the weight in [0, 1].
     """
     poses = poses.copy()
-    moved = np.inf
+    largest_move = np.inf
     for step in range(MAX_STEPS + 1):
         r, by_first, by_second = linearised(poses, edges)
-        size = np.linalg.norm(r, axis=1)
-        current_scale = max(scale, NARROWING**step * float(size[edges.is_loop].max(initial=0.0)))
-        weight = np.where(edges.is_loop, 1.0 / (1.0 + (size / current_scale) ** 2), 1.0)
-        if step == MAX_STEPS or (current_scale == scale and moved < tolerance):
+        residual = np.linalg.norm(r, axis=1)
+        current_scale = max(scale, NARROWING**step * float(residual[edges.is_loop].max(initial=0.0)))
+        weight = np.where(edges.is_loop, 1.0 / (1.0 + (residual / current_scale) ** 2), 1.0)
+        if step == MAX_STEPS or (current_scale == scale and largest_move < tolerance):
             break
         delta = gauss_newton_step(len(poses), edges, r, by_first, by_second, weight)
         largest_turn = np.abs(delta[:, :3]).max()
         poses[1:] = poses[1:] @ motion_from_twist(delta / max(1.0, largest_turn / MAX_TURN))
-        moved = float(np.abs(delta).max())
-    return poses, size, weight
+        largest_move = float(np.abs(delta).max())
+    return poses, residual, weight
 
 
 def gauss_newton_step(
@@ -110,12 +112,12 @@ class LoopClosure:
     """
 
     poses: Array
-    loops: Loops
+    loops: PlacePairs
     weight: Array
     gap: Array
 
 
-def close_path(poses: Array, loops: Loops, config: LoopConfig) -> LoopClosure:
+def close_path(poses: Array, loops: PlacePairs, config: LoopConfig) -> LoopClosure:
     """The path (N, 4, 4) of a run after all `loops` have been closed; without loops, the unchanged path."""
     frames = place_frames(len(poses), config)
     if len(loops) == 0:
@@ -141,7 +143,7 @@ def interpolate_corrections(poses: Array, frames: IntArray, moved: Array) -> Arr
     return np.asarray(correction[before] @ motion_from_twist((position - before)[:, None] * change) @ poses)
 
 
-def graph_edges(places: Array, frames: IntArray, loops: Loops, config: LoopConfig) -> Edges:
+def graph_edges(places: Array, frames: IntArray, loops: PlacePairs, config: LoopConfig) -> Edges:
     """Edges between successive places (poses (N, 4, 4), frames (N,)), followed by the edges of the loops."""
     number = np.arange(len(frames) - 1)
     steps = inverse(places[:-1]) @ places[1:]

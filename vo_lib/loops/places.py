@@ -91,7 +91,7 @@ def uncovered(sequence: Sequence, frame: int, uv: Array, method: MethodConfig) -
     return keep
 
 
-def candidates(similarity: Array, frames: IntArray, config: LoopConfig) -> IntArray:
+def candidate_pairs(similarity: Array, frames: IntArray, config: LoopConfig) -> IntArray:
     """Pairs (M, 2) of similar places, the earlier place first, at least `config.gap` frames apart."""
     allowed = np.where(frames[:, None] - frames >= config.gap, similarity, -np.inf)
     best = np.argsort(-allowed, axis=1, kind="stable")[:, : config.candidates]

@@ -11,7 +11,7 @@ from vo_lib.evaluation.ate_rpe import Alignment, absolute_error, rmse
 from vo_lib.geometry.motion import inverse
 from vo_lib.geometry.twist import motion_from_twist
 from vo_lib.geometry.types import Array, BoolArray, IntArray, Progress
-from vo_lib.loops.find import Loops
+from vo_lib.loops.find import PlacePairs
 from vo_lib.loops.places import place_frames
 from vo_lib.loops.settings import LoopConfig
 
@@ -30,7 +30,7 @@ def ate(truth: Array, poses: Array) -> float:
     return rmse(absolute_error(truth, poses, Alignment.SE3).distance) or 0.0
 
 
-def is_true(loops: Loops, truth: Array) -> BoolArray:
+def is_true(loops: PlacePairs, truth: Array) -> BoolArray:
     """Mask (N,) of the loops that have the true motion."""
     motion = inverse(truth[loops.first]) @ truth[loops.second]
     return np.asarray(np.linalg.norm((inverse(motion) @ loops.motion)[:, :3, 3], axis=1) < TRUE_GAP_M)
@@ -46,7 +46,7 @@ def second_visits(truth: Array, frames: IntArray, gap: int, near: float = 3.0) -
     return np.stack([frames[apart[later].argmin(axis=1)], frames[later]], axis=1)
 
 
-def made_up_loops(truth: Array, pairs: IntArray, config: LoopConfig, false: int, seed: int) -> Loops:
+def made_up_loops(truth: Array, pairs: IntArray, config: LoopConfig, false: int, seed: int) -> PlacePairs:
     """Loops with the true motion between pairs (M, 2) of frames, then false loops; every motion has noise."""
     rng = np.random.default_rng([9, seed])
     frames = place_frames(len(truth), config)
@@ -60,4 +60,4 @@ def made_up_loops(truth: Array, pairs: IntArray, config: LoopConfig, false: int,
     motion = motion @ motion_from_twist(rng.normal(size=(len(motion), 6)) * sigma)
     whole = np.full(len(first), 100)
     real = np.ones(len(first))
-    return Loops(first, second, real, whole, whole, 0.0 * real, motion)
+    return PlacePairs(first, second, real, whole, whole, 0.0 * real, motion)
