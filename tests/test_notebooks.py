@@ -128,7 +128,7 @@ def test_right_answers_of_chapters_0_to_6_form_an_odometry_in_chapter_8(tmp_path
 @pytest.mark.slow
 @pytest.mark.usefixtures("street")
 @pytest.mark.parametrize("path", SOLUTIONS[7:], ids=name)
-def test_other_answers_are_right(path: Path, tmp_path: Path) -> None:
+def test_other_right_answers_of_a_chapter_pass(path: Path, tmp_path: Path) -> None:
     require_right(path, tmp_path)
 
 

@@ -107,7 +107,7 @@ def fill(bands: Path, cache: Path | None) -> None:
     labelled_sequence(sequence, model, cache=cache)
 
 
-def test_files_without_use_are_deleted_and_their_size_is_told(
+def test_files_without_use_are_deleted_and_their_size_is_printed(
     bands: Path, user_cache: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "200")

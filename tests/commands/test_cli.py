@@ -88,7 +88,7 @@ def test_a_run_writes_its_files(bands: Path, done: Callable[..., str], variant: 
         assert f"corrected calibration errors (± σ) {learnt}" in re.sub(r"[│\s]+", " ", printed)
 
 
-def test_run_on_frames_with_a_label_folder(bands: Path, done: Callable[..., str]) -> None:
+def test_a_run_takes_a_part_of_the_frames_and_a_label_folder(bands: Path, done: Callable[..., str]) -> None:
     labels = bands.parent / "boxes"
     labels.mkdir()
     (labels / "000002.txt").write_text("2 0.5 0.5 0.4 0.4 0.9\n", encoding="utf-8")
@@ -133,7 +133,7 @@ def test_missing_boxes_cause_a_warning(
     assert "No vehicle boxes" not in done("e")
 
 
-def test_detectors_without_effect_cause_a_line(bands: Path, done: Callable[..., str]) -> None:
+def test_a_detector_without_effect_causes_a_note(bands: Path, done: Callable[..., str]) -> None:
     answer = np.zeros((1, 5, yolox_cells(64, 64)), np.float32)
     model = write_answering(bands / "blind.onnx", answer, names="['car']")
     words = ["--detector", str(model), "--cache", str(bands.parent / "cache")]

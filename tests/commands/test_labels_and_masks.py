@@ -96,7 +96,7 @@ def test_names_of_other_labels_above_do_not_count(run: Say, labels: Path) -> Non
     assert removed(said) > 0
 
 
-def test_uncounted_numbers_are_told(run: Say, labels: Path) -> None:
+def test_class_numbers_that_do_not_count_are_listed(run: Say, labels: Path) -> None:
     (labels / "000003.txt").write_text(f"2 {BOX}7 {BOX}", encoding="utf-8")
     code, said = run("--labels", str(labels))
     assert code == 0
@@ -104,7 +104,7 @@ def test_uncounted_numbers_are_told(run: Say, labels: Path) -> None:
     assert "the others do not, class 0 (person): 5 boxes" in said
 
 
-def test_missing_surplus_and_shifted_files_are_told(run: Say, labels: Path) -> None:
+def test_missing_surplus_and_shifted_label_files_are_listed(run: Say, labels: Path) -> None:
     (labels / "000000.txt").rename(labels / "000006.txt")
     code, said = run("--labels", str(labels), "--filter.classes", "0")
     assert code == 0
@@ -113,7 +113,7 @@ def test_missing_surplus_and_shifted_files_are_told(run: Say, labels: Path) -> N
     assert "are the names shifted?" in said
 
 
-def test_removal_of_nothing_is_a_warning(run: Say, labels: Path, tmp_path: Path) -> None:
+def test_removal_of_no_feature_or_of_all_causes_a_warning(run: Say, labels: Path, tmp_path: Path) -> None:
     for path in labels.iterdir():
         path.write_text("2 0.01 0.01 0.01 0.01\n", encoding="utf-8")
     code, said = run("--labels", str(labels))
@@ -163,7 +163,7 @@ def test_settings_of_earlier_versions_are_read(run: Say, tmp_path: Path) -> None
         assert now["settings"]["filter"]["classes"] == new
 
 
-def test_settings_of_a_config_without_effect_are_told(run: Say, tmp_path: Path) -> None:
+def test_settings_of_a_config_without_effect_cause_a_note(run: Say, tmp_path: Path) -> None:
     path = tmp_path / "out" / "config.json"
     for method, changes, told in (
         ("viso2", {}, ""),
@@ -182,7 +182,7 @@ def test_settings_of_a_config_without_effect_are_told(run: Say, tmp_path: Path) 
 
 
 @pytest.mark.parametrize(("value", "words"), [(0, "no pixel is masked"), (1, "all pixels are masked")])
-def test_masks_of_nothing_or_everything_are_warnings(
+def test_masks_that_cover_nothing_or_everything_cause_a_warning(
     run: Say, tmp_path: Path, value: int, words: str
 ) -> None:
     cv2.imwrite(str(tmp_path / "mask.png"), np.full((240, 480), value, np.uint16))

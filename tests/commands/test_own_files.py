@@ -91,7 +91,7 @@ def test_input_is_never_replaced_by_the_result(
         assert contents(folder) == before[folder]
 
 
-def test_damaged_run_is_told_and_computed_again(
+def test_a_damaged_run_is_computed_again_with_a_note(
     bands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
@@ -112,7 +112,7 @@ def test_damaged_run_is_told_and_computed_again(
 
 
 @pytest.mark.parametrize("command", ["sweep", "reproduce"])
-def test_damaged_runs_of_a_table_are_told_and_computed_again(
+def test_damaged_runs_of_a_table_are_computed_again_with_a_note(
     bands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str
 ) -> None:
     out = tmp_path / "out"
@@ -131,7 +131,7 @@ def test_damaged_runs_of_a_table_are_told_and_computed_again(
 
 
 @pytest.mark.parametrize("command", ["run", "sweep", "reproduce"])
-def test_unknown_backend_of_matplotlib_is_told_before_the_work(
+def test_an_unknown_backend_of_matplotlib_is_refused_before_the_work(
     bands: Path, tmp_path: Path, command: str
 ) -> None:
     words = [sys.executable, "-m", "vo_lib", *commands(bands, tmp_path / "out")[command]]

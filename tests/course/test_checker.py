@@ -97,12 +97,14 @@ VERDICTS: list[tuple[Exercise, tuple[Any, ...], str]] = [
 
 
 @pytest.mark.parametrize(("exercise", "answer", "words"), VERDICTS)
-def test_each_verdict(exercise: Exercise, answer: tuple[Any, ...], words: str) -> None:
+def test_each_kind_of_answer_gets_its_verdict(
+    exercise: Exercise, answer: tuple[Any, ...], words: str
+) -> None:
     exercise.failures.clear()
     assert words in repr(exercise(*answer))
 
 
-def test_the_third_different_failure_in_a_row_is_told_the_line() -> None:
+def test_the_third_different_failure_in_a_row_shows_the_line_of_code() -> None:
     line = "try. In code: `x**2`."
     SQUARE.failures.clear()
     for answer in (lambda x: x + 2.0, lambda x: x + 2.0, lambda x: x + 3.0):
@@ -122,7 +124,7 @@ def begun_with_a_line(x: float) -> None:
     ...
 
 
-def test_an_untouched_function_is_no_try_and_no_alarm() -> None:
+def test_an_untouched_function_counts_as_no_try_and_shows_no_alarm() -> None:
     for untouched in (begun, begun_with_a_line):
         verdict = SQUARE(untouched)
         assert "there is no answer" in verdict.message

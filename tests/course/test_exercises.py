@@ -135,7 +135,7 @@ def test_a_wrong_answer_is_refused_with_the_hint_meant_for_it(entry: str) -> Non
 
 
 @pytest.mark.parametrize("name", TABLES)
-def test_every_check_stands_answers_that_are_none(name: str) -> None:
+def test_every_check_refuses_values_that_are_no_answer_without_an_error(name: str) -> None:
     values = ["text", [], object(), np.full(3, np.nan), np.zeros((2, 0, 7)), [[1], [2, 3]], 1j, iter("ab")]
     functions: list[Any] = [
         lambda: 0,

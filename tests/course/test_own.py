@@ -94,7 +94,7 @@ def test_a_mixed_path_has_the_turns_of_one_and_the_steps_of_the_other() -> None:
     np.testing.assert_allclose(T[:, :3, 3], expected[:, :3, 3], atol=1e-12)
 
 
-def test_a_stage_that_is_much_slower_than_the_librarys_is_told() -> None:
+def test_a_stage_that_is_much_slower_than_the_librarys_is_reported() -> None:
     def slow_chain(motions: Any) -> Any:
         time.sleep(0.3)
         return ch00.chain.right(motions)
@@ -164,7 +164,7 @@ MOVED = "from vo_lib.core.geometry import inverse"
         (MOVED, "compare its imports with those of the chapter"),
     ],
 )
-def test_a_module_of_mine_that_cannot_be_run_is_told(
+def test_a_module_of_ones_own_that_cannot_be_run_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, line: str, words: str
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -28,7 +28,7 @@ def test_a_right_and_a_wrong_answer_run_as_they_are(capsys: pytest.CaptureFixtur
     assert capsys.readouterr().out == ""
 
 
-def test_an_answer_that_is_still_missing_is_told_once(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_answer_that_is_still_missing_is_reported_once(capsys: pytest.CaptureFixture[str]) -> None:
     def mine(values: Any) -> Any: ...
 
     function = own_or_library(mine, double)
@@ -52,7 +52,7 @@ def test_an_answer_that_is_still_missing_is_told_once(capsys: pytest.CaptureFixt
         (lambda values: values, lambda values: (values, values), "does not return 2 results"),
     ],
 )
-def test_an_answer_that_cannot_be_drawn_is_told(
+def test_an_answer_that_cannot_be_drawn_is_reported(
     answer: Any, library: Any, words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     function = own_or_library(answer, library)
@@ -88,5 +88,5 @@ def test_an_answer_cannot_change_the_data_of_the_cell() -> None:
         (VALUES * np.nan, VALUES, "3 of 3 numbers are not finite"),
     ],
 )
-def test_how_far_results_are_apart(own: Any, library: Any, words: str) -> None:
+def test_the_distance_between_two_results_is_stated_in_words(own: Any, library: Any, words: str) -> None:
     assert apart(own, library, "px") == words

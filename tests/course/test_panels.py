@@ -606,7 +606,7 @@ def test_unfinished_pictures_of_the_slow_panels_say_so(
         assert not np.isnan([*panel.facts.values()]).all()
 
 
-def test_sliders_stand_where_the_value_is(panel: Panel) -> None:
+def test_sliders_show_the_value_that_runs(panel: Panel) -> None:
     """Else the browser shows another number than the one that runs."""
     sliders = {name: knob.widget for name, knob in panel.knobs.items()}
     for name, slider in sliders.items():
@@ -868,7 +868,7 @@ def test_marks_of_a_text_become_html(text: str, as_html: str) -> None:
         (" , ", "classes: type a comma-separated list of class names, such as vehicles"),
     ],
 )
-def test_what_is_said_about_classes_names_the_control(
+def test_messages_about_classes_name_the_control_of_the_panel(
     model: str, typed: str, says: str, street: Sequence
 ) -> None:
     panel = ch05.FilteringPanel(street, view__model=model)

@@ -48,7 +48,7 @@ def test_table_1_is_run(road: Path) -> None:
     assert panel.tables.value == ran
 
 
-def test_a_path_without_a_sub_sequence_is_told(road: Path) -> None:
+def test_a_path_without_a_sub_sequence_is_reported(road: Path) -> None:
     panel = panel_of(road)
     panel.set(view__frames=20)
     panel.run()

@@ -151,7 +151,7 @@ def test_files_of_other_systems_have_other_encodings(tmp_path: Path, encoding: s
     assert_is_the_path(tmp_path / "path.csv")
 
 
-def test_rows_of_other_topics_are_skipped_and_told(tmp_path: Path) -> None:
+def test_rows_of_other_topics_are_skipped_with_a_note(tmp_path: Path) -> None:
     lines = text_of("time,x,y,z,qx,qy,qz,qw,imu", lambda k: [seconds(k), *position(k), *quaternion(k), ""])
     lines = lines.replace("\n1403636580.06", "\n1403636580.01,,,,,,,,5\n1403636580.06")
     (tmp_path / "path.csv").write_text(lines, encoding="utf-8")

@@ -46,7 +46,7 @@ def test_times_in_another_unit_are_refused_with_its_name(unit: float, name: str,
     assert f"; those of gt are probably {name}: divide them by 1e" in message
 
 
-def test_other_clocks_and_shifts_are_told() -> None:
+def test_times_of_another_clock_or_with_an_offset_are_explained() -> None:
     message = time_mismatch(SECONDS, SECONDS - SECONDS[0], "gt", 0.01)
     assert "the clocks differ by about 1403636579.75 s" in message
     message = time_mismatch(SECONDS, 1e3 * (SECONDS - SECONDS[0]), "gt", 0.01)

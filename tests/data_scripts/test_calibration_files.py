@@ -122,7 +122,7 @@ KALIBR = {
 
 
 @pytest.mark.parametrize("name", KALIBR)
-def test_kalibr_chain(tmp_path: Path, name: str) -> None:
+def test_a_kalibr_chain_is_read(tmp_path: Path, name: str) -> None:
     truth, model, distortion, scale = KALIBR[name]
     path = write(tmp_path / "camchain.yaml", chain(truth, model, distortion))
     calibration = read(path)
@@ -143,7 +143,7 @@ def test_kalibr_chain_without_a_size_is_read(tmp_path: Path) -> None:
     assert calibration.size is None
 
 
-def test_kalibr_chain_whose_first_camera_is_the_right_one(tmp_path: Path) -> None:
+def test_a_kalibr_chain_whose_first_camera_is_the_right_one_is_read(tmp_path: Path) -> None:
     truth = TrueRig("radtan", RADTAN, T_R_L)
     cameras = chain(truth, "pinhole", "radtan")
     reverse = {
@@ -156,7 +156,7 @@ def test_kalibr_chain_whose_first_camera_is_the_right_one(tmp_path: Path) -> Non
     assert "cam1 is the left camera and cam0 the right one" in calibration.notes[0]
 
 
-def test_kalibr_chain_of_more_cameras_and_with_an_imu(tmp_path: Path) -> None:
+def test_a_kalibr_chain_of_more_cameras_and_with_an_imu_is_read(tmp_path: Path) -> None:
     truth = TrueRig("radtan", RADTAN, T_R_L)
     cameras = chain(truth, "pinhole", "radtan")
     behind = {**cameras["cam0"], "cam_overlaps": []}
@@ -218,7 +218,7 @@ ROS = {
 
 
 @pytest.mark.parametrize("model", ROS)
-def test_ros_camera_info(tmp_path: Path, model: str) -> None:
+def test_ros_camera_info_is_read(tmp_path: Path, model: str) -> None:
     left, right = camera_infos(ROS[model], model)
     paths = [write(tmp_path / "left.yaml", left), write(tmp_path / "right.yaml", right)]
     write(tmp_path / "ost.txt", "not read")
@@ -236,7 +236,7 @@ def test_ros_camera_info(tmp_path: Path, model: str) -> None:
 
 
 @pytest.mark.parametrize("lower", [False, True])
-def test_ros_messages(tmp_path: Path, lower: bool) -> None:
+def test_ros_messages_are_read(tmp_path: Path, lower: bool) -> None:
     """`rostopic echo` of ROS 1 and, with small letters, `ros2 topic echo`."""
     truth, paths = ROS["plumb_bob"], []
     names = {"camera_matrix": "K", "distortion_coefficients": "D"}
@@ -256,7 +256,7 @@ def test_ros_messages(tmp_path: Path, lower: bool) -> None:
     require_true(read(*paths), truth)
 
 
-def test_ros_ost(tmp_path: Path) -> None:
+def test_ros_ost_files_are_read(tmp_path: Path) -> None:
     truth = ROS["plumb_bob"]
     lines = ["# oST version 5.0 parameters", "", "", "[image]", "", "width", "640", "", "height", "400", ""]
     for camera in camera_infos(truth, "plumb_bob"):
@@ -311,7 +311,7 @@ RECTIFIED = TrueRig("radtan", ([0.0] * 5, [0.0] * 5), rigid(np.eye(3), np.array(
 
 
 @pytest.mark.parametrize("form", ["left right", "infrared", "nested", "baseline", "position"])
-def test_realsense_rectified_infrared(tmp_path: Path, form: str) -> None:
+def test_rectified_infrared_cameras_of_realsense_are_read(tmp_path: Path, form: str) -> None:
     """The infrared images of a D435 are rectified: both cameras have the same K, and no distortion."""
     model = "distortion.brown_conrady" if form == "nested" else "Inverse Brown Conrady"
     camera = intrinsics_dump(K_L, [0.0] * 5, model)
@@ -409,7 +409,9 @@ def conf(truth: TrueRig, other: str = "FHD", newer: bool = False) -> str:
         ),
     ],
 )
-def test_zed_conf(tmp_path: Path, truth: TrueRig, newer: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_zed_conf_is_read(
+    tmp_path: Path, truth: TrueRig, newer: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     # The size of the test's rig is not one of a ZED camera.
     monkeypatch.setattr("fetch.calibrations.zed.SIZES", {SIZE: "SVGA", (1920, 1080): "FHD"})
     path = write(tmp_path / "SN12345.conf", conf(truth, newer=newer))
@@ -450,7 +452,7 @@ OPENCV = TrueRig("radtan", PLUMB_BOB, T_R_L)
 
 
 @pytest.mark.parametrize("spelling", SPELLINGS)
-def test_numpy_archive(tmp_path: Path, spelling: str) -> None:
+def test_a_numpy_archive_is_read(tmp_path: Path, spelling: str) -> None:
     values = [K_L, np.array([PLUMB_BOB[0]]), K_R, np.array(PLUMB_BOB[1]), T_R_L[:3, :3], T_R_L[:3, 3:]]
     matrices: dict[str, Any] = dict(zip(spelling.split(), values, strict=True))
     # What tutorials store beside: corners as objects, errors, E, F and Q.
@@ -463,7 +465,7 @@ def test_numpy_archive(tmp_path: Path, spelling: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["stereo.json", "stereo.yaml"])
-def test_matrices_dumped_as_lists(tmp_path: Path, name: str) -> None:
+def test_matrices_dumped_as_lists_are_read(tmp_path: Path, name: str) -> None:
     left = {"camera_matrix": K_L.tolist(), "dist_coeffs": [PLUMB_BOB[0]]}
     right = {"camera_matrix": K_R.tolist(), "dist_coeffs": [PLUMB_BOB[1]]}
     pair = {"R": T_R_L[:3, :3].tolist(), "T": T_R_L[:3, 3:].tolist(), "image_size": list(SIZE)}
@@ -474,7 +476,7 @@ def test_matrices_dumped_as_lists(tmp_path: Path, name: str) -> None:
     require_true(read(write(tmp_path / name, {**flat, **pair})), OPENCV)
 
 
-def test_numpy_archive_in_millimetres_with_its_size(tmp_path: Path) -> None:
+def test_a_numpy_archive_in_millimetres_with_its_size_is_read(tmp_path: Path) -> None:
     values = {"mtxL": K_L, "distL": PLUMB_BOB[0], "mtxR": K_R, "distR": PLUMB_BOB[1]}
     path = tmp_path / "stereo.npz"
     extrinsics = {"R": cv2.Rodrigues(T_R_L[:3, :3])[0], "T": 1000 * T_R_L[:3, 3]}
@@ -492,7 +494,7 @@ def test_numpy_archive_in_millimetres_with_its_size(tmp_path: Path) -> None:
         calibration.rig((320, 200))
 
 
-def test_one_archive_per_camera(tmp_path: Path) -> None:
+def test_one_archive_for_each_camera_is_read(tmp_path: Path) -> None:
     for name, K, D in (("left", K_L, PLUMB_BOB[0]), ("right", K_R, PLUMB_BOB[1])):
         save(tmp_path / f"{name}_calib.npz", mtx=K, dist=D)
     save(tmp_path / "stereo.npz", R=T_R_L[:3, :3], T=T_R_L[:3, 3])
@@ -515,7 +517,7 @@ def test_two_different_matrices_are_refused(tmp_path: Path) -> None:
         read(tmp_path / "c.pkl")
 
 
-def test_four_distortion_numbers_of_opencv(tmp_path: Path) -> None:
+def test_four_distortion_numbers_are_radial_tangential_unless_fisheye_is_given(tmp_path: Path) -> None:
     """OpenCV's names do not tell whether four numbers are of a pinhole or of a fisheye lens."""
     for truth, fisheye in (
         (TrueRig("radtan", RADTAN, T_R_L), False),
@@ -583,7 +585,7 @@ def test_kitti_calib_chooses_the_cameras_of_the_images(tmp_path: Path) -> None:
         read(grey, size=KITTI_SIZE, folders=("image_2", "image_3"))
 
 
-def test_kitti_raw_calibration_of_rectified_and_raw_images(tmp_path: Path) -> None:
+def test_kitti_raw_calibrations_of_rectified_and_raw_images_are_read(tmp_path: Path) -> None:
     truth = TrueRig("radtan", PLUMB_BOB, T_R_L)
     to_left = rigid(rotation_from_vector(np.array([0.004, 0.007, -0.01])), np.array([0.06, 0.001, 0.003]))
 

@@ -170,7 +170,9 @@ def test_times_that_no_camera_has_are_refused(tmp_path: Path, capsys: pytest.Cap
     assert not (tmp_path / "a").exists()
 
 
-def test_the_unit_of_a_baseline_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_baseline_of_tens_of_metres_is_refused_with_its_likely_unit(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     bands = write_bands(tmp_path / "bands", 2)
     for baseline, unit in (("54", "cm"), ("540", "mm")):
         assert imported(bands, tmp_path / "a", *CAMERA[:-1], baseline) == 2

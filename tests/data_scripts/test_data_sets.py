@@ -68,7 +68,7 @@ def test_usual_descriptions_are_read(top: Path, text: str) -> None:
     assert data.outside() == []
 
 
-def test_path_leads_to_another_folder_which_is_named(top: Path) -> None:
+def test_a_path_to_another_folder_is_followed_and_reported(top: Path) -> None:
     for split in ("train", "valid"):  # the folder of data.yaml has images too
         images(top / "other" / split, "wrong.png")
     data = described(top / "other", f"path: {top}/set\n" + SPLITS)

@@ -128,7 +128,7 @@ def test_a_row_of_the_times_belongs_to_each_frame(drive: Path) -> None:
     assert len(read_raw_drive(drive).times) == 8
 
 
-def test_a_drive_with_colour_images_alone(drive: Path) -> None:
+def test_a_raw_drive_with_colour_images_alone_is_read(drive: Path) -> None:
     """The left colour camera is 0.06 m to the right of the grey one, with another baseline."""
     for grey, colour in (("image_00", "image_02"), ("image_01", "image_03")):
         (drive / grey).rename(drive / colour)

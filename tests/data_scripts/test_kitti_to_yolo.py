@@ -71,7 +71,7 @@ def test_split_separates_drives(objects: Path) -> None:
         assert len(parts["train"]) + len(parts["valid"]) == 6
 
 
-def test_data_set_round_trip(objects: Path, tmp_path: Path) -> None:
+def test_a_data_set_survives_a_round_trip(objects: Path, tmp_path: Path) -> None:
     words = [str(objects), str(tmp_path / "set"), "--mapping", str(objects / "train_mapping.txt")]
     assert kitti_to_yolo([*words, "--order", str(objects / "train_rand.txt")]) == 0
     labels = sorted((tmp_path / "set").glob("*/labels/*.txt"))

@@ -38,14 +38,14 @@ def test_names_are_read_from_every_notation(text: str) -> None:
 
 
 @given(st.lists(st.text(st.characters(codec="utf-8"), max_size=20), min_size=1, max_size=30), st.booleans())
-def test_any_names_survive(names: list[str], as_json: bool) -> None:
+def test_names_of_any_letters_are_read_as_they_were_written(names: list[str], as_json: bool) -> None:
     numbered = dict(enumerate(names))
     text = json.dumps(numbered) if as_json else str(numbered)
     assert read_names(text) == tuple(" ".join(name.split()) for name in names)
 
 
 @pytest.mark.parametrize("text", ["", "  ", "{}", "[]", "None", "null"])
-def test_no_names_are_no_names(text: str) -> None:
+def test_a_text_without_names_means_that_the_model_has_none(text: str) -> None:
     assert read_names(text) is None
 
 
@@ -67,7 +67,7 @@ def test_no_names_are_no_names(text: str) -> None:
         ("[['car'], ['truck']]", "are not all text"),
     ],
 )
-def test_other_text_is_refused(text: str, words: str, tmp_path: Path) -> None:
+def test_unreadable_or_badly_numbered_names_are_refused(text: str, words: str, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=words):
         read_names(text)
     path = write_answering(tmp_path / "m.onnx", np.zeros((1, 6, 84)), names=text)
@@ -91,7 +91,7 @@ def test_cocos_names_are_only_taken_where_a_model_has_none(tmp_path: Path) -> No
         YoloDetector(path)
 
 
-def test_the_other_entries() -> None:
+def test_image_size_task_and_suppression_are_read_from_the_metadata() -> None:
     assert [
         read_size(text) for text in ("[640, 640]", "(384, 672)", "800", "", "big", "[8, 8]", "99999")
     ] == [

@@ -27,7 +27,9 @@ sides = st.integers(16, 2000)
 
 
 @given(sides, sides, st.integers(1, 30), st.integers(1, 30), st.booleans())
-def test_letterbox_round_trip(width: int, height: int, columns: int, rows: int, centred: bool) -> None:
+def test_boxes_survive_the_way_to_the_network_and_back(
+    width: int, height: int, columns: int, rows: int, centred: bool
+) -> None:
     letterbox = fit_letterbox(width, height, 32 * columns, 32 * rows, centred)
     box = np.array([[0.2 * width, 0.1 * height, 0.9 * width, 0.7 * height]])
     inside = box * letterbox.scale + [letterbox.left, letterbox.top, letterbox.left, letterbox.top]
@@ -153,7 +155,9 @@ def test_street_model_detects_vehicles_of_a_new_street(street: Sequence) -> None
 @pytest.mark.parametrize(
     ("model", "recall", "precision"), [("yolov8n_int8", 0.79, 0.61), ("yolox_nano", 0.74, 0.63)]
 )
-def test_recall_and_precision_on_drive_0005(model: str, recall: float, precision: float) -> None:
+def test_detectors_find_the_labelled_vehicles_of_drive_0005(
+    model: str, recall: float, precision: float
+) -> None:
     path = SHARED / "models" / f"{model}.onnx"
     if not path.exists():
         pytest.skip("the detectors are not beside this checkout (shared/data/models)")

@@ -192,7 +192,7 @@ def test_alignment_recovers_motion_and_scale(seed: int, world: int, scale: float
     assert result == pytest.approx(1.0 / scale)
 
 
-def test_ate_of_shifted_and_mirrored_paths() -> None:
+def test_ate_of_a_shifted_path_is_the_shift_and_no_alignment_mirrors() -> None:
     truth, _ = random_pair(1)
     shifted = rigid(np.eye(3), np.array([3.0, 0.0, 4.0])) @ truth
     none = absolute_error(truth, shifted, Alignment.NONE)

@@ -80,7 +80,7 @@ def test_standard_deviation_is_that_of_a_sample() -> None:
     assert np.isnan(standard_deviation(values[:1])).all()
 
 
-def test_intervals_of_a_known_sample() -> None:
+def test_intervals_of_a_small_sample_are_those_computed_by_hand() -> None:
     # Mean 3, deviation √2.5, five values: t(4) = 2.776.
     values = [1.0, 2.0, 3.0, 4.0, 5.0]
     mean = mean_interval(values)

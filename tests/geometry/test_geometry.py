@@ -55,7 +55,7 @@ def test_motion_times_inverse_is_identity(w: Array, t: Array) -> None:
 
 
 @given(vectors)
-def test_quaternion_round_trip(w: Array) -> None:
+def test_rotations_survive_a_round_trip_through_quaternions(w: Array) -> None:
     R = rotation_from_vector(w)
     q = quaternion_from_rotation(R)
     assert q[3] >= 0

@@ -62,7 +62,7 @@ def test_oncoming_car_moves_and_parked_car_does_not() -> None:
     assert MOVING not in [state[1] for state in states(result)]
 
 
-def test_box_without_features_is_unknown() -> None:
+def test_the_state_of_a_box_without_features_is_unknown() -> None:
     first, frames = drive([Vehicle((0.3, 0.8, 14.0), AHEAD)], 2)
     bare = [
         (matches[np.asarray(~inside(matches.cur_left, boxes.xyxy).any(axis=1))], boxes)
@@ -82,7 +82,7 @@ def test_stopped_car_becomes_parked() -> None:
     assert result[-1] == [PARKED]
 
 
-def test_van_and_truck_of_drive_0005() -> None:
+def test_the_van_of_drive_0005_moves_and_the_truck_is_parked() -> None:
     sequence = labelled_drive_0005().part(0, 24)
     config = preset("moving_selection", variant="kit")
     classifier = BoxMotionClassifier(sequence.camera, config.filter)

@@ -38,7 +38,7 @@ def errors(**terms: float) -> Array:
     return np.array([named.get(name, 0.0) for name in ERROR_NAMES])
 
 
-def test_calibration_file_round_trip(learnt: Calibration, tmp_path: Path) -> None:
+def test_calibration_survives_a_round_trip_through_its_file(learnt: Calibration, tmp_path: Path) -> None:
     path = tmp_path / "calibration.json"
     path.write_text(learnt.to_json(), encoding="utf-8")
     again = read_learnt_calibration(path)

@@ -9,7 +9,7 @@ from vo_lib.kit.corners import corner_strength, detect_corners, in_empty_cells
 from vo_lib.kit.settings import KitFeatureConfig
 
 
-def test_corners_of_a_square_without_its_edges() -> None:
+def test_corners_of_a_square_are_found_and_its_edges_are_not() -> None:
     image = np.zeros((120, 160), np.uint8)
     image[40:80, 50:110] = 200
     uv, strength = detect_corners(corner_strength(image), KitFeatureConfig())

@@ -76,7 +76,7 @@ def test_each_part_of_the_front_end_changes_the_matches(
     assert not all(same)
 
 
-def test_matches_without_prediction_and_second_search_do_not_end(
+def test_matching_goes_on_without_prediction_and_second_search(
     disturbed: tuple[StereoCamera, list[tuple[Image, Image]]],
 ) -> None:
     # Without a prediction there is only one search; it is not a second one.
@@ -150,7 +150,7 @@ def test_left_out_faults_have_no_variance() -> None:
     )
 
 
-def test_without_rows_and_without_shrinking() -> None:
+def test_rows_and_shrinking_can_be_left_out_of_the_calibration() -> None:
     rig = Rig(CAMERA, CalibrationConfig(without=("rows",)))
     for matches, _, _ in drive(3, FAULTS):
         rig.update_from_rows(matches)

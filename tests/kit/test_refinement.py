@@ -63,7 +63,7 @@ def test_refinement_derivative_equals_finite_differences(axis: str, turned: floa
 @pytest.mark.parametrize("mode", ["literal", "refined"])
 @pytest.mark.parametrize("axis", AXES)
 @pytest.mark.parametrize("turned", [2.0, 30.0, 50.0])
-def test_motion_of_a_winner_with_a_large_rotation(mode: str, axis: str, turned: float) -> None:
+def test_the_motion_of_a_winner_is_exact_for_large_rotations(mode: str, axis: str, turned: float) -> None:
     R = turn(axis, turned)
     x_p, x_c, X_p = visible_points(R)
     # The winner is near the truth; the refined winner is the truth.

@@ -32,7 +32,7 @@ def random_graph(seed: int) -> tuple[Array, Edges]:
     return start, Edges(first, second, motion, np.tile(SIGMA, (len(first), 1)), is_loop)
 
 
-def test_derivatives_are_those_of_differences() -> None:
+def test_pose_graph_derivatives_equal_finite_differences() -> None:
     poses, edges = random_graph(3)
     r, first, second = linearised(poses, edges)
     h = 1e-6
@@ -47,7 +47,7 @@ def test_derivatives_are_those_of_differences() -> None:
 
 
 @pytest.mark.parametrize("scale", [np.inf, 3.0])
-def test_the_optimum_is_gtsams(scale: float) -> None:
+def test_pose_graph_has_the_same_optimum_as_gtsam(scale: float) -> None:
     gtsam: Any = pytest.importorskip("gtsam", exc_type=ImportError)
     for seed in range(100):
         start, edges = random_graph(seed)

@@ -107,7 +107,7 @@ def test_pose_graph_of_all_places_fits_in_memory() -> None:
     assert LoopConfig(places=600).places ** 2 * 36 * 8 < 110e6
 
 
-def test_loops_take_out_the_drift_and_a_false_one_has_no_weight() -> None:
+def test_true_loops_remove_the_drift_and_a_false_loop_has_no_weight() -> None:
     truth, drifted = circle(80, 0.0), circle(80, 0.004)
     config = LoopConfig(frame_turn=0.2)
     pairs = [(k, k + 40) for k in range(0, 40, 5)]
@@ -124,7 +124,7 @@ def test_loops_take_out_the_drift_and_a_false_one_has_no_weight() -> None:
     assert worst(believed.poses, truth) > worst(drifted, truth)
 
 
-def test_frames_between_places_are_carried_along() -> None:
+def test_frames_between_places_move_with_their_neighbours() -> None:
     poses, frames = circle(23, 0.0), np.arange(0, 23, 5)
     assert interpolate_corrections(poses, frames, poses[frames]) == pytest.approx(poses, abs=1e-12)
     drifted = circle(23, 0.01)

@@ -26,7 +26,7 @@ def test_margin_is_a_fraction_of_the_box() -> None:
     assert in_boxes(uv, box(10, 10, 20, 20), KitFilterConfig(margin=0.2)).all()
 
 
-def test_overlap_of_boxes() -> None:
+def test_overlap_is_intersection_over_union() -> None:
     a = np.array([[0.0, 0.0, 10.0, 10.0], [20.0, 0.0, 30.0, 10.0]])
     np.testing.assert_allclose(overlap(a, a), np.eye(2))
     np.testing.assert_allclose(overlap(a[:1], np.array([[5.0, 0.0, 15.0, 10.0]])), [[1 / 3]])

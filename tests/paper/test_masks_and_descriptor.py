@@ -36,7 +36,7 @@ def strongest(result: Described, kind: int) -> tuple[tuple[float, ...], float]:
 
 
 @pytest.mark.parametrize(("height", "kind"), [(50, BLOB_UP), (-50, BLOB_DOWN)])
-def test_blob_mask_on_a_dot(height: int, kind: int) -> None:
+def test_blob_mask_is_strongest_on_a_dot(height: int, kind: int) -> None:
     image, (u, v) = flat(), CENTRE
     image[v - 1 : v + 2, u - 1 : u + 2] += np.int8(height).astype(np.uint8)  # modulo 256
     result = describe(image, FeatureConfig())
@@ -47,7 +47,7 @@ def test_blob_mask_on_a_dot(height: int, kind: int) -> None:
 
 
 @pytest.mark.parametrize(("bright", "kind"), [("upper right", CORNER_UP), ("upper left", CORNER_DOWN)])
-def test_corner_mask_on_a_chessboard(bright: str, kind: int) -> None:
+def test_corner_mask_is_strongest_where_four_fields_meet(bright: str, kind: int) -> None:
     image, (u, v) = flat(), CENTRE
     right, left = slice(u, None), slice(None, u)
     image[:v, right if bright == "upper right" else left] = 180

@@ -34,7 +34,7 @@ def test_a_change_concerns_only_the_methods_that_use_it() -> None:
     )
 
 
-def test_a_value_that_some_presets_have_is_told() -> None:
+def test_a_block_names_the_presets_that_already_have_its_value() -> None:
     (sentence,) = Block("published", (("buckets.features", 2),)).described(PUBLISHED)
     assert sentence == (
         "buckets.features is 2, as in the presets in viso2; instead of 3 in mesvo_f, solution_selection, "

@@ -204,7 +204,9 @@ def test_evaluate_writes_the_same_bytes(tmp_path: Path, capsys: pytest.CaptureFi
         assert [each["length_m"] for each in result["ours"]["by_length"]] == [20.0]
 
 
-def test_evaluate_options_of_rpe_and_times(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_evaluate_takes_the_interval_of_rpe_and_the_tolerance_of_times(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     truth, times = straight(101, 0.5), np.arange(101.0)
     (tmp_path / "truth.txt").write_text(format_tum(times, truth))
     (tmp_path / "ours.txt").write_text(format_tum(times + 0.2, scaled(truth, 1.1)))
@@ -313,7 +315,7 @@ def test_times_in_other_units_are_refused_with_both_ranges(
 
 
 @pytest.mark.parametrize("header", ["timestamp,tx,ty,tz,qw,qx,qy,qz\n", ""])
-def test_a_lie_about_the_order_of_quaternions_is_told_on_a_gentle_path(
+def test_quaternions_in_another_order_than_stated_are_noticed_on_a_gentle_path(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], header: str
 ) -> None:
     truth = winding_road(200, 0.02, 1.0)
@@ -330,7 +332,7 @@ def test_a_lie_about_the_order_of_quaternions_is_told_on_a_gentle_path(
     assert "another order" not in printed(capsys, tmp_path / "est.csv", "--truth", tmp_path / "truth.tum")
 
 
-def test_paths_that_do_not_fit_the_truth_are_doubted(
+def test_paths_that_do_not_fit_the_truth_cause_a_warning(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     truth = winding_road(150, 0.3, 1.07)
@@ -357,7 +359,7 @@ def test_a_part_of_a_sequence_is_never_as_kitti(tmp_path: Path, capsys: pytest.C
     assert open_sequence(tmp_path / "bands").is_part
 
 
-def test_changed_poses_of_a_run_are_told(
+def test_evaluate_warns_of_poses_that_changed_since_the_run(
     runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     shutil.copytree(runs / "a", tmp_path / "a")
@@ -453,7 +455,9 @@ def test_paths_without_truth_start_at_the_same_pose(
     assert "the 140 poses at times that all paths have" in " ".join(sequence["notes"])
 
 
-def test_what_is_unknown_without_truth_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_evaluate_without_truth_names_what_the_paths_do_not_say(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     road = winding_road(150, 0.3, 1.07)
     write_kitti_poses(tmp_path / "plain.txt", road)
     assert alone(capsys, tmp_path / "plain.txt")["systems"][0]["path"]["duration_s"] is None

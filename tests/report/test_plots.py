@@ -21,7 +21,7 @@ from vo_lib.report.plots import (
 )
 
 
-def test_match_image_colours() -> None:
+def test_match_image_shows_kept_and_removed_matches_in_two_colours() -> None:
     prev = np.array([[20.0, 30.0], [70.0, 30.0]])
     cur = np.array([[30.0, 30.0], [80.0, 30.0]])
     one = np.ones(2, np.int64)

@@ -208,7 +208,7 @@ def test_a_path_without_sub_sequences_has_a_sentence_and_no_row() -> None:
     ]
 
 
-def test_table_as_markdown_and_csv() -> None:
+def test_table_is_written_as_markdown_and_csv() -> None:
     entries = [entry_of("kitti/00", 300, [1.0, 1.1], m) for m in ("viso2", "mesvo_f")]
     group = group_of(*entries, entry_of("kitti/02", 300, [2.0, 2.1]))
     (table,) = layout(group)
@@ -449,7 +449,7 @@ def test_missing_sequences_may_be_accepted(tree: Path, capsys: pytest.CaptureFix
     assert "The other runs" not in printed
 
 
-def test_part_of_each_sequence(tree: Path) -> None:
+def test_a_table_may_take_a_part_of_each_sequence(tree: Path) -> None:
     words = ["--sequences", "02,07", "--variant", "published", "--frames", "1:5"]
     assert reproduce(tree, *words) == 0
     configs = [

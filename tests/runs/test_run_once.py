@@ -251,7 +251,7 @@ def test_folder_with_other_files_needs_fresh(
     assert (folder / "notes.md").read_text(encoding="utf-8") == "mine"
 
 
-def test_run_folder_round_trip(sequence: Sequence, folder: Path) -> None:
+def test_a_run_survives_a_round_trip_through_its_folder(sequence: Sequence, folder: Path) -> None:
     result, _ = run_once(folder, sequence, boxed(), "m")
     back = read_run(folder, sequence)
     assert back.config == result.config
