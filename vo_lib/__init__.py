@@ -15,8 +15,12 @@ import os
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from .old_notebooks import watch_notebook
+
 # This variable disables ONNX Runtime's telemetry, if set before the import.
 os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
+
+watch_notebook()
 
 if TYPE_CHECKING:
     from .config import METHODS as METHODS

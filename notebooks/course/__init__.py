@@ -3,9 +3,15 @@
 `panel` has the base class of all panels, and `controls` makes controls from declared settings. `frames` has
 frames and their matches. `drawing` has the style of the pictures. `progress` has threads for work of more
 than a second. `checker` checks answers to exercises, `stored_answers` saves answers that passed, and
-`own_functions` runs them on frames beside the library's.
+`own_functions` runs them on frames beside the library's. `records` writes down what the checks said, and `tasks`,
+`submissions`, `grading`, `marks` and `hand_in` are for handing in and marking.
 """
 
+from .kernel import require_kit
+
+require_kit()  # before the imports that need it
+
+from .checker import strict as strict
 from .drawing import figure as figure
 from .drawing import finish as finish
 from .drawing import show as show

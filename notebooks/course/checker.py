@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import inspect
+import os
 import warnings
 from collections import defaultdict
 from collections.abc import Callable, Mapping
@@ -14,6 +15,7 @@ import numpy as np
 
 from vo_lib.geometry.types import Array
 
+from .records import record
 from .results import (
     SHORT,
     Unusable,
@@ -34,7 +36,28 @@ Case = tuple[Any, ...]  # the inputs of a call
 LONGEST = 80  # maximal length of an input in a message, characters
 TRIES = 3  # different wrong answers in a row, after which the line of code is shown
 FLOAT32 = 1e-5  # relative tolerance of results in single precision
+STRICT = "COURSE_STRICT"  # environment variable
 NO_ANSWER = Verdict(False, "there is no answer: replace the dots.", tried=False)
+
+
+def strict(on: bool = True) -> None:
+    """Let the checks raise `NotRight` for an answer that is not right, in place of showing it.
+
+    A program that gives marks to the cells that end without an error needs this. The environment variable
+    COURSE_STRICT=1 does the same.
+    """
+    os.environ[STRICT] = "1" if on else "0"
+
+
+class NotRight(AssertionError):
+    """A wrong or missing answer, if the checks are strict."""
+
+
+def decided(verdict: Verdict) -> Verdict:
+    """The verdict; if the checks are strict and it is not right, `NotRight` is raised."""
+    if not verdict.passed and os.environ.get(STRICT, "0") not in ("", "0"):
+        raise NotRight(repr(verdict))
+    return verdict
 
 
 @dataclass(frozen=True)
@@ -136,9 +159,10 @@ class Exercise:
 
     def __call__(self, answer: Any, *data: Any) -> Verdict:
         if any(each is None or each is ... for each in (answer, *data)) or is_stub(answer):
-            return NO_ANSWER
+            return decided(NO_ANSWER)
         self._given = ""
         verdict = self.grade(answer, *data)
+        record(self, answer, verdict)
         if verdict.passed:
             self.failures.clear()
             return (
@@ -147,7 +171,9 @@ class Exercise:
         # All answers that cannot be compared count as one.
         self.failures.add("" if isinstance(verdict, Unusable) else self._given)
         told_again = len(self.failures) >= TRIES and self.more != verdict.hint
-        return replace(verdict, hint=f"{verdict.hint} {self.more}".strip()) if told_again else verdict
+        return decided(
+            replace(verdict, hint=f"{verdict.hint} {self.more}".strip()) if told_again else verdict
+        )
 
     def grade(self, answer: Any, *data: Any) -> Verdict:
         """The verdict on an answer, without counting failures or saving functions."""

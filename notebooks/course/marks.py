@@ -1,87 +1,132 @@
-"""Marks of a class: for the `my_vo.py` of each student, the functions that pass the checks of the exercises.
+"""Marks of a class: for each student, the exercises that are solved.
 
+    python -m course.marks class/ --chapters 0,3,5,8 --csv marks.csv
     python -m course.marks my_vo.py
-    python -m course.marks --json class/*/my_vo.py
+    python -m course.marks --json anna.zip ben.zip
 
-Run the command in the folder of the notebooks. The command executes the code of the students.
+Run the command in the folder of the notebooks. A student is a zip of `vo lab --hand-in`, a folder of the course, or a
+file my_vo.py; a folder of a class contains several. The command executes the functions of the students, in a process
+for each student that ends after a limit: use an account without anything of value.
 """
 
 from __future__ import annotations
 
 import argparse
-import functools
-import importlib
 import json
-import re
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from vo_lib.commands.console import ENDINGS, OneLineParser, exit_code
 from vo_lib.errors import DataError
+from vo_lib.files import csv_text, write_atomic
 
-from .checker import Exercise
-from .results import Verdict
-from .stored_answers import load
+from .grading import LIMIT_S, grade
+from .submissions import find_submissions, read_submission
+from .tasks import Task, chosen_tasks
+from .tasks import tasks as tasks
 
-NOTEBOOKS = Path(__file__).resolve().parents[1]
-HEADING = re.compile(r"^#{3,4} Exercise (\d+\.\d+)", re.MULTILINE)
-CHECK = re.compile(r"^(ch\d\d)\.(\w+)\((\w+)\)$", re.MULTILINE)
-
-
-@functools.cache
-def tasks() -> dict[str, tuple[str, Exercise]]:
-    """Number and check of each exercise whose answer is a function, by the name of the function."""
-    checks = {}
-    number = ""
-    for path in sorted(NOTEBOOKS.glob("0*.ipynb")):
-        for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
-            text = "".join(cell["source"])
-            number = (HEADING.findall(text) or [number])[-1]
-            for chapter, check, name in CHECK.findall(text):
-                if f"def {name}(" in text:
-                    exercises = importlib.import_module(f"course.{chapter}.exercises")
-                    checks[name] = number, getattr(exercises, check)
-    return checks
+FORMULA = ("=", "+", "-", "@", "\t", "\r")  # beginnings that a spreadsheet takes for a formula
 
 
-def marks(path: Path) -> dict[str, Any]:
-    """The number of functions of a file that pass, and for each function its exercise, result and message.
+def marks(student: str, path: Path, chosen: Sequence[Task], limit_s: float = LIMIT_S) -> dict[str, Any]:
+    """The number of solved exercises of a student, each exercise with its answer and message, and remarks.
 
-    Raises `DataError` if the file is missing or cannot be run.
+    Raises `DataError` if the submission cannot be read.
     """
-    if not path.is_file():
-        raise DataError("the file is missing: expected a student's my_vo.py", path)
-    definitions = load(path)
-    functions: dict[str, dict[str, Any]] = {}
-    for name, (number, exercise) in tasks().items():
-        verdict = Verdict(False, "not there")
-        if callable(definitions.get(name)):
-            verdict = exercise.grade(definitions[name])
-        says = "" if verdict.passed else verdict.message
-        functions[name] = {"exercise": number, "passed": verdict.passed, "says": says}
-    passed = sum(each["passed"] for each in functions.values())
-    return {"passed": passed, "of": len(functions), "functions": functions}
+    of_numbers, remarks = grade(read_submission(student, path), chosen, limit_s)
+    exercises = {
+        task.number: {
+            "answer": task.name,
+            "passed": of_numbers[task.number].passed,
+            "found": of_numbers[task.number].found,
+            "says": of_numbers[task.number].says,
+        }
+        for task in chosen
+    }
+    passed = sum(mark.passed for mark in of_numbers.values())
+    return {"passed": passed, "of": len(exercises), "remarks": remarks, "exercises": exercises}
 
 
-def main() -> int:
-    """Print the marks of the files as text or JSON; return 2 if a file could not be read, else 0."""
-    parser = argparse.ArgumentParser(prog="python -m course.marks", description=__doc__.splitlines()[0])
-    parser.add_argument("files", nargs="+", type=Path, metavar="my_vo.py")
-    parser.add_argument("--json", action="store_true", help="print JSON instead of lines of text")
-    options = parser.parse_args()
-    results: dict[str, Any] = {}
-    for path in options.files:
+def table(results: dict[str, dict[str, Any]], problems: dict[str, str], chosen: Sequence[Task]) -> str:
+    """The marks of a class as CSV: a row per student, 1 for each solved exercise, else 0."""
+    numbers = [task.number for task in chosen]
+    rows: list[list[object]] = [["student", "passed", "of", *numbers, "remarks"]]
+    for student, each in results.items():
+        cells = [int(each["exercises"][number]["passed"]) for number in numbers]
+        rows.append([_cell(student), each["passed"], each["of"], *cells, _cell("; ".join(each["remarks"]))])
+    for student, problem in problems.items():
+        rows.append([_cell(student), 0, len(numbers), *[0] * len(numbers), _cell(problem)])
+    return csv_text(rows)
+
+
+def _cell(text: str) -> str:
+    """A text in one line that no spreadsheet executes."""
+    line = " ".join(text.split())
+    return f"'{line}" if line.startswith(FORMULA) else line
+
+
+def as_text(student: str, each: dict[str, Any]) -> str:
+    """The marks of a student as lines of text."""
+    lines = [f"{student}: {each['passed']} of {each['of']} pass"]
+    lines += [f"  note: {remark}" for remark in each["remarks"]]
+    for number, one in each["exercises"].items():
+        lines.append(f"  {number:4} {one['answer']:20} {'passes' if one['passed'] else one['says']}")
+    return "\n".join(lines)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the marks as text or JSON, or write a table; return 2 if a submission could not be read, else 0."""
+    parser = OneLineParser(prog="python -m course.marks", description=__doc__.splitlines()[0])
+    parser.add_argument(
+        "paths", nargs="+", type=Path, metavar="PATH", help="zip, my_vo.py, or folder of them"
+    )
+    parser.add_argument("--chapters", metavar="C,C,…", help="only these chapters, such as 0,3,5,8 or 0-3,A")
+    parser.add_argument("--csv", type=Path, metavar="FILE", help="write a table with a row for each student")
+    parser.add_argument("--json", action="store_true", help="print JSON in place of lines of text")
+    text = "seconds for each function; default %(default)g"
+    parser.add_argument("--limit", type=float, default=LIMIT_S, metavar="S", help=text)
+    options = parser.parse_args(arguments)
+    try:
+        return _main(options)
+    except ENDINGS as error:
+        return exit_code(parser.prog, error)
+
+
+def _main(options: argparse.Namespace) -> int:
+    if not 0 < options.limit < 1e6:
+        raise DataError(f"--limit {options.limit:g}: expected seconds")
+    chosen = chosen_tasks(options.chapters)
+    results: dict[str, dict[str, Any]] = {}
+    problems: dict[str, str] = {}
+    for student, path in _named(find_submissions(options.paths)).items():
         try:
-            results[str(path)] = marks(path)
+            results[student] = marks(student, path, chosen, options.limit)
         except DataError as error:
+            problems[student] = str(error)
             print(f"error: {error}", file=sys.stderr)
+            continue
+        if not options.json:
+            print(as_text(student, results[student]), flush=True)
     if options.json:
         print(json.dumps(results, indent=1))
-    for path, each in ({} if options.json else results).items():
-        print(f"{path}: {each['passed']} of {each['of']} pass")
-        for name, one in each["functions"].items():
-            print(f"  {one['exercise']:4} {name:20} {'passes' if one['passed'] else one['says']}")
-    return 0 if len(results) == len(options.files) else 2
+    if options.csv is not None:
+        write_atomic(options.csv, table(results, problems, chosen))
+        if not options.json:
+            print(f"table: {options.csv}")
+    return 2 if problems else 0
+
+
+def _named(found: list[tuple[str, Path]]) -> dict[str, Path]:
+    """Submissions by a name that no other one has."""
+    named: dict[str, Path] = {}
+    for student, path in found:
+        name = student
+        if name in named or sum(other == student for other, _ in found) > 1:
+            name = str(path)
+        named[name] = path
+    return named
 
 
 if __name__ == "__main__":

@@ -63,27 +63,41 @@ def load(path: Path) -> dict[str, Any]:
 
     A section can use its own names and the names defined above the first section.
     """
+    definitions, faults = load_sections(path)
+    if faults:
+        raise DataError(f"the file cannot be run, {next(iter(faults.values()))}", path)
+    return definitions
+
+
+def load_sections(path: Path) -> tuple[dict[str, Any], dict[str, str]]:
+    """Definitions of a file of saved functions, and the faults of the sections that cannot be run, by name.
+
+    The part above the first section has the name "". Raises `DataError` if the file is no text.
+    """
     if not path.is_file():
-        return {}
+        return {}, {}
     common: dict[str, Any] = {"__name__": path.stem}
     definitions = dict[str, Any]()
     named = dict[str, Any]()
+    faults = dict[str, str]()
     try:
         head, *parts = SECTION.split(path.read_bytes().decode("utf-8"))
-        above = ""  # empty lines in place of the parts before, so that errors have the lines of the file
-        for name, part in [("", head), *zip(parts[::2], parts[1::2], strict=True)]:
-            own = dict(common) if name else common
+    except UnicodeDecodeError as error:
+        raise DataError(f"the file cannot be run, {type(error).__name__}: {error}", path) from None
+    above = ""  # empty lines in place of the parts before, so that errors have the lines of the file
+    for name, part in [("", head), *zip(parts[::2], parts[1::2], strict=True)]:
+        own = dict(common) if name else common
+        try:
             exec(compile(above + part, path, "exec"), own)
+        except ImportError as error:
+            faults[name] = f"{error}: compare its imports with those of the chapter"
+        except (Exception, SystemExit, KeyboardInterrupt) as error:
+            faults[name] = f"{type(error).__name__}: {error}"
+        else:
             definitions |= own
             named |= {name: own[name]} if name in own else {}
-            above += "\n" * (part.count("\n") + 1)
-    except ImportError as error:
-        raise DataError(
-            f"the file cannot be run, {error}: compare its imports with those of the chapter", path
-        ) from None
-    except (Exception, SystemExit, KeyboardInterrupt) as error:
-        raise DataError(f"the file cannot be run, {type(error).__name__}: {error}", path) from None
-    return definitions | named
+        above += "\n" * (part.count("\n") + 1)
+    return definitions | named, faults
 
 
 def _source(thing: Any) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import json
 import re
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ import numpy as np
 import pytest
 from conftest import small, winding_road
 
-from course import marks, view3d
+from course import view3d
 from course.ch00 import exercises as ch00
 from course.ch03 import exercises as ch03
 from course.ch08 import exercises as ch08
@@ -129,28 +128,6 @@ def test_a_view_needs_no_network_and_is_a_picture_where_no_script_runs() -> None
     picture = cv2.imdecode(np.frombuffer(base64.b64decode(shown["image/png"]), np.uint8), cv2.IMREAD_COLOR)
     assert picture is not None
     assert picture.min() < 100
-
-
-def test_marks_say_of_each_function_whether_it_passes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    anna, ben = tmp_path / "anna.py", tmp_path / "ben.py"
-    anna.write_text("""from vo_lib.paper.five_point import five_point
-def weights(r, s): return 1 / (1 + (r / s) ** 2)
-def solve_five(x_p, x_c): return five_point(x_p, x_c)
-""")
-    ben.write_text("1 / 0")
-    monkeypatch.setattr(sys, "argv", ["marks", str(anna), str(ben)])
-    assert marks.main() == 2
-    output = capsys.readouterr()
-    weights, select = "4.9  weights              passes", "3.5  select               not there"
-    for line in (f"1 of {len(marks.tasks())} pass", weights, select, "hands the work to `five_point`"):
-        assert line in output.out
-    assert re.fullmatch("error: .*ben.py: the file cannot be run.*\n", output.err)
-    monkeypatch.setattr(sys, "argv", ["marks", "--json", str(anna)])
-    assert marks.main() == 0
-    functions = json.loads(capsys.readouterr().out)[str(anna)]["functions"]
-    assert functions["weights"] == {"exercise": "4.9", "passed": True, "says": ""}
 
 
 MOVED = "from vo_lib.core.geometry import inverse"

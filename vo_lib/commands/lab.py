@@ -5,7 +5,10 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import platform
 import re
+import subprocess
+import sys
 from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
@@ -14,15 +17,40 @@ from typing import Any
 from ..checkout import folder_of_checkout
 from ..errors import DataError
 from ..files import read_bytes, read_mapping, write_atomic
-from .console import install, print_lines
+from ..old_notebooks import FIRST_NOTEBOOK, NEW, NOTEBOOK
+from .carry_over import carry_over
+from .console import install, print_lines, print_wrapped
 
-FIRST_NOTEBOOK = "00_start_here.ipynb"
 COURSE = "stereo-vo-course"  # name of the folder in the user's home and of JupyterLab's workspace
 DIGESTS_FILE = ".copied.json"  # in the course's folder: digest of each copied file by name
-CACHES = {".ipynb_checkpoints", "__pycache__"}
-WORK = {"my_vo.py", "my_poses.txt", "my_path.webm"}  # files that the notebooks write
 FOR_TEACHERS = {"solutions", "teaching.md"}
 TEACHERS_LINK = re.compile(rb"\[([^][]+)\]\((?:solutions/[^)]+|teaching\.md)\)")
+HAND_IN = "hand_in.zip"
+KIT_PYTHON = ".kit_python"  # in the course's folder: for a kernel that lacks the kit
+CACHES = {".ipynb_checkpoints", "__pycache__"}
+WORK = {
+    "my_vo.py",
+    "my_answers.json",
+    "my_poses.txt",
+    "my_path.webm",
+    HAND_IN,
+    KIT_PYTHON,
+}  # files that the notebooks write
+OTHER_JUPYTERS = """In VS Code, open this folder and choose the kernel {python}
+In a Jupyter of your own, this command adds a kernel with the name Stereo VO:
+  {python} -m ipykernel install --user --name stereo-vo --display-name "Stereo VO\""""
+# Options with which JupyterLab starts as root, or does not start at all.
+STARTS_AS_ROOT = ("allow-root", "ServerApp.allow_root", "version", "help", "help-all", "h", "generate-config")
+KERNEL = "Python 3 (ipykernel)"  # how the kernel of a Python environment names itself
+# How this kernel describes its language, but for the version.
+LANGUAGE = {
+    "codemirror_mode": {"name": "ipython", "version": 3},
+    "file_extension": ".py",
+    "mimetype": "text/x-python",
+    "name": "python",
+    "nbconvert_exporter": "python",
+    "pygments_lexer": "ipython3",
+}
 NEWS = "@jupyterlab/apputils-extension:announcements"  # dialogues on news, and requests to PyPI for updates
 
 
@@ -31,13 +59,19 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         f"Open the course in JupyterLab. The course is copied to {COURSE} in your home folder; each call "
         "updates the copy. A file that you changed is kept; the new version is a file with .new in the "
-        "name. Running a notebook does not count as a change. A file that you deleted is copied again."
+        "name, and a new notebook has your answers already. Running a notebook does not count as a change. A "
+        "file that you deleted is copied again."
     )
     parser.epilog = "example: vo lab -- --port 8889 --no-browser"
     place = parser.add_mutually_exclusive_group()
     place.add_argument("--copy", metavar="DIR", help="folder of the copy")
     text = "open the kit's own notebooks, not a copy"
     place.add_argument("--here", action="store_true", help=text)
+    only = parser.add_mutually_exclusive_group()
+    text = "only update the copy, for VS Code or a Jupyter of your own"
+    only.add_argument("--copy-only", action="store_true", help=text)
+    text = f"only write a zip for the teacher; default {HAND_IN} in the folder of the course"
+    only.add_argument("--hand-in", nargs="?", const="", metavar="ZIP", help=text)
     parser.add_argument("--teacher", action="store_true", help="also copy solutions and teaching notes")
     parser.add_argument("jupyter", nargs="*", metavar="-- …", help="options for JupyterLab")
     parser.set_defaults(command=_lab, others="JupyterLab's options follow --")
@@ -54,7 +88,14 @@ def _lab(options: argparse.Namespace) -> int:
         of_course = {DIGESTS_FILE, *(path.name for path in notebooks.glob("*.ipynb"))}
         if folder.exists() and (present := {*os.listdir(folder)}) and not present & of_course:
             raise DataError("contains other files and no course: choose a new or an empty folder", folder)
-        copy_course(notebooks, folder, options.teacher)
+        if options.hand_in is None:
+            copy_course(notebooks, folder, options.teacher)
+    if options.hand_in is not None:
+        return _hand_in(notebooks, folder, options.hand_in)
+    if options.copy_only:
+        print_lines(f"The course is in {folder}.\n{OTHER_JUPYTERS.format(python=sys.executable)}")
+        return 0
+    _refuse_root(options.jupyter)
     from jupyterlab.labapp import LabApp  # type: ignore[import-untyped]
 
     print_lines(f"The course is in {folder}. JupyterLab opens {FIRST_NOTEBOOK}; press Ctrl-C twice to quit.")
@@ -65,6 +106,20 @@ def _lab(options: argparse.Namespace) -> int:
     url = f"--LabApp.default_url=/lab/workspaces/{COURSE}/tree/{FIRST_NOTEBOOK}"
     LabApp.launch_instance([f"--ServerApp.root_dir={folder}", url, *options.jupyter])
     return 0
+
+
+def _hand_in(notebooks: Path, folder: Path, target: str) -> int:
+    """Let the course write the zip of a folder; the library does not import the course."""
+    zip_file = Path(os.path.abspath(target)) if target else folder / HAND_IN
+    command = [sys.executable, "-m", "course.hand_in", str(folder), str(zip_file)]
+    return subprocess.run(command, cwd=notebooks, check=False).returncode
+
+
+def _refuse_root(options: list[str]) -> None:
+    """Raise `DataError` where JupyterLab would end with a hint that is not how `vo` takes the option."""
+    is_root = hasattr(os, "geteuid") and os.geteuid() == 0
+    if is_root and not any(word.lstrip("-").split("=")[0] in STARTS_AS_ROOT for word in options):
+        raise DataError("JupyterLab does not start as root unless it is told to: vo lab -- --allow-root")
 
 
 def _collapse_sidebar() -> None:
@@ -93,9 +148,9 @@ def copy_course(source: Path, target: Path, teacher: bool) -> None:
     """Update the course in `target` from `source`, and keep the files that the reader changed.
 
     A file counts as changed if its digest differs from the digest in DIGESTS_FILE and from the digest of the
-    source. The new version of a changed file is written once, under another name, with a message. In a
-    student's copy, the address in a link to a file for teachers is replaced by the command that copies the
-    file. Raises `DataError` if a file cannot be read or written.
+    source. The new version of a changed file is written once, under another name, with a message; a new
+    notebook contains the reader's answers. In a student's copy, the address in a link to a file for teachers
+    is replaced by the command that copies it. Raises `DataError` if a file cannot be read or written.
     """
     digests_file = target / DIGESTS_FILE
     copied = dict[str, Any]()
@@ -103,28 +158,60 @@ def copy_course(source: Path, target: Path, teacher: bool) -> None:
         copied = read_mapping(digests_file, "digests of copied files by name")
     left_out = CACHES | WORK if teacher else CACHES | WORK | FOR_TEACHERS
     for path in sorted(source.rglob("*")):
-        name = path.relative_to(source).as_posix()
-        place = name
+        name = place = path.relative_to(source).as_posix()
         if not path.is_file() or left_out & {*path.relative_to(source).parts}:
             continue
         original = path.read_bytes()
         content = original if teacher else TEACHERS_LINK.sub(rb"\1 (`vo lab --teacher`)", original)
-        new = _digest(content)
-        versions = new, _digest(original)
+        versions = _digest(content), _digest(original)
+        changed = list[bytes]()  # versions with the reader's changes, the oldest first
         while (file := target / place).exists():
-            if (present := _digest(read_bytes(file))) in (copied.get(place), *versions):
+            present = read_bytes(file)
+            if _digest(present) in (copied.get(place), *versions):
                 break
-            place = f"{place.removesuffix(path.suffix)}.new{path.suffix}"
+            changed.append(present)
+            place = f"{place.removesuffix(path.suffix)}{NEW}{path.suffix}"
         if place != name:
             if copied.get(name) in versions:
                 continue
-            print_lines(f"Your change of {name} is kept; the new version is {place}")
-        if not file.exists() or present != new:
+            answers = ""
+            if path.suffix == NOTEBOOK:
+                content, answers = _with_answers(changed, content)
+            print_wrapped(f"Your change of {name} is kept; the new version is {place}{answers}")
+        if path.suffix == NOTEBOOK:
+            content = _as_jupyter_writes(content)
+        if not file.exists() or _digest(present) != _digest(content):
             file.parent.mkdir(parents=True, exist_ok=True)
             write_atomic(file, content)
-        copied[name] = new
-        copied[place] = new
+        copied[name] = versions[0]
+        copied[place] = _digest(content)
     write_atomic(digests_file, json.dumps(copied, indent=1) + "\n")
+    write_atomic(target / KIT_PYTHON, f"{sys.executable}\n")
+
+
+def _with_answers(changed: list[bytes], content: bytes) -> tuple[bytes, str]:
+    """A new notebook with the answers of the changed ones, the latest first, and words that name them."""
+    carried = list[str]()
+    for notebook in reversed(changed):
+        content, names = carry_over(notebook, content)
+        carried += names
+    if not carried:
+        return content, ""
+    return content, f", with your answers: {', '.join(carried)}"
+
+
+def _as_jupyter_writes(content: bytes) -> bytes:
+    """A notebook with the kernel's description, as JupyterLab adds it when it opens the notebook.
+
+    Without it, the notebook would count as changed as soon as it is open.
+    """
+    with suppress(ValueError, LookupError, TypeError):  # raised for a file that is not a notebook
+        notebook = json.loads(content)
+        metadata = notebook["metadata"]
+        metadata["kernelspec"] = {"display_name": KERNEL, "language": "python", "name": "python3"}
+        metadata["language_info"] = {**LANGUAGE, "version": platform.python_version()}
+        content = (json.dumps(notebook, indent=1, ensure_ascii=False) + "\n").encode()
+    return content
 
 
 def _digest(content: bytes) -> str:

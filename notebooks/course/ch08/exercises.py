@@ -16,7 +16,7 @@ from vo_lib.runs.drive import run_methods, single_threaded
 from vo_lib.runs.match_cache import CachedMatches
 
 from ..ch00.exercises import beeline, length_of
-from ..checker import NO_ANSWER, Exercise
+from ..checker import NO_ANSWER, Exercise, decided
 from ..frames import true_poses, why_missing
 from ..results import Verdict, outcome, result, unusable
 from ..stored_answers import handed_back
@@ -124,6 +124,12 @@ less_luck = Exercise(
 
 def better(drive: Any, sequence: Sequence) -> Verdict:
     """The verdict on `drive(sequence, matches, seed=…)`, run with `SEEDS` on a sequence without truth."""
+    rotation_errors = _rotation_errors(drive, sequence)
+    return decided(rotation_errors) if isinstance(rotation_errors, Verdict) else less_luck(rotation_errors)
+
+
+def _rotation_errors(drive: Any, sequence: Sequence) -> Verdict | dict[str, float]:
+    """RE of a drive and of the paper's method, as facts for `less_luck`; or why it cannot be measured."""
     if drive is ...:
         return NO_ANSWER
     if lacking := why_missing(sequence):
@@ -144,7 +150,7 @@ def better(drive: Any, sequence: Sequence) -> Verdict:
             return Verdict(False, "in some poses, R (3, 3) is not a rotation, or is NaN.")
     configs = {str(seed): preset("feature_selection", variant="published", seed=seed) for seed in SEEDS}
     paper = [run.poses for run in run_methods(sequence, configs).values()]
-    return less_luck({"RE": _mean_re(paths, sequence), "RE published": _mean_re(paper, sequence)})
+    return {"RE": _mean_re(paths, sequence), "RE published": _mean_re(paper, sequence)}
 
 
 def _mean_re(paths: list[Any], sequence: Sequence) -> float:

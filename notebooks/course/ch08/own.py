@@ -27,9 +27,9 @@ from vo_lib.runs.front_end import TimedMatches
 from ..ch00.exercises import right_chain
 from ..ch05.real_drives import line_distances
 from ..checker import Exercise
-from ..marks import tasks
 from ..results import Unusable, Verdict
 from ..stored_answers import NAME, load
+from ..tasks import tasks
 from .limits import TooLong, within
 from .stages import LIMIT_S, StageError, call_stage, result_within
 

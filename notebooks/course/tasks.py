@@ -1,0 +1,116 @@
+"""The exercises of the course, read from the notebooks: number, check, and the name of the answer."""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import FunctionType
+
+from vo_lib.errors import DataError
+
+from .checker import Exercise
+
+NOTEBOOKS = Path(__file__).resolve().parents[1]
+HEADING = re.compile(r"^#{3,4} Exercise (\w+\.\d+)", re.MULTILINE)
+# A cell calls the check of its exercise: `ch04.stack(translation_of_all)`, `ch08.drift(percent, yours, street)`.
+CHECK = re.compile(r"^(ch\d\d|appendix)\.(\w+)\((\w+)(\.facts)?((?:, *[\w.]+)*)\)$", re.MULTILINE)
+APPENDIX = "A"  # chapter of the exercises A.1, A.2 …
+
+
+@dataclass(frozen=True)
+class Task:
+    """An exercise of a notebook.
+
+    Attributes
+    ----------
+    number : as in its heading, such as "3.5". chapter : the part before the point. notebook : name of the file.
+    check : the call in the notebook, such as "ch03.select". name : the function or variable with the answer.
+    is_function : whether the answer is a function that `my_vo.py` keeps. has_data : whether the check also gets
+        data of the notebook, so that the answer alone cannot be checked. exercise : the check.
+    """
+
+    number: str
+    chapter: str
+    notebook: str
+    check: str
+    name: str
+    is_function: bool
+    has_data: bool
+    exercise: Exercise
+
+
+@functools.cache
+def all_tasks() -> tuple[Task, ...]:
+    """All exercises, in the order of the notebooks, the appendix last."""
+    return tuple(task for path in sorted(NOTEBOOKS.glob("*.ipynb")) for task in _tasks_of(path))
+
+
+@functools.cache
+def tasks() -> dict[str, tuple[str, Exercise]]:
+    """Number and check of each exercise whose answer is a function, by the name of the function."""
+    return {task.name: (task.number, task.exercise) for task in all_tasks() if task.is_function}
+
+
+def chosen_tasks(chapters: str | None) -> tuple[Task, ...]:
+    """The exercises of the chapters in a text such as "0,3,5,8" or "0-3,A"; all without a text.
+
+    Raises `DataError` for a chapter that has no exercises.
+    """
+    every = all_tasks()
+    if chapters is None:
+        return every
+    known = list(dict.fromkeys(task.chapter for task in every))
+    wanted = set[str]()
+    for word in chapters.split(","):
+        first, dash, last = word.strip().partition("-")
+        names = (
+            known[known.index(first) : known.index(last) + 1]
+            if dash and {first, last} <= {*known}
+            else [first]
+        )
+        if not names or not {*names} <= {*known}:
+            raise DataError(
+                f"--chapters {chapters!r}: expected chapters such as 0,3,5,8, from {', '.join(known)}"
+            )
+        wanted |= {*names}
+    return tuple(task for task in every if task.chapter in wanted)
+
+
+def _tasks_of(path: Path) -> Iterator[Task]:
+    """The exercises of a notebook; a copy with another version of it (`.new`) has none."""
+    if path.stem.endswith(".new"):
+        return
+    number = ""
+    for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
+        text = "".join(cell["source"])
+        number = (HEADING.findall(text) or [number])[-1]
+        for chapter, check, name, _facts, data in CHECK.findall(text):
+            exercise, measures = _exercise(chapter, check)
+            if exercise is None or not number:
+                continue
+            is_function = f"def {name}(" in text and exercise.cases is not None
+            yield Task(
+                number,
+                number.partition(".")[0],
+                path.name,
+                f"{chapter}.{check}",
+                name,
+                is_function,
+                bool(data) and exercise.cases is None and not measures,
+                exercise,
+            )
+
+
+def _exercise(chapter: str, check: str) -> tuple[Exercise | None, bool]:
+    """The check with a name; of a function that measures first and then asks a check, the latter, and True."""
+    module = importlib.import_module(f"course.{chapter}.exercises")
+    found = getattr(module, check, None)
+    if isinstance(found, FunctionType):
+        called = [getattr(module, name, None) for name in found.__code__.co_names]
+        return next((each for each in called if isinstance(each, Exercise)), None), True
+    return (found if isinstance(found, Exercise) else None), False

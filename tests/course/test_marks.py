@@ -1,0 +1,350 @@
+"""What students hand in, and their marks: functions in a process of their own, answers, hostile zips."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+import shutil
+import sys
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from course import checker, marks, records
+from course.ch00 import exercises as ch00
+from course.ch04 import exercises as ch04
+from course.ch08 import exercises as ch08
+from course.grading import grade
+from course.results import Verdict
+from course.submissions import MAX_MEMBERS, Submission, find_submissions, read_submission
+from course.tasks import NOTEBOOKS, all_tasks, chosen_tasks, tasks
+from vo_lib.commands.cli import main
+from vo_lib.errors import DataError
+
+WEIGHTS = """# ---- weights ----
+def weights(r, s):
+    BODY
+    return 1 / (1 + (r / s) ** 2)
+
+
+"""
+CHAIN = """# ---- chain ----
+import numpy as np
+
+
+def chain(motions):
+    poses = [np.eye(4)]
+    for motion in motions:
+        poses.append(poses[-1] @ np.linalg.inv(motion))
+    return np.array(poses)
+"""
+
+
+def my_vo(body: str = "pass") -> str:
+    return WEIGHTS.replace("BODY", body) + CHAIN
+
+
+def zipped(path: Path, **files: str | bytes) -> Path:
+    """A zip of files, in whose names two underscores are a point."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in files.items():
+            archive.writestr(name.replace("__", "."), content)
+    return path
+
+
+def numbers(text: str) -> list[str]:
+    return re.findall(r"Exercise (\w+\.\d+)", text)
+
+
+def test_exercises_are_those_of_the_notebooks() -> None:
+    """Each heading of an exercise is one task, in every notebook."""
+    headings = list[str]()
+    for path in sorted(NOTEBOOKS.glob("*.ipynb")):
+        for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
+            if cell["cell_type"] == "markdown":
+                headings += re.findall(r"^#{3,4} Exercise (\w+\.\d+)", "".join(cell["source"]), re.MULTILINE)
+    assert [task.number for task in all_tasks()] == headings
+    chapters = {task.chapter for task in all_tasks()}
+    assert chapters == {*"0123456789", "A"}
+    assert {task.name for task in all_tasks() if task.chapter == "8"} >= {
+        "mine",
+        "percent",
+        "te_re",
+        "my_drive",
+    }
+    assert tasks()["weights"][1] is ch04.robust_weight
+    assert [task.chapter for task in chosen_tasks("0,8")] == [
+        task.chapter for task in all_tasks() if task.chapter in "08"
+    ]
+    assert {task.chapter for task in chosen_tasks("1-3,A")} == {*"123", "A"}
+    with pytest.raises(DataError, match="--chapters '0,12': expected chapters"):
+        chosen_tasks("0,12")
+
+
+@pytest.mark.parametrize(
+    ("body", "says"),
+    [
+        ("pass", ""),
+        ("print('flood ' * 100000)", ""),
+        ("while True: pass", "did not end within 2 s"),
+        ("import time; time.sleep(1000)", "did not end within 2 s"),
+        ("import os; os._exit(7)", "ended the process (exit code 7)"),
+        ("import sys; sys.exit(0)", "SystemExit"),
+        ("raise KeyboardInterrupt", "KeyboardInterrupt"),
+        ("import ctypes; ctypes.string_at(0)", "ended the process"),
+        ("raise ValueError('\\x1b[31mred')", "ValueError"),
+        ("import subprocess, sys; subprocess.run([sys.executable, '-c', 'while 1: 0'])", "did not end"),
+    ],
+)
+def test_a_function_that_does_not_end_costs_only_its_own_exercise(body: str, says: str) -> None:
+    submission = Submission("anna", {"my_vo.py": my_vo(body).encode()})
+    found, remarks = grade(submission, all_tasks(), limit_s=2.0)
+    number = tasks()["weights"][0]
+    assert says in found[number].says
+    assert found[number].passed == (says == "")
+    assert found[tasks()["chain"][0]].passed
+    assert found[number].says.isprintable()
+    assert remarks == []
+
+
+@pytest.mark.parametrize(
+    ("head", "remark"),
+    [
+        ("def broken(:\n", "my_vo.py: SyntaxError"),
+        ("1 / 0\n", "my_vo.py: ZeroDivisionError"),
+        ("while True: pass\n", "my_vo.py cannot be read: it did not end within 2 s"),
+        ("import os; os._exit(0)\n", "my_vo.py cannot be read: it ended the process"),
+        ("\xff", "my_vo.py: the file cannot be run, UnicodeDecodeError"),
+    ],
+)
+def test_a_file_that_cannot_be_run_is_a_remark(head: str, remark: str) -> None:
+    content = head.encode("latin-1") + my_vo().encode()
+    answers = json.dumps({"ch00.depth_error_ratio": {"passed": True, "answer": 4, "says": ""}}).encode()
+    files = {"my_vo.py": content, "my_answers.json": answers}
+    found, remarks = grade(Submission("ben", files), chosen_tasks("0,4"), limit_s=2.0)
+    assert [each for each in remarks if remark in each]
+    ratio = next(task.number for task in all_tasks() if task.exercise is ch00.depth_error_ratio)
+    assert found[ratio].says == ch00.depth_error_ratio.grade(4).message or found[ratio].passed
+
+
+def test_a_faulty_section_costs_only_its_own_function() -> None:
+    content = my_vo().replace("def weights(r, s):", "def weights(r, s:")
+    found, (remark,) = grade(Submission("cleo", {"my_vo.py": content.encode()}), chosen_tasks("0,4"))
+    assert remark.startswith("my_vo.py, weights: SyntaxError")
+    assert found[tasks()["chain"][0]].passed
+
+
+def test_answers_that_are_no_functions_are_checked_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Numbers and facts from what the checks wrote down; the verdict only where the check needs data."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "00_start_here.ipynb").touch()
+    right = ch00.depth_error_ratio.right
+    assert ch00.depth_error_ratio(right).passed
+    assert not ch00.depth_error_ratio(right + 1).passed  # a right answer stays
+    assert not ch08.all_yours({"borrowed": 2.0}).passed
+    assert ch08.less_luck({"RE": 0.1, "RE published": 0.5}).passed
+    kept = json.loads((tmp_path / "my_answers.json").read_text(encoding="utf-8"))
+    assert kept["ch00.depth_error_ratio"]["answer"] == right
+    kept["ch08.drift"] = {"passed": True, "answer": 3.0, "says": ""}
+    kept["ch08.all_yours"]["passed"] = True  # a student who changes the file
+    submission = Submission("dora", {"my_answers.json": json.dumps(kept).encode()})
+    found, _ = grade(submission, chosen_tasks("0,8"))
+    of_names = {task.name: found[task.number] for task in chosen_tasks("0,8")}
+    assert (of_names["factor"].passed, of_names["factor"].found) == (True, "answer")
+    assert (of_names["mine"].passed, of_names["mine"].found) == (False, "answer")
+    assert "stages that are still the library's: 2" in of_names["mine"].says
+    assert (of_names["my_drive"].passed, of_names["my_drive"].found) == (True, "answer")
+    assert (of_names["percent"].passed, of_names["percent"].found) == (True, "said")
+    assert (of_names["te_re"].passed, of_names["te_re"].says) == (False, "not there")
+
+
+def test_a_function_that_failed_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "00_start_here.ipynb").touch()
+    assert not ch04.robust_weight(lambda r, s: -1 / (1 + (r / s) ** 2)).passed
+    files = {"my_answers.json": (tmp_path / "my_answers.json").read_bytes()}
+    found, _ = grade(Submission("emil", files), chosen_tasks("4"))
+    assert "wrong sign" in found[tasks()["weights"][0]].says
+
+
+def test_saved_notebooks_count_where_nothing_was_written_down() -> None:
+    notebook = json.loads((NOTEBOOKS / "08_your_own_odometry.ipynb").read_text(encoding="utf-8"))
+    verdict = Verdict(True, "good")._repr_html_()
+    for cell in notebook["cells"]:
+        if "ch08.drift(percent" in "".join(cell["source"]):
+            cell["outputs"] = [{"output_type": "execute_result", "data": {"text/html": [verdict]}}]
+    files = {"08_your_own_odometry.ipynb": json.dumps(notebook).encode()}
+    found, _ = grade(Submission("finn", files), chosen_tasks("8"))
+    assert [task.name for task in chosen_tasks("8") if found[task.number].passed] == ["percent"]
+
+
+def hostile(path: Path, kind: str) -> Path:
+    """A zip that must not be read."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        link = zipfile.ZipInfo("my_vo.py")
+        link.external_attr = 0o120777 << 16
+        names: dict[str, list[tuple[Any, bytes]]] = {
+            "parent": [("../my_vo.py", b"")],
+            "deep parent": [("a/../../my_vo.py", b"")],
+            "absolute": [("/tmp/my_vo.py", b"")],
+            "windows": [("..\\my_vo.py", b"")],
+            "drive": [("C:\\my_vo.py", b"")],
+            "link": [(link, b"/etc/passwd")],
+            "bomb": [("my_vo.py", b"#" * 31_000_000)],
+            "many": [(f"{k}.txt", b"") for k in range(MAX_MEMBERS + 1)],
+            "twice": [("my_vo.py", b""), ("hand_in/my_vo.py", b"")],
+            "empty": [("other.txt", b"")],
+        }
+        for name, content in names.get(kind, []):
+            archive.writestr(name, content)
+    if kind == "cut":
+        whole = zipped(path, my_vo__py=my_vo()).read_bytes()
+        path.write_bytes(whole[:200])
+    if kind == "damaged":
+        damaged = bytearray(zipped(path, my_vo__py=my_vo()).read_bytes())
+        damaged[60:80] = bytes(20)
+        path.write_bytes(damaged)
+    if kind == "encrypted":
+        locked = bytearray(zipped(path, my_vo__py=my_vo()).read_bytes())
+        for start in (locked.index(b"PK\3\4") + 6, locked.index(b"PK\1\2") + 8):
+            locked[start] |= 1
+        path.write_bytes(locked)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        ("parent", "a name outside its folder"),
+        ("deep parent", "a name outside its folder"),
+        ("absolute", "a name outside its folder"),
+        ("windows", "a name outside its folder"),
+        ("drive", "a name outside its folder"),
+        ("link", "a link or a device"),
+        ("bomb", "my_vo.py is too large"),
+        ("many", f"has {MAX_MEMBERS + 1} files, expected at most {MAX_MEMBERS}"),
+        ("twice", "contains my_vo.py twice"),
+        ("empty", "contains no my_vo.py and no my_answers.json"),
+        ("cut", "is no zip, or it is damaged"),
+        ("damaged", "the zip cannot be read"),
+        ("encrypted", "the zip cannot be read"),
+    ],
+)
+def test_hostile_zips_are_refused(tmp_path: Path, kind: str, words: str) -> None:
+    path = hostile(tmp_path / "eve.zip", kind)
+    with pytest.raises(DataError, match=rf"eve\.zip: .*{words}"):
+        read_submission("eve", path)
+    assert [each.name for each in tmp_path.iterdir()] == ["eve.zip"]
+
+
+def test_a_zip_may_contain_one_folder_and_files_of_the_system(tmp_path: Path) -> None:
+    path = tmp_path / "anna.zip"
+    with zipfile.ZipFile(path, "w") as archive:
+        for name in ("work/my_vo.py", "__MACOSX/._my_vo.py", "work/notes.txt", "work/deep/my_vo.py"):
+            archive.writestr(name, name)
+    assert read_submission("anna", path).files == {"my_vo.py": b"work/my_vo.py"}
+
+
+def test_a_class_becomes_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Zips, folders and single files; one that cannot be read does not stop the others."""
+    zipped(tmp_path / "anna.zip", my_vo__py=my_vo())
+    zipped(tmp_path / "=ben.zip", my_vo__py=my_vo("while True: pass"))
+    hostile(tmp_path / "eve.zip", "parent")
+    for name in ("cleo", "dora"):
+        (tmp_path / name).mkdir()
+    zipped(tmp_path / "cleo" / "hand_in.zip", my_vo__py=my_vo())
+    (tmp_path / "dora" / "my_vo.py").write_text(my_vo(), encoding="utf-8")
+    table = tmp_path / "marks.csv"
+    words = [str(tmp_path), "--chapters", "0,4", "--csv", str(table), "--limit", "2"]
+    assert marks.main(words) == 2
+    output = capsys.readouterr()
+    assert re.search(r"error: .*eve\.zip: contains '../my_vo.py', a name outside its folder", output.err)
+    rows = {row["student"]: row for row in csv.DictReader(io.StringIO(table.read_text(encoding="utf-8")))}
+    assert {name: row["passed"] for name, row in rows.items()} == {
+        "anna": "2",
+        "'=ben": "1",
+        "cleo": "2",
+        "dora": "2",
+        "eve": "0",
+    }
+    assert rows["anna"][tasks()["weights"][0]] == "1"
+    assert rows["'=ben"][tasks()["weights"][0]] == "0"
+    assert "a name outside its folder" in rows["eve"]["remarks"]
+    assert marks.main(["--json", "--chapters", "4", str(tmp_path / "anna.zip")]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["anna"]["exercises"][tasks()["weights"][0]]["passed"] is True
+    assert marks.main([str(tmp_path / "nowhere")]) == 2
+    assert "is missing: expected a zip" in capsys.readouterr().err
+
+
+def test_students_have_names_of_their_own(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        zipped(tmp_path / name / "work.zip", my_vo__py="")
+    assert [student for student, _ in find_submissions([tmp_path])] == ["a/work", "b/work"]
+
+
+def test_hand_in_contains_what_was_done(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "course"
+    assert main(["lab", "--copy-only", "--copy", str(folder)]) == 0
+    assert main(["lab", "--hand-in", "--copy", str(folder)]) == 0
+    printed = " ".join(capfd.readouterr().out.split())
+    assert f"written: {folder / 'hand_in.zip'} It contains marks.json, as last saved." in printed
+    assert f"0 of {len(all_tasks())} exercises pass: none" in printed
+    assert "note: my_vo.py is missing: no function has passed its check yet" in printed
+    (folder / "my_vo.py").write_text(my_vo(), encoding="utf-8")
+    (folder / "my_poses.txt").write_text("1 0 0 0 0 1 0 0 0 0 1 0\n", encoding="utf-8")
+    notebook = json.loads((folder / "03_solution_selection.ipynb").read_text(encoding="utf-8"))
+    notebook["cells"][1]["outputs"] = [{"output_type": "stream", "name": "stdout", "text": "1"}]
+    (folder / "03_solution_selection.ipynb").write_text(json.dumps(notebook), encoding="utf-8")
+    for _ in range(2):
+        assert main(["lab", "--hand-in", "--copy", str(folder)]) == 0
+        first = (folder / "hand_in.zip").read_bytes()
+    assert first == (folder / "hand_in.zip").read_bytes()
+    with zipfile.ZipFile(folder / "hand_in.zip") as archive:
+        names = {"my_vo.py", "my_poses.txt", "marks.json", "03_solution_selection.ipynb"}
+        assert {*archive.namelist()} == names
+        assert json.loads(archive.read("marks.json"))["passed"] == 2
+    capfd.readouterr()
+    assert marks.main(["--chapters", "0,4", str(folder / "hand_in.zip")]) == 0
+    assert "course: 2 of" in capfd.readouterr().out
+    # A file of somebody else stays.
+    (tmp_path / "other.zip").write_bytes(b"mine")
+    assert main(["lab", "--hand-in", str(tmp_path / "other.zip"), "--copy", str(folder)]) == 2
+    assert "is not a zip of --hand-in" in capfd.readouterr().err
+    assert (tmp_path / "other.zip").read_bytes() == b"mine"
+    shutil.rmtree(folder)
+    folder.mkdir()
+    assert main(["lab", "--hand-in", "--copy", str(folder)]) == 2
+
+
+def test_strict_checks_raise(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For programs that give marks to cells without an error: a verdict alone would be full marks."""
+    monkeypatch.setenv(checker.STRICT, "0")
+    right = ch00.depth_error_ratio.right
+    assert not ch00.depth_error_ratio(right + 1).passed
+    checker.strict()
+    assert ch00.depth_error_ratio(right).passed
+    for answer in (right + 1, ..., None):
+        with pytest.raises(checker.NotRight):
+            ch00.depth_error_ratio(answer)
+    with pytest.raises(checker.NotRight):
+        ch08.better(..., None)  # type: ignore[arg-type]
+    checker.strict(False)
+    assert not ch00.depth_error_ratio(right + 1).passed
+
+
+def test_answers_are_written_down_as_json() -> None:
+    assert records.as_json(np.float64(2.5)) == 2.5
+    assert records.as_json({"a": np.int64(1), "b": 2.0}) == {"a": 1, "b": 2.0}
+    assert records.as_json(np.arange(3)) == [0, 1, 2]
+    assert records.as_json(np.zeros(1000)) is None
+    assert records.as_json(sys) is None
+    assert records.as_json({"a": sys}) is None
