@@ -1,17 +1,17 @@
 """Convert your own stereo images to KITTI's layout, for `vo run FOLDER`.
 
 The images come from two folders or patterns, or from a video with both images
-side by side. A drive of KITTI's raw data or a EuRoC folder (mav0) includes
-calibration, times and truth. Left and right images are paired by the number
-in their names (leading zeros and other text do not matter), or by equal names,
-or by time if the names are times (since 1970, in s, ms, µs or ns; or seconds with
-decimals). The calibration is given by --focal, --centre and --baseline for
+side by side. A drive of KITTI's raw data or a EuRoC folder (mav0) already has
+calibration, times and truth. Left and right images are paired by the number in
+their names (leading zeros and other text do not matter), or by equal names, or
+by time if the names are times: since 1970 in s, ms, µs or ns, or seconds with
+decimals. The calibration is given by --focal, --centre and --baseline for
 rectified images, or by the files of OpenCV (YAML, XML, JSON, .npz), Kalibr
 (camchain.yaml), ROS (left.yaml, right.yaml), RealSense (JSON), ZED (.conf) or
-KITTI (calib.txt). With the raw cameras' calibration, the script rectifies the
-images; with P1 P2 alone, the images must already be rectified. A sample of
-pairs is checked for exchanged images, unequal rows, a baseline with the wrong
-sign, and a median depth that is not plausible outdoors (5 m to 100 m).
+KITTI (calib.txt). If it is that of the raw cameras, the script rectifies the
+images; with P1 P2 alone, they must be rectified already. A sample of pairs is
+checked for exchanged images, unequal rows, a baseline with the wrong sign, and
+a median depth that is not plausible outdoors (5 m to 100 m).
 
 examples:
   vo data from_folder --left L --right R --out data/mine \\

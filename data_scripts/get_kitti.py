@@ -41,11 +41,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--sequences", metavar="S,S-S,…", help="00 … 21; 00-10 have ground truth")
     which.add_argument("--raw", metavar="DRIVE", help="a drive of the raw data")
-    parser.add_argument("--frames", metavar="A:B", default=ALL, help="frames A … B-1 only, counted from 0")
+    parser.add_argument("--frames", metavar="A:B", default=ALL, help="only frames A to B-1, counted from 0")
     parser.add_argument("--color", action="store_true", help="also download the colour images, for detectors")
     parser.add_argument("--root", type=Path, metavar="DIR", help=f"KITTI folder; default {kitti_root()}")
-    parser.add_argument("--from-zip", type=Path, nargs="+", metavar="FILE", help="archives on disk")
-    parser.add_argument("--link", type=Path, metavar="DIR", help="link to the files of a KITTI folder")
+    parser.add_argument(
+        "--from-zip", type=Path, nargs="+", metavar="FILE", help="take the files from these archives on disk"
+    )
+    parser.add_argument("--link", type=Path, metavar="DIR", help="link to files of this KITTI folder instead")
     parser.add_argument("--yes", action="store_true", help="download without confirmation")
     parser.add_argument("--jobs", default="4", metavar="N", help="parallel downloads; default 4")
     parser.add_argument("--host", default=HOST, metavar="URL", help=f"server or mirror; default {HOST}")

@@ -21,7 +21,9 @@ from vo_lib.commands.console import add_settings, from_options, print_lines, rep
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Options of the script, one for every setting of the data set."""
     parser.add_argument("folder", type=Path, help="folder of the data set")
-    parser.add_argument("--jobs", default="1", metavar="N", help="processes that work at once; default 1")
+    parser.add_argument(
+        "--jobs", default="1", metavar="N", help="number of processes at the same time; default 1"
+    )
     add_settings(parser, DetectionSetConfig)
 
 

@@ -45,7 +45,9 @@ def add_inputs(parser: argparse.ArgumentParser) -> None:
         "--sequences", default=scenes, metavar="S,S,…", help="sequences; default: the drawn scenes"
     )
     parser.add_argument("--detector", metavar="MODEL", help="detector for sequences without labels")
-    parser.add_argument("--jobs", default="1", metavar="N", help="processes that work at once; default 1")
+    parser.add_argument(
+        "--jobs", default="1", metavar="N", help="number of processes at the same time; default 1"
+    )
     add_cache(parser)
 
 

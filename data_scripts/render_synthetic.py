@@ -20,8 +20,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Options of the script, one for every setting of a scene."""
     parser.add_argument("scene", help="named scene: " + ", ".join(SCENES))
     add_cache(parser)
-    parser.add_argument("--jobs", default="2", metavar="N", help="processes that work at once; default 2")
-    parser.add_argument("--frames", metavar="A:B", help="draw only frames A … B-1, in a separate folder")
+    parser.add_argument(
+        "--jobs", default="2", metavar="N", help="number of processes at the same time; default 2"
+    )
+    parser.add_argument("--frames", metavar="A:B", help="draw only frames A to B-1, in a folder of their own")
     group = parser.add_argument_group("settings; default: the settings of the named scene")
     add_settings(group, SceneConfig, defaults=False)
 

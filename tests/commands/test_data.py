@@ -23,8 +23,13 @@ def test_data_lists_all_scripts(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_scripts_have_help(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_scripts_have_help_of_80_columns_with_an_example(
+    name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
     assert load(name)(["--help"]) == 0
     printed = capsys.readouterr().out
     assert printed.startswith(f"usage: vo data {name} ")
     assert f"\n  vo data {name}" in printed.partition("examples:")[2]
+    # A path of this machine may be longer; it is never broken.
+    assert [line for line in printed.splitlines() if len(line) > 80 and "/" not in line] == []

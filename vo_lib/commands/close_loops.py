@@ -34,7 +34,7 @@ CLOSED_NAME = "loops closed"  # name of the corrected path in tables and picture
 
 def add_loops(parser: argparse.ArgumentParser) -> None:
     """Declare --loops."""
-    text = f"also close loops by a pose graph, which is not in the paper; writes {LOOPS_POSES} and {LOOPS}"
+    text = f"also close loops by a pose graph, which is not in the paper, and write {LOOPS_POSES} and {LOOPS}"
     parser.add_argument("--loops", action="store_true", help=text)
 
 

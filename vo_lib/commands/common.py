@@ -40,7 +40,7 @@ MASKS_MEASURED = 20  # a mask takes 2.5 ms; a KITTI sequence may have thousands 
 
 def add_cache(parser: argparse.ArgumentParser) -> None:
     """Add the option for the cache folder."""
-    text = f"folder of drawn scenes, matches and detected boxes; default {cache_folder().parent}"
+    text = f"folder that keeps drawn scenes, matches and detected boxes; default {cache_folder().parent}"
     parser.add_argument("--cache", type=Path, metavar="DIR", help=text.replace("%", "%%"))
 
 
@@ -54,21 +54,24 @@ def add_method(parser: argparse.ArgumentParser) -> None:
 def add_variant(parser: argparse.ArgumentParser, both: bool = False) -> None:
     """Add the option for the variant; `both` allows both variants."""
     default = BOTH if both else DEFAULT_VARIANT
-    text = f"published is the method of the paper, kit has additions to it; default {default}"
+    text = f"published is the method of the paper, and kit extends it; default {default}"
     parser.add_argument("--variant", choices=[*VARIANTS, *([BOTH] if both else [])], help=text)
 
 
 def add_part(parser: argparse.ArgumentParser) -> None:
     """Add the options for frames, labels and masks of the sequence."""
-    parser.add_argument("--frames", metavar="A:B", help="only the frames A … B-1, counted from 0")
+    parser.add_argument(
+        "--frames", metavar="A:B", help="use only the frames A to B-1, which are counted from 0"
+    )
     text = (
-        "folder of YOLO label files; default: labels/ in the sequence's folder. The names of the classes are "
-        "read from classes.txt, obj.names or data.yaml in the folder or above it. Without names, the numbers "
-        "are taken as COCO's: 2 car, 5 bus, 7 truck"
+        "folder of YOLO label files; by default labels/ in the sequence's folder. The names of the classes "
+        "come from classes.txt, obj.names or data.yaml, in that folder or above it. If there are none, the "
+        "numbers are taken as COCO's: 2 is a car, 5 a bus and 7 a truck"
     )
     parser.add_argument("--labels", metavar="DIR", help=text)
     text = (
-        "PNG image that is 0 where features are allowed, or a folder with one of the name of each left image"
+        "PNG image that is 0 where features are allowed, or a folder with such an image for each frame, "
+        "which has the name of the left image"
     )
     parser.add_argument("--masks", type=Path, metavar="PATH", help=text)
 
@@ -76,8 +79,8 @@ def add_part(parser: argparse.ArgumentParser) -> None:
 def add_set(parser: argparse.ArgumentParser, purpose: str, required: bool = False) -> None:
     """Add the option that changes settings; `purpose` : what several values of a setting give."""
     text = (
-        f"values of a setting of `vo run --help-settings`: {purpose}; repeat the option for more settings. "
-        "Semicolons separate values that are lists: filter.classes='car;car,truck'"
+        f"values of a setting, which `vo run --help-settings` lists: {purpose}. Repeat the option for more "
+        "settings. Values that are lists are separated by semicolons: filter.classes='car;car,truck'"
     )
     parser.add_argument(
         "--set",
@@ -98,15 +101,18 @@ def add_config(parser: argparse.ArgumentParser) -> None:
 
 def add_many(parser: argparse.ArgumentParser) -> None:
     """Add the options of commands with many runs."""
-    text = "run each method with the seeds 0 to N-1; default %(default)s"
+    text = "run each method N times, with the seeds 0 to N-1; default %(default)s"
     parser.add_argument("--seeds", metavar="N", default="5", help=text)
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
-        "--jobs", metavar="N", default="1", help="processes that work at once; default %(default)s"
+        "--jobs", metavar="N", default="1", help="number of processes at the same time; default %(default)s"
     )
-    text = "Dask scheduler, tcp://host:port; its workers need the same file paths (extra [cluster])"
+    text = "run on the Dask cluster whose scheduler has this address, such as tcp://host:port. Its workers "
+    text += "need the same file paths (extra [cluster])"
     where.add_argument("--dask", metavar="ADDRESS", help=text)
-    parser.add_argument("--fresh", action="store_true", help="compute finished runs again")
+    parser.add_argument(
+        "--fresh", action="store_true", help="compute finished runs again instead of reading them"
+    )
     add_cache(parser)
 
 

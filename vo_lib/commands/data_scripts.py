@@ -19,8 +19,10 @@ from .console import ENDINGS, OneLineParser, exit_code, print_lines, show_table
 def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo data`."""
     parser.epilog = "example: vo data get_kitti --sequences 07"
-    parser.add_argument("name", nargs="?", metavar="NAME", help="script; without NAME, a list of the scripts")
-    parser.add_argument("words", nargs=argparse.REMAINDER, metavar="…", help="options of the script")
+    parser.add_argument(
+        "name", nargs="?", metavar="NAME", help="the script to run; without it, the scripts are listed"
+    )
+    parser.add_argument("words", nargs=argparse.REMAINDER, metavar="…", help="the options of the script")
     parser.set_defaults(command=_data)
 
 

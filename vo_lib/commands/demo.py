@@ -30,7 +30,9 @@ CLOSING_REMARKS = (
 def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo demo`."""
     parser.epilog = f"equivalent to: vo reproduce {shlex.join(_words(FOLDER))}"
-    parser.add_argument("--out", default=FOLDER, metavar="DIR", help="folder; default %(default)s")
+    parser.add_argument(
+        "--out", default=FOLDER, metavar="DIR", help="folder for the results; default %(default)s"
+    )
     common.add_cache(parser)
     parser.set_defaults(command=_demo)
 

@@ -52,9 +52,9 @@ def add(parser: argparse.ArgumentParser) -> None:
     option("--truth", type=Path, metavar="FILE", help=text)
     text = "sub-sequence lengths, metres; default 100,…,800, or 20,50,100 for short paths"
     option("--lengths", metavar="L,L,…", help=text)
-    text = "frames between the starts of sub-sequences; default 10, or 1 for short paths"
+    text = "number of frames from one start of a sub-sequence to the next; default 10, or 1 for short paths"
     option("--step", metavar="N", help=text)
-    text = f"transformation of the path before the ATE is computed; default {DEFAULT_ALIGNMENT}"
+    text = f"how the path is aligned with the truth before the ATE is computed; default {DEFAULT_ALIGNMENT}"
     option("--alignment", choices=[each.value for each in Alignment], help=text)
     text = (
         f"interval of the RPE, in frames (10f) or in metres along the true path (5m); default {DEFAULT_DELTA}"
@@ -62,7 +62,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     option("--delta", metavar="D", help=text)
     text = "largest difference between the times of a pose and its true pose, in seconds; default %(default)s"
     option("--t-max-diff", type=float, default=TIME_TOLERANCE_S, metavar="S", help=text)
-    text = "folder for evaluation.json and for figures of paths and of errors by length and speed"
+    text = "folder for evaluation.json, and for figures of the paths and of their errors by length and speed"
     option("--out", metavar="DIR", help=text)
     option("--json", action="store_true", help="print the results as JSON")
     parser.set_defaults(command=_evaluate)

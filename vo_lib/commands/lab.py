@@ -64,15 +64,15 @@ def add(parser: argparse.ArgumentParser) -> None:
     )
     parser.epilog = "example: vo lab -- --port 8889 --no-browser"
     place = parser.add_mutually_exclusive_group()
-    place.add_argument("--copy", metavar="DIR", help="folder of the copy")
-    text = "open the kit's own notebooks, not a copy"
+    place.add_argument("--copy", metavar="DIR", help="make the copy in this folder instead")
+    text = "open the kit's own notebooks instead of a copy"
     place.add_argument("--here", action="store_true", help=text)
     only = parser.add_mutually_exclusive_group()
     text = "only update the copy, for VS Code or a Jupyter of your own"
     only.add_argument("--copy-only", action="store_true", help=text)
     text = f"only write a zip for the teacher; default {HAND_IN} in the folder of the course"
     only.add_argument("--hand-in", nargs="?", const="", metavar="ZIP", help=text)
-    parser.add_argument("--teacher", action="store_true", help="also copy solutions and teaching notes")
+    parser.add_argument("--teacher", action="store_true", help="copy solutions and teaching notes, too")
     parser.add_argument("jupyter", nargs="*", metavar="-- …", help="options for JupyterLab")
     parser.set_defaults(command=_lab, others="JupyterLab's options follow --")
 

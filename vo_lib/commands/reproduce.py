@@ -64,20 +64,20 @@ def add(parser: argparse.ArgumentParser) -> None:
     option = parser.add_argument
     text = "KITTI numbers or ranges, names from `vo list`, or paths; default: all KITTI sequences found, or "
     option("--sequences", metavar="S,S,…", help=text + "else the drawn scenes")
-    option("--missing", choices=["ok"], help="ok: a missing KITTI sequence does not cause exit code 1")
+    option("--missing", choices=["ok"], help="with ok, a missing KITTI sequence does not cause exit code 1")
     common.add_variant(parser, both=True)
-    option("--methods", metavar="M,M,…", help="methods; default: all methods of the variant")
+    option("--methods", metavar="M,M,…", help="methods to run; by default all methods of the variant")
     common.add_set(parser, "each value makes a block of the table with all methods")
     text = "config.json of a run: what differs there from the preset is changed in all methods of the table; "
     text += "without --methods, only the method of that run"
     option("--config", type=Path, metavar="FILE", help=text)
-    text = "sub-sequence lengths in metres, from every frame; default: KITTI's, or 20,50,100 for short paths"
+    text = "sub-sequence lengths, metres, from every frame on; default KITTI's, or 20,50,100 for short paths"
     option("--lengths", metavar="L,L,…", help=text)
-    option("--out", default="runs/table1", metavar="DIR", help="folder; default %(default)s")
+    option("--out", default="runs/table1", metavar="DIR", help="folder for the results; default %(default)s")
     common.add_part(parser)
     vehicle_boxes.add_detector(parser, " in sequences whose images do not all have labels")
     common.add_many(parser)
-    text = "film of feature_selection on each sequence, first seed, shown in the report"
+    text = "draw a film of feature_selection on each sequence, with the first seed, for the report"
     option("--films", action="store_true", help=text)
     close_loops.add_loops(parser)
     parser.set_defaults(command=reproduce, others="--set NAME=VALUE changes a threshold")

@@ -47,7 +47,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     common.add_part(parser)
     vehicle_boxes.add_detector(parser, " in sequences whose images do not all have labels")
     common.add_many(parser)
-    option("--out", default="runs/sweep", metavar="DIR", help="folder; default %(default)s")
+    option("--out", default="runs/sweep", metavar="DIR", help="folder for the results; default %(default)s")
     parser.set_defaults(command=_sweep, others="--set gives the values of a threshold")
 
 

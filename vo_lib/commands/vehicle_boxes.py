@@ -29,9 +29,12 @@ TYPED_SET_CLASSES = "--set filter.classes={}"  # how `vo reproduce` and `vo swee
 
 def add_detector(parser: argparse.ArgumentParser, where: str = "") -> None:
     """Add the options for a detector and its processor."""
-    text = "detect vehicles{} with `street` (included, for drawn streets), a downloaded model or an ONNX file"
+    text = (
+        "detect the vehicles{}. MODEL is `street`, which comes with the kit and knows drawn streets, a "
+        "downloaded model, or an ONNX file"
+    )
     parser.add_argument("--detector", metavar="MODEL", help=text.format(where))
-    text = "where the detector runs; default cpu"
+    text = "the processor on which the detector runs; default cpu"
     parser.add_argument("--provider", default="cpu", choices=list(PROVIDERS), help=text)
 
 

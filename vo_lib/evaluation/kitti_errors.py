@@ -146,7 +146,7 @@ def kitti_errors(
     are divided by its true length.
 
     For KITTI's lengths, errors have the devkit's single precision and agree with the devkit in all digits.
-    Single precision, 0.02° for angles, is too coarse for shorter lengths; all others have double precision.
+    For shorter lengths it would be too coarse, 0.02° for angles, so all others have double precision.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ from .weighted_translation import papers_translation, robust_translation
 
 # Largest Sampson distance of an inlier of the previous essential matrix, as a multiple of the threshold.
 PREVIOUS_INLIER_THRESHOLDS = 3.0
-# After a motion that stereo contradicts: number of other candidates to try, and their least difference.
+# After a motion that stereo contradicts, so many other candidates are tried, which differ at least by this.
 ALTERNATIVES = 4
 DISTINCT_ANGLE = np.radians(5.0)
 SUPPORTED_FIT = ReprojectionConfig()  # the fit that needs no essential matrix
@@ -78,7 +78,7 @@ class SelfCalibratingOdometry(Odometry):
     def step(self, matches: StereoMatches, boxes: Boxes) -> StepResult:
         """The paper's step on corrected matches; then the calibration is learnt from the motion.
 
-        A frame without a measured motion repeats the last motion that was not a standstill, since a repeated
+        A frame without a measured motion repeats the last one that was not a standstill, since a repeated
         image looks like a standstill. Such a frame does not change the calibration.
         """
         estimate = self.rig.estimate

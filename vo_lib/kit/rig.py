@@ -1,25 +1,25 @@
 """Estimation of calibration errors that remain in calib.txt (chapters 3 and 4, not in the paper).
 
 In a rectified pair both images of a point are in one row, and the columns differ by f b / Z. In a real pair,
-rows and disparities have errors of some tenths of a pixel, which form a smooth field. The errors make depths
-and steps wrong, on the KITTI highway by 5 %. The field has a polynomial for the disparities and a polynomial
-for the rows, in the normalised position x, y. The two sets of coefficients are correlated, since a fault of
-the rig changes disparities and rows (`RIG_FAULTS`). A model with too few terms is worse than no model: the
-constant, which determines the length of the steps, then absorbs the rest of the field. Half of the field is
-attributed to the left camera at x_l, half to the right camera at x_r = x_l - D / f, where D is a point's
-disparity: this division fits the flow on KITTI better than the whole field in the right camera.
+rows and disparities are wrong by some tenths of a pixel, and so are depths and steps: on the KITTI highway
+by 5 %. These errors form a smooth field, which is modelled by one polynomial for the disparities and one for
+the rows, in the normalised position x, y. Their coefficients are correlated, since a fault of the rig changes
+both (`RIG_FAULTS`). Too few terms are worse than none: the constant, which determines the length of the
+steps, then absorbs the rest of the field. Half of the field is attributed to the left camera at x_l, half to
+the right camera at x_r = x_l - D / f, where D is a point's disparity, because this fits the flow on KITTI
+better than the whole field in the right camera.
 
 The two lenses have equal errors: Brown's decentering and radial terms with r² = x² + y²,
 
     (2 p1 x y + p2 (r² + 2 x²),  p1 (r² + 2 y²) + 2 p2 x y)   and   (k1 r² + k2 r⁴) (x, y).
 
-Stereo matches measure the row errors directly. The row errors contain roll and focal length, which a moving
-camera cannot separate from a longer step. Near and far points on one row measure the lens errors. The motion
-measures the disparity errors and again the lens errors: the disparities must agree with the parallax, and the
-optical flow must agree with epipolar lines. A single frame contributes little, so a Kalman filter combines
-all frames. For a good rig, a correction by noisy estimates would add errors. The correction therefore uses
-shrunk values (empirical Bayes, James and Stein 1961, positive part): the part of a squared estimate that is
-due to the estimate's variance counts as noise.
+Stereo matches measure the row errors directly. These contain roll and focal length, which a moving camera
+cannot tell from a longer step. Near and far points on one row measure the lens errors. The motion measures
+them again, and the disparity errors as well: the disparities must agree with the parallax, and the optical
+flow with the epipolar lines. A single frame contributes little, so a Kalman filter combines all of them. For
+a good rig, a correction by noisy estimates would only add errors. It therefore uses shrunk values (empirical
+Bayes, James and Stein 1961, positive part): the part of a squared estimate that is due to its variance counts
+as noise.
 """
 
 from __future__ import annotations

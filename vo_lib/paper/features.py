@@ -90,7 +90,7 @@ def stereo_matches(left: Described, right: Described, max_disparity: int) -> tup
     """For each left feature, the most similar right feature of the same kind, and vice versa.
 
     Two features are compared if their rows differ by at most `MAX_ROW_DIFFERENCE_PX` and their disparity
-    is 0 … max_disparity, pixels. These pairs are few, so all pairs are compared at once.
+    is 0 … max_disparity, pixels. These pairs are so few that all of them are compared at once.
 
     Returns
     -------

@@ -133,7 +133,7 @@ def subpixel_matches(
 ) -> StereoMatches:
     """The matches that pass the checks, with sub-pixel positions instead of whole pixels.
 
-    The position in the previous left image is kept. Lucas-Kanade tracks this position to the previous right
+    The position in the previous left image is kept. From there, Lucas-Kanade tracks it to the previous right
     and to the current left image, and from both to the current right image, where the two positions must
     agree. A match that fails a check is not tracked further.
     """

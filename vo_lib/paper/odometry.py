@@ -176,7 +176,7 @@ class Odometry:
         return Winner(int(np.argmin(np.where(compete, errors, np.inf))))
 
     def rotation(self, E: Array, matches: StereoMatches) -> Rotation:
-        """Step 5 (section 2.1): of the winner's four motions, the motion that agrees with stereo depth."""
+        """Step 5 (section 2.1): of the winner's four motions, the one that agrees with stereo depth."""
         x_p, x_c = self.points(matches)
         inliers = sampson_inliers(E, x_p, x_c, self.threshold)
         X_p = self.camera.triangulate(matches.prev_left, matches.prev_right)

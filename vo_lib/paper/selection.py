@@ -1,7 +1,7 @@
 """Selection of an essential matrix from many candidates, and its rotation (chapter 3; paper, section 2.2).
 
 In each five-point set, the k candidates nearest to the previous frame's essential vector are kept. The kept
-candidate with the smallest error wins; in our interpretation, the error is a mean over all matches. Without
+candidate with the smallest error wins; in our interpretation, it is a mean over all matches. Without
 the prior, and with the number of inliers instead of the error, this is RANSAC, our interpretation of MESVO_F.
 """
 

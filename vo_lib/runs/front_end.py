@@ -60,7 +60,7 @@ def _papers_matcher(config: MethodConfig) -> LoopMatcher:
 def find_matches(sequence: Sequence, config: MethodConfig) -> Iterator[TimedMatches]:
     """Matches of every frame with the previous frame, computed from the images; empty for the first frame."""
     front_end = make_front_end(sequence.camera, config)
-    # A thread for `step` would gain little: like the odometry, `step` holds Python's lock half of the time.
+    # A thread for `step` would gain little: like the odometry, it holds Python's lock half of the time.
     clock = Clock()
     for prepared in stereo_ahead(sequence, front_end.prepare):
         clock.stage("wait_images")
