@@ -1,4 +1,4 @@
-"""Measure what the miniature detector of chapter 5 learns, by street, images and network.
+"""Measure what the miniature detector of chapter 5 learns, by data and network.
 
 examples:
   vo data measure_miniature --out notebooks/miniature.csv
