@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from conftest import write_bands
 from real_images import KITTI_00, SHARED, RealImages
 
-from course.ch07 import ReproducePanel
+from course.ch07 import ExplorePanel, ReproducePanel
 from course.ch07.figures import results_table, tables_of
 from course.ch07.runs import FIRST, Plan, clip, part_of, run_plan
 from vo_lib.data.sequence import Sequence
@@ -95,12 +96,35 @@ def test_the_clip_of_the_row_has_the_boxes_of_a_detector(
 
 def test_results_are_as_the_head_of_chapter_7_says() -> None:
     text = (Path(__file__).parents[2] / "notebooks" / "results.md").read_text(encoding="utf-8")
-    published = text.split("## Variant published: TE, %")[1].split("\n## ")[0]
-    (line,) = [line for line in text.splitlines() if "boxes lowers RE on" in line and line in published]
-    lowered, _, rest = line.partition(". RE is higher on ")
-    names = set(re.findall(r"(?:kitti|synthetic)/\w+", lowered))
-    assert names == {"synthetic/jam", "synthetic/highway", "kitti/drive_0013"}
-    assert rest.startswith("no row")
+    published = text.split("## Variant published: standard")[0]
+    lowered = {}
+    for kind in ("TE", "RE"):
+        (line,) = [line for line in published.splitlines() if f"boxes lowers {kind} on" in line]
+        lowered[kind] = set(re.findall(r"synthetic/\w+", line.split(f". {kind} is higher")[0]))
+        if kind == "TE":
+            assert "TE is higher on kitti/00, 20 m" in line
+    assert lowered["TE"] == lowered["RE"] == {"synthetic/jam", "synthetic/highway"}
+    kit = text.split("## Variant kit: TE")[1]
+    assert "RE is higher on kitti/drive_0013, 50 m" in kit
+
+
+@pytest.mark.usefixtures("street")
+def test_the_answers_below_the_panel_of_thresholds_are_true() -> None:
+    panel = ExplorePanel("synthetic/traffic", frame=20)
+    panel.wait(LONG)
+
+    def errors(**settings: Any) -> dict[str, float]:
+        panel.set(**{"selection__sets": 200, "seed": 0, "translation__max_depth": 100.0} | settings)
+        return panel.facts
+
+    assert (
+        errors(selection__sets=8)["RE"] < 2 * errors()["RE of the preset"] < errors(selection__sets=5)["RE"]
+    )
+    by_seed = [errors(selection__sets=5, seed=seed)["RE"] for seed in range(6)]
+    assert (round(min(by_seed), 1), round(max(by_seed), 1)) == (0.9, 3.4)
+    near = errors(translation__max_depth=15.0)
+    assert near["RE"] == near["RE of the preset"]
+    assert near["TE"] != near["TE of the preset"]
 
 
 def test_results_are_as_chapter_6_and_the_appendix_say() -> None:

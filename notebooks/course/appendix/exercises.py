@@ -136,7 +136,11 @@ roll = Exercise(
             partial(fitted_roll, terms=(2, 0, 1)),
         ),
     },
-    slips={"sign": "the sign is wrong: with a roll above 0, the row differences decrease with x."},
+    slips={
+        "sign": "the sign is wrong: with a roll above 0, the row differences decrease with x.",
+        "degrees": "the task asks for the coefficient of the fit in pixels: no conversion of angles is needed.",
+        "radians": "the task asks for the coefficient of the fit in pixels: no conversion of angles is needed.",
+    },
 )
 
 two_terms = Exercise(

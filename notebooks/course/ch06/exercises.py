@@ -37,7 +37,7 @@ def end(path: Array, first: int, length: float) -> int | None:
 
 
 def judged_pair() -> tuple[Array, Array]:
-    """A truth (N, 4, 4) and an estimate (N, 4, 4) with all kinds of errors.
+    """A truth (N, 4, 4) and an estimate (N, 4, 4) with all kinds of errors, rotations about all axes too.
 
     The car drives 1 to 3 m per frame, so a length in metres is not a number of frames. The camera is tilted,
     so the rotation error has components about all axes.
@@ -45,6 +45,9 @@ def judged_pair() -> tuple[Array, Array]:
     truth = block_tour(1)[np.cumsum(np.resize([0, 1, 2, 3, 2], 400))]
     tilted = rigid(rotation_from_vector(np.array([0.5, 0.3, 0.6])), np.zeros(3))
     estimate = perturbed_path(truth, scale=2.0, yaw=3.0, noise=20.0, jitter=0.1, seed=3)
+    # A yaw alone would have the same axis as the turns of the car.
+    rolled = np.radians(0.02) * np.arange(len(truth))[:, None] * np.array([[1.0, 0.0, 0.7]])
+    estimate[:, :3, :3] = estimate[:, :3, :3] @ rotation_from_vector(rolled)
     return np.linalg.inv(tilted) @ truth @ tilted, np.linalg.inv(tilted) @ estimate @ tilted
 
 
@@ -89,6 +92,12 @@ def errors(
     """TE in % and RE in deg/100 m of a sub-sequence, (2,)."""
     error = np.linalg.inv(motion(estimate, first, last)) @ motion(truth, first, last)
     return np.array([np.linalg.norm(error[:3, 3]), np.degrees(np.arccos(cosine(error)))]) * 100.0 / length
+
+
+def difference_of_angles(truth: Array, estimate: Array, first: int, last: int, _: float) -> float:
+    """The difference between the turn of the estimate and the turn of the truth, degrees."""
+    turns = [np.arccos(cosine_of(np.linalg.inv(T[first]) @ T[last])) for T in (estimate, truth)]
+    return abs(float(np.degrees(turns[0] - turns[1])))
 
 
 def loop(
@@ -205,6 +214,9 @@ part_errors = Exercise(
             errors(*x) * [1, 0.01]
         ),
         "RE is the angle in degrees, not divided by the length.": lambda *x: errors(*x) * [1, x[4] / 100],
+        "TE is right; RE is the difference of two angles: take the angle of the motion between the ends.": (
+            lambda *x: np.array([errors(*x)[0], 100.0 * difference_of_angles(*x) / x[4]])
+        ),
         "TE is right; RE has the yaw alone, and this rotation is about all three axes.": partial(
             errors, cosine=lambda error: np.cos(np.arctan2(error[0, 2], error[2, 2]))
         ),

@@ -120,7 +120,7 @@ def starts_figure(truth: Array, lengths: tuple[float, ...], step: int) -> Figure
         axis.plot(path[[these.first, these.last]], rows, color=colour, linewidth=2)
         axis.get_lines()[-1].set_label(f"{length:g} m")
     axis.invert_yaxis()
-    finish(axis, f"a start every {step} frames", "distance along the path [m]", "start", "above")
+    finish(axis, f"a start every {step} frames", "distance along the path [m]", "start", "best")
     return made
 
 
@@ -158,6 +158,7 @@ PAPERS_OWN = (
 
 
 def values_figure(
+    whose: str,
     own: Mapping[float, float],
     library: Mapping[float, float],
     title: str,
@@ -165,9 +166,13 @@ def values_figure(
     unit: str = "frame",
     from_zero: bool = True,
 ) -> Figure:
-    """Values by first frame or by length: those of the student's function as dots, the library's as a line."""
+    """Values by first frame or by length: those of the student's function as dots, the library's as a line.
+
+    whose : "yours", or else the dots come from the library, too, and the legend says so.
+    """
     made, (axis,) = figure(200)
-    axis.plot([*own], [*own.values()], "o", color=GOOD, markersize=6, label="your function")
+    dots = "your function" if whose == "yours" else "in place of yours"
+    axis.plot([*own], [*own.values()], "o", color=GOOD, markersize=6, label=dots)
     axis.plot([*library], [*library.values()], "-", color=DARK, linewidth=1.0, label="the library's")
     if from_zero:
         highest = max(float(np.max([*each.values()])) for each in (own, library))

@@ -148,6 +148,7 @@ allowed = Exercise(
         "Student's factor `t` is missing.": lambda values, digits, t: allowed_difference(values, digits, 1.0),
         "two standard deviations are right for many seeds only; with few seeds use `t`.": (
             lambda values, digits, t: allowed_difference(values, digits, 2.0),
+            lambda values, digits, t: allowed_difference(values, digits, 1.96),
             lambda values, digits, t: 2.0 * float(np.std(values, ddof=1)),
             lambda values, digits, t: 2.0 * float(np.std(values)),
         ),

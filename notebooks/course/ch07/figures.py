@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from vo_lib.data.catalogue import KITTI
 from vo_lib.data.poses import from_first
 from vo_lib.detection.models import list_detectors as list_detectors
 from vo_lib.evaluation.kitti_errors import trajectory_distances
@@ -146,7 +147,7 @@ def short_name(sequence: str) -> str:
 
 
 def gains_figure(gains: Mapping[str, Gain]) -> Figure:
-    """The change of TE of each sequence, with the mean change and its interval, a chart for each table."""
+    """The change of an error on each sequence, with the mean change and its interval, a chart for each gain."""
     # Names of drawn streets are long.
     widths = tuple(float(sum(len(short_name(name)) + 1 for name in gain.names)) for gain in gains.values())
     made, axes = figure(240, len(gains), widths)
@@ -159,16 +160,17 @@ def gains_figure(gains: Mapping[str, Gain]) -> Figure:
         axis.plot(places, gain.changes, "o", color=CYCLE[0], markersize=6)
         axis.set_xticks(places, [short_name(name) for name in gain.names])
         axis.set_xlim(-0.6, len(places) - 0.4)
-        finish(axis, f"{title}: change of TE [%]", "sequence")
+        finish(axis, title, "sequence")
     return made
 
 
-def measured_columns(methods: Sequence[str]) -> list[dict[str, float]]:
-    """TE by sequence of variant `published` from `results.md`, for each method: a row for each sequence.
+def measured_columns(methods: Sequence[str], kind: str) -> list[dict[str, float]]:
+    """TE or RE of the clips of KITTI, variant `published`, from `results.md`: a column for each method.
 
-    A sequence has rows for several lengths; they come from the same frames, so only the last is used.
+    A clip has rows for several lengths; they come from the same frames, so only the last is used.
     """
-    table = results_table("Variant published: TE, %")
+    title = {"te_percent": "TE, %", "re_deg_per_100m": "RE, deg/100 m"}[kind]
+    table = results_table(f"Variant published: {title}", KITTI)
     last = {row[0].split(",")[0].strip(): row for row in table.rows}
     columns = []
     for method in methods:

@@ -35,6 +35,7 @@ FEWEST = 3  # seeds that a verdict needs
 # The paper's own RE were converted with 10⁶ / 180 in place of 100 · 180/π (chapter 6).
 PAPERS_FACTOR = 1e6 / 180.0
 RIGHT_FACTOR = 100.0 * 180.0 / math.pi
+DEVKIT_STEP = 1e-6  # rad/m: the devkit writes six decimals
 IN_PAPERS_UNIT = table1.PAPER_METHODS[1:]  # the column of VISO2 has other digits
 
 REPRODUCED = "reproduced"
@@ -91,14 +92,21 @@ def judge(
 
     The paper's number counts as one more run of our method. It is reproduced if it differs from the mean of
     our n seeds by at most t s √(1 + 1/n), with Student's t for n - 1 and 95 %, plus half a unit of the last
-    printed digit. Beyond that, it may be within the range of the readings that the paper leaves open.
+    printed digit and, for RE in the paper's unit, half of the devkit's step of 10⁻⁶ rad/m. Beyond that, it may
+    be within the range of the readings that the paper leaves open.
     """
     digits = ERROR_KINDS[kind][1]
     right = converted(printed, method, kind)
-    half_digit = 0.5 * 10.0**-digits * right / printed if printed else 0.5 * 10.0**-digits
-    allowed = prediction_half_width(ours.deviation, ours.seeds) + half_digit
+    rounded = 0.5 * 10.0**-digits
+    if right != printed:
+        rounded = rounded * RIGHT_FACTOR / PAPERS_FACTOR + 0.5 * DEVKIT_STEP * RIGHT_FACTOR
+    allowed = prediction_half_width(ours.deviation, ours.seeds) + rounded
     if not ours.whole:
         outcome = "no verdict: part of the sequence"
+    elif not np.isfinite(ours.mean):
+        outcome = "no verdict: a seed without errors"
+    elif (row, method) == (table1.AVERAGE, "viso2"):
+        outcome = "no verdict: the printed average is not the mean of its rows"
     elif ours.seeds < FEWEST:
         outcome = f"no verdict: fewer than {FEWEST} seeds"
     elif method == table1.PROPOSAL and not ours.boxes:
@@ -267,7 +275,7 @@ def summary(cells: Iterable[Judged]) -> str:
     words = "; ".join(f"{outcome}: {count}" for outcome, count in counts.items())
     number = sum(counts[outcome] for outcome in JUDGED)
     outside = number - counts[REPRODUCED]
-    expected = (1.0 - CONFIDENCE) * number
+    expected = round((1.0 - CONFIDENCE) * number, 3)
     return (
         f"{words}. Outside the seeds: {outside} of {number}; if every printed number were one more run of our "
         f"method, about {expected:.1f} would be."
