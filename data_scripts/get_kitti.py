@@ -9,6 +9,7 @@ command.
 examples:
   vo data get_kitti --raw 2011_09_26_drive_0013 --frames 0:80
   vo data get_kitti --sequences 00 --frames 0:201
+  vo data get_kitti --sequences 06 --frames 122:139,953:968
   vo data get_kitti --sequences 07,04
   vo data get_kitti --sequences 00-10 --root /data/kitti --yes
   vo data get_kitti --from-zip data_odometry_gray.zip \\
@@ -41,7 +42,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--sequences", metavar="S,S-S,…", help="00 … 21; 00-10 have ground truth")
     which.add_argument("--raw", metavar="DRIVE", help="a drive of the raw data")
-    parser.add_argument("--frames", metavar="A:B", default=ALL, help="only frames A to B-1, counted from 0")
+    text = "only frames A to B-1, counted from 0; several pieces as A:B,C:D"
+    parser.add_argument("--frames", metavar="A:B,…", default=ALL, help=text)
     parser.add_argument("--color", action="store_true", help="also download the colour images, for detectors")
     parser.add_argument("--root", type=Path, metavar="DIR", help=f"KITTI folder; default {kitti_root()}")
     parser.add_argument(
@@ -56,7 +58,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Link, unpack or download the chosen files."""
     root: Path = options.root or kitti_root()
-    parse_frames(options.frames, 0)
+    for piece in options.frames.split(","):
+        parse_frames(piece, 0)
     if options.raw is not None:
         names = [parse_drive(options.raw)[1]]
     elif options.sequences is not None:
@@ -93,7 +96,8 @@ def fetch_missing(root: Path, sequences: set[str], options: argparse.Namespace) 
             members = plan(archives, sources, targets, report)
         if not members:
             raise DataError(f"{', '.join(sources)}: no files of the sequences {', '.join(sorted(sequences))}")
-        members, marks = select_frames(members, root, partial(parse_frames, options.frames), options.raw)
+        pieces = [partial(parse_frames, piece) for piece in options.frames.split(",")]
+        members, marks = select_frames(members, root, pieces, options.raw)
         with reporting("checking the files present") as report:
             todo = absent(members, root, report)
         packed = sum(m.info.compress_size for m in todo)

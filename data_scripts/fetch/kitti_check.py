@@ -79,7 +79,7 @@ def _check_sequence(root: Path, folder: Path, deep: bool) -> SequenceReport:
     colour = any((folder / side).is_dir() for side in ("image_2", "image_3"))
     sides = {f"image_{side}": _by_number(folder / f"image_{side}") for side in range(4 if colour else 2)}
     part = kitti.read_part(folder)
-    mark = "" if part is None else part[0]
+    mark = "" if part is None else part.text
     complete = [f"a part: {mark}"] if mark else []
     problems = list[str]()
     wanted = kitti.wanted_frames(folder)

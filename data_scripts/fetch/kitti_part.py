@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path, PurePosixPath
 
 from fetch.kitti_archive import Targets
@@ -43,55 +43,86 @@ def drive_archives(host: str, drive: str, color: bool = False) -> tuple[list[str
 
 
 def select_frames(
-    members: list[Member], root: Path, frames: Callable[[int], tuple[int, int]], drive: str | None = None
+    members: list[Member],
+    root: Path,
+    frames: Sequence[Callable[[int], tuple[int, int]]],
+    drive: str | None = None,
 ) -> tuple[list[Member], dict[Path, str]]:
     """The members for the given frames and for the frames of earlier calls, and the text of each part.txt.
 
     Parameters
     ----------
     members : members of whole sequences. root : KITTI folder.
-    frames : function of the number of frames of a sequence; returns start and stop of the given frames.
+    frames : for each piece, a function of the number of frames of a sequence, which returns start and stop.
     drive : the raw drive of the members; None for the odometry benchmark.
 
-    A whole sequence has the text "". Raises `DataError` for frames outside the sequence, for a gap
-    between these frames and frames of earlier calls, and for a folder with images of another source.
+    A whole sequence has the text "". Raises `DataError` for frames outside the sequence, for a single piece
+    that leaves a gap to the frames of earlier calls, and for a folder with images of another source.
     """
     counts = dict[str, int]()
-    parts = dict[str, range]()
+    wanted = dict[str, list[range]]()
     marks = dict[Path, str]()
     for target in (m.target for m in members if m.target.match("sequences/*/image_?/*.png")):
         counts[target.parts[1]] = max(counts.get(target.parts[1], 0), int(target.stem) + 1)
     for name, count in counts.items():
         folder = root / "sequences" / name
         source = f"--raw {drive}" if drive else f"--sequences {name}"
-        start, stop = frames(count)
-        require_frames(start, stop, count, drive or name)
+        chosen = [range(*piece(count)) for piece in frames]
+        for piece in chosen:
+            require_frames(piece.start, piece.stop, count, drive or name)
         part = read_part(folder)
         images = any(folder.glob("image_[01]/*.png"))
-        foreign = images and drive is not None if part is None else not part[0].startswith(f"{source} ")
+        foreign = images and drive is not None if part is None else not part.text.startswith(f"{source} ")
         if foreign:
             raise DataError(
                 f"contains images of a source other than {drive or name}; move the folder away first", folder
             )
-        if part is not None:
-            old = part[1]
-            size = stop - start
-            start = min(start, old.start)
-            stop = max(stop, old.stop)
-            if stop - start > size + len(old):
-                gap = f"has the frames {old.start}:{old.stop}; --frames {start}:{stop} leaves no gap"
-                raise DataError(gap, folder)
-        parts[name] = range(start, stop)
         # A folder with images but without part.txt has a whole sequence, or its start.
-        whole = drive is None and (stop - start == count or (images and part is None))
-        marks[folder] = "" if whole else f"{source} --frames {start}:{stop}"
+        present = _pieces_present(folder) if part is None else list(part.pieces)
+        pieces = joined_pieces([*present, *chosen])
+        if len(chosen) == 1 and present and len(pieces) > len(present):
+            last = max(piece.stop for piece in pieces)
+            first = min(piece.start for piece in pieces)
+            raise DataError(
+                f"has the frames {frames_text(present)}; --frames {first}:{last} leaves no gap, "
+                f"--frames {frames_text(pieces)} keeps one",
+                folder,
+            )
+        whole = drive is None and pieces == [range(count)]
+        is_start = images and part is None and len(pieces) <= len(present)
+        marks[folder] = "" if whole or is_start else f"{source} --frames {frames_text(pieces)}"
+        wanted[name] = chosen if part is None else pieces
 
     def is_selected(target: PurePosixPath) -> bool:
         name = target.parts[1]
         number = target.stem
-        return name not in parts or not number.isdecimal() or int(number) in parts[name]
+        if name not in wanted or not number.isdecimal():
+            return True
+        return any(int(number) in piece for piece in wanted[name])
 
     return [member for member in members if is_selected(member.target)], marks
+
+
+def _pieces_present(folder: Path) -> list[range]:
+    """Ranges of the numbers of the images in a folder, left or right."""
+    numbers = {int(path.stem) for path in folder.glob("image_[01]/*.png") if path.stem.isdecimal()}
+    return joined_pieces([range(number, number + 1) for number in numbers])
+
+
+def joined_pieces(pieces: Iterable[range]) -> list[range]:
+    """Ranges of numbers in order; those that overlap or touch are joined."""
+    joined: list[range] = []
+    for piece in sorted(pieces, key=lambda each: each.start):
+        if joined and piece.start <= joined[-1].stop:
+            joined[-1] = range(joined[-1].start, max(joined[-1].stop, piece.stop))
+        else:
+            joined.append(piece)
+    return joined
+
+
+def frames_text(pieces: Iterable[range]) -> str:
+    """Ranges as a text such as 122:139,953:968."""
+    return ",".join(f"{piece.start}:{piece.stop}" for piece in pieces)
 
 
 def write_drive_tables(folder: Path) -> str:

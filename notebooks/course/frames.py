@@ -13,6 +13,7 @@ from IPython.display import Image as Shown
 
 from vo_lib.data.catalogue import DRAWING_PROCESSES, KITTI, SYNTHETIC, available, open_sequence
 from vo_lib.data.drawn import ensure_scene
+from vo_lib.data.kitti import read_part
 from vo_lib.data.label_remarks import coverage_remarks
 from vo_lib.data.sequence import Sequence
 from vo_lib.data.truth import Truth, open_truth
@@ -52,8 +53,19 @@ def remember_sequence(sequence: Sequence) -> str:
 
 
 def opened(name: str, progress: Progress | None = None) -> Sequence:
-    """A sequence by name or folder; `progress` is called while a synthetic scene is drawn."""
-    return _sequences.get(name, lambda: open_sequence(name, progress=progress))
+    """A sequence by name or folder; `progress` is called while a synthetic scene is drawn.
+
+    Of a sequence with a gap between its frames, this is the longest piece: no motion leads across a gap.
+    """
+    return _sequences.get(name, lambda: longest_piece(open_sequence(name, progress=progress)))
+
+
+def longest_piece(sequence: Sequence) -> Sequence:
+    """The sequence itself, or the longest piece of a sequence with gaps between its frames."""
+    piece = max(sequence.pieces, key=len)
+    if len(piece) == len(sequence):
+        return sequence
+    return sequence.part(piece.start, piece.stop)
 
 
 def load(name: str = DEFAULT) -> Sequence:
@@ -61,6 +73,10 @@ def load(name: str = DEFAULT) -> Sequence:
     sequence = with_bar(f"drawing {name}", lambda report: opened(name, report))
     for remark in coverage_remarks(sequence):
         print(f"{name}: {remark}.")
+    part = read_part(sequence.folder)
+    if part is not None and len(part.pieces) > 1:
+        first = int(sequence.frames[0])
+        print(f"{name} has a gap between its frames: these are {first} to {int(sequence.frames[-1])}.")
     return sequence
 
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import io
+import re
 import zipfile
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from data_command import load
@@ -13,9 +15,16 @@ from file_server import FileServer
 from test_kitti_archive import content, files_below, kitti  # noqa: F401  (one is a fixture)
 from test_kitti_raw import P0, drive, path_of_the_camera  # noqa: F401  (one is a fixture)
 
-from vo_lib.data.kitti import PART
-from vo_lib.data.poses import from_first
+from fetch.kitti_archive import CALIB, GRAY, POSES
+from vo_lib import preset
+from vo_lib.commands.cli import main
+from vo_lib.data.kitti import GREY, PART, calibration_text, read_part
+from vo_lib.data.poses import from_first, write_kitti_poses
 from vo_lib.data.sequence import open_folder
+from vo_lib.errors import DataError
+from vo_lib.geometry.camera import StereoCamera
+from vo_lib.geometry.types import Array
+from vo_lib.runs.drive import run_methods
 
 NAME = "2011_09_26_drive_0005"
 SYNC, CALIBRATION = f"{NAME}_sync.zip", "2011_09_26_calib.zip"
@@ -97,7 +106,8 @@ def test_wrong_frames_and_other_folders_are_refused(
     assert not folder.exists()
     assert get(raw, tmp_path, "--raw", NAME, "--frames", "0:3") == 0
     assert get(raw, tmp_path, "--raw", NAME, "--frames", "5:7") == 2
-    assert "drive_0005: has the frames 0:3; --frames 0:7 leaves no gap" in capsys.readouterr().err
+    expected = "drive_0005: has the frames 0:3; --frames 0:7 leaves no gap, --frames 0:3,5:7 keeps one"
+    assert expected in capsys.readouterr().err
     (folder / PART).write_text("--raw 2011_10_03_drive_0005 --frames 0:3\n", encoding="utf-8")
     assert get(raw, tmp_path, "--raw", NAME, "--frames", "0:4") == 2
     assert f"drive_0005: contains images of a source other than {NAME}" in capsys.readouterr().err
@@ -123,3 +133,147 @@ def test_part_of_a_sequence_can_be_completed(kitti: FileServer, tmp_path: Path) 
     assert get(kitti, tmp_path, *words, "2:5") == 0
     assert images(folder) == [[*range(12)], [*range(12)]]
     assert not (folder / PART).exists()
+
+
+FRAMES = 12
+
+
+@pytest.fixture
+def benchmark(server: FileServer, tmp_path: Path) -> FileServer:
+    """The archives of the benchmark with a sequence 06 that opens: twelve frames, two metres apart."""
+    base = tmp_path / "archives"
+    folder = base / "dataset" / "sequences" / "06"
+    for number in range(FRAMES):
+        for side, name in enumerate(GREY):
+            (folder / name).mkdir(parents=True, exist_ok=True)
+            image = np.full((40, 60), 10 * number + side, np.uint8)
+            assert cv2.imwrite(str(folder / name / f"{number:06d}.png"), image)
+    write_band_tables(folder)
+    poses = base / "dataset" / "poses" / "06.txt"
+    poses.parent.mkdir()
+    write_kitti_poses(poses, true_poses_of_all())
+    pack(server, GRAY, base, list(folder.glob("image_?/*.png")))
+    pack(server, CALIB, base, list(folder.glob("*.txt")))
+    pack(server, POSES, base, [poses])
+    return server
+
+
+def write_band_tables(folder: Path) -> None:
+    camera = StereoCamera(50.0, 30.0, 20.0, 0.5, 60, 40)
+    (folder / "calib.txt").write_text(calibration_text(camera), encoding="utf-8")
+    times = "".join(f"{0.1 * number:.6e}\n" for number in range(FRAMES))
+    (folder / "times.txt").write_text(times, encoding="utf-8")
+
+
+def true_poses_of_all() -> Array:
+    poses = np.tile(np.eye(4), (FRAMES, 1, 1))
+    poses[:, 2, 3] = 2.0 * np.arange(FRAMES)
+    return poses
+
+
+def test_several_pieces_keep_their_frames_times_and_truth(
+    benchmark: FileServer, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    root = tmp_path / "root"
+    folder = root / "sequences" / "06"
+    assert get(benchmark, root, "--sequences", "06", "--frames", "1:4,8:10") == 0
+    numbers = [1, 2, 3, 8, 9]
+    assert images(folder) == [numbers, numbers]
+    assert (folder / PART).read_text(encoding="utf-8") == "--sequences 06 --frames 1:4,8:10\n"
+    sequence = open_folder(folder, "kitti/06")
+    assert [int(frame) for frame in sequence.frames] == numbers
+    assert sequence.pieces == [range(3), range(3, 5)]
+    assert sequence.is_part
+    np.testing.assert_allclose(sequence.times, 0.1 * np.array(numbers))
+    np.testing.assert_allclose(sequence.true_poses[:, 2, 3], 2.0 * np.array(numbers))
+    assert [int(sequence.left(index)[0, 0]) for index in range(5)] == [10 * number for number in numbers]
+    assert load("check_kitti")(["--root", str(root), "--deep"]) == 0
+    assert "06: 5 of 5 pairs, complete" in capsys.readouterr().out
+
+
+def test_no_motion_leads_across_a_gap(
+    benchmark: FileServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    root = tmp_path / "root"
+    assert get(benchmark, root, "--sequences", "06", "--frames", "1:4,8:10") == 0
+    monkeypatch.setenv("KITTI_ROOT", str(root))
+    sequence = open_folder(root / "sequences" / "06", "kitti/06")
+    words = "kitti/06 has the frames 1:4, 8:10 with a gap between, and no motion leads across a gap: "
+    words += "choose a piece by --frames 0:3 or --frames 3:5"
+    with pytest.raises(DataError, match=words):
+        run_methods(sequence, {"": preset("feature_selection")})
+    capsys.readouterr()
+    sweep = ["sweep", "--sequence", "kitti/06", "--set", "selection.sets=5,6"]
+    for command in (["run", "kitti/06"], sweep, ["reproduce", "--sequences", "06"]):
+        assert main([*command, "--out", str(tmp_path / "out")]) == 2
+        assert words in " ".join(capsys.readouterr().err.split())
+    assert main(["list"]) == 0
+    length = 2 * 2 + 2  # metres, without the step across the gap
+    assert re.search(rf"kitti/06 +│ +5 +│ +{length} ", capsys.readouterr().out)
+    for piece in sequence.pieces:
+        sequence.part(piece.start, piece.stop).require_unbroken()
+    with pytest.raises(DataError, match="choose a piece by --frames 0:2 or --frames 2:4"):
+        sequence.part(1, 5).require_unbroken()
+
+
+def test_pieces_grow_join_and_become_the_whole(benchmark: FileServer, tmp_path: Path) -> None:
+    folder = tmp_path / "sequences" / "06"
+    words = ["--sequences", "06", "--frames"]
+    for frames, mark in (
+        ("8:10,1:3", "1:3,8:10"),
+        ("3:5", "1:5,8:10"),
+        ("10:12", "1:5,8:12"),
+        ("2:4,6:8", "1:5,6:12"),
+    ):
+        assert get(benchmark, tmp_path, *words, frames) == 0
+        assert (folder / PART).read_text(encoding="utf-8") == f"--sequences 06 --frames {mark}\n"
+        assert len(open_folder(folder, "").pieces) == 2
+    assert get(benchmark, tmp_path, *words, "0:6") == 0
+    assert not (folder / PART).exists()
+    assert open_folder(folder, "").pieces == [range(FRAMES)]
+
+
+def test_pieces_beside_the_start_of_a_sequence_without_a_mark(benchmark: FileServer, tmp_path: Path) -> None:
+    folder = tmp_path / "sequences" / "06"
+    assert get(benchmark, tmp_path, "--sequences", "06", "--frames", "0:3") == 0
+    (folder / PART).unlink()  # as in a folder that was copied by hand
+    assert get(benchmark, tmp_path, "--sequences", "06", "--frames", "6:8") == 2
+    assert get(benchmark, tmp_path, "--sequences", "06", "--frames", "1:3,6:8") == 0
+    assert (folder / PART).read_text(encoding="utf-8") == "--sequences 06 --frames 0:3,6:8\n"
+    assert [int(frame) for frame in open_folder(folder, "").frames] == [0, 1, 2, 6, 7]
+
+
+def test_pieces_of_a_raw_drive_keep_the_times_between_them(raw: FileServer, tmp_path: Path) -> None:
+    folder = tmp_path / "sequences" / "drive_0005"
+    assert get(raw, tmp_path, "--raw", NAME, "--frames", "1:3,5:8") == 0
+    numbers = [1, 2, 5, 6, 7]
+    sequence = open_folder(folder, "")
+    assert [int(frame) for frame in sequence.frames] == numbers
+    seconds = np.array([0, 0.1, 0.2, 0.3, 0.4, 0.5, 1.0, 1.1])[numbers]
+    np.testing.assert_allclose(sequence.times, seconds - seconds[0], atol=1e-6)
+    np.testing.assert_allclose(sequence.true_poses, from_first(path_of_the_camera()[numbers]), atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "mark", ["5:5", "1:4,2:6", "8:10,1:4", "1:4,4:6", "1:4,", "1:4;6:8", "1:4, 6:8", "4:1,6:8"]
+)
+def test_a_wrong_list_of_pieces_in_part_txt_is_refused(tmp_path: Path, mark: str) -> None:
+    (tmp_path / PART).write_text(f"--sequences 06 --frames {mark}\n", encoding="utf-8")
+    with pytest.raises(DataError, match=r"part\.txt, line 1: (expected|the pieces overlap)"):
+        read_part(tmp_path)
+
+
+@pytest.mark.parametrize("frames", ["0:3,", "0:3;5:8", "a:b,3:5", "0:3,5", "0:2,5:99", "5:5,1:3"])
+def test_a_wrong_list_of_frames_writes_nothing(benchmark: FileServer, tmp_path: Path, frames: str) -> None:
+    root = tmp_path / "root"
+    assert get(benchmark, root, "--sequences", "06", "--frames", frames) == 2
+    assert not (root / "sequences").exists()
+
+
+def test_a_gap_that_part_txt_does_not_name_is_a_missing_image(benchmark: FileServer, tmp_path: Path) -> None:
+    folder = tmp_path / "sequences" / "06"
+    assert get(benchmark, tmp_path, "--sequences", "06", "--frames", "1:4,8:12") == 0
+    for side in GREY:
+        (folder / side / "000010.png").unlink()
+    with pytest.raises(DataError, match=r"000010\.png: the image is missing between"):
+        open_folder(folder, "")

@@ -125,10 +125,12 @@ def open_with_bar(name: str, cache: Path | None, part: argparse.Namespace | None
         sequence = open_sequence(name, part.labels if part else None, cache, report)
     print_wrapped(*(f"note: {sentence}" for sentence in sequence.notes()))
     if part is None:
+        sequence.require_unbroken()
         return sequence
     sequence = dataclasses.replace(sequence, masks=part.masks)
     if part.frames:
         sequence = sequence.part(*parse_frames(part.frames, len(sequence)))
+    sequence.require_unbroken()
     if part.masks is not None:
         _note_masked_share(sequence, part.masks)
     return sequence

@@ -63,7 +63,11 @@ def _facts(name: str, folder: Path | None) -> list[str]:
     sequence = open_folder(folder, name)
     camera = sequence.camera
     truth = sequence.truth
-    length = NO_NUMBER if truth is None else f"{trajectory_distances(truth)[-1]:.0f}"
+    length = NO_NUMBER
+    if truth is not None:
+        # A gap between two pieces of a sequence is no way that its frames show.
+        metres = sum(trajectory_distances(truth[piece.start : piece.stop])[-1] for piece in sequence.pieces)
+        length = f"{metres:.0f}"
     boxes = "no" if sequence.labels is None else "part" if missing_labels(sequence) else "yes"
     parts = ["no" if truth is None else "yes", boxes]
     megabytes = sum(folder_size(folder / side) for side in sequence.sides) / 1e6

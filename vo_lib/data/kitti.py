@@ -10,6 +10,7 @@ import zlib
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -26,7 +27,10 @@ _FRAMES += [921, 1061, 3281, 631, 1901, 1731, 491, 1801, 4981, 831, 2721]
 EXPECTED_FRAMES = {f"{number:02d}": frames for number, frames in enumerate(_FRAMES)}
 
 PART = "part.txt"  # in a folder with part of a sequence: the options of `vo data get_kitti` for this part
-_MARK = re.compile(r"(?:--sequences \d\d|--raw [0-9_]+_drive_\d{4}) --frames (\d{1,6}):(\d{1,6})", re.ASCII)
+_RANGE = r"\d{1,6}:\d{1,6}"
+_MARK = re.compile(
+    rf"(?:--sequences \d\d|--raw [0-9_]+_drive_\d{{4}}) --frames ({_RANGE}(?:,{_RANGE})*)", re.ASCII
+)
 
 MAX_FOCAL_PX = 1e6  # also for the principal point; larger numbers overflow in later computations
 MIN_BASELINE_M = 1e-5
@@ -145,7 +149,8 @@ def read_times(path: Path) -> Array:
 def list_frames(folder: Path) -> list[str]:
     """File stems of the stereo pairs in `image_folders`, in the order of their numbers.
 
-    Raises `DataError` for a missing folder, an image without its partner, or a gap in the numbers.
+    Raises `DataError` for a missing folder, an image without its partner, or a gap in the numbers, unless the
+    gap is between two pieces of part.txt.
     """
     left, right = image_folders(folder)
     sides = []
@@ -164,32 +169,61 @@ def list_frames(folder: Path) -> list[str]:
         raise DataError(f"the image is missing, but its partner is in {present}", path)
     names = sorted(sides[0], key=lambda stem: (int(stem), stem))
     for before, after in itertools.pairwise(names):
-        if int(after) != int(before) + 1:
+        if int(after) != int(before) + 1 and not _gap_is_meant(folder, int(before), int(after)):
             path = folder / left / f"{int(before) + 1:0{len(before)}d}.png"
             raise DataError(f"the image is missing between {before}.png and {after}.png", path)
     return names
 
 
-def read_part(folder: Path) -> tuple[str, range] | None:
-    """The text of part.txt and the frame numbers in this text, for part of a sequence; None without the file.
+def _gap_is_meant(folder: Path, before: int, after: int) -> bool:
+    """Whether part.txt has a piece that ends with frame `before`, and the next begins with frame `after`."""
+    part = read_part(folder)
+    if part is None:
+        return False
+    pairs = itertools.pairwise(part.pieces)
+    return any((one.stop - 1, other.start) == (before, after) for one, other in pairs)
 
-    Examples: "--sequences 00 --frames 0:201", "--raw 2011_09_26_drive_0013 --frames 0:80". Raises `DataError`
-    for any other text.
+
+class Part(NamedTuple):
+    """The text of part.txt, and the ranges of frame numbers in this text, in order and with gaps between."""
+
+    text: str
+    pieces: tuple[range, ...]
+
+    @property
+    def numbers(self) -> list[int]:
+        """The numbers of all frames."""
+        return list(itertools.chain(*self.pieces))
+
+
+def read_part(folder: Path) -> Part | None:
+    """The part of a sequence that part.txt names; None without the file.
+
+    Examples: "--sequences 00 --frames 0:201", "--raw 2011_09_26_drive_0013 --frames 0:80",
+    "--sequences 06 --frames 122:139,953:968". Raises `DataError` for any other text.
     """
     path = folder / PART
     if not path.exists():
         return None
     mark = _MARK.fullmatch(read_text(path).strip())
-    if mark is None or int(mark[1]) >= int(mark[2]):
+    if mark is None:
         raise DataError("expected a line such as --sequences 00 --frames 0:201", path, 1)
-    return mark[0], range(int(mark[1]), int(mark[2]))
+    pieces = []
+    for text in mark[1].split(","):
+        start, stop = text.split(":")
+        pieces.append(range(int(start), int(stop)))
+    if not all(pieces):
+        raise DataError("expected a line such as --sequences 00 --frames 0:201", path, 1)
+    if any(other.start <= one.stop for one, other in itertools.pairwise(pieces)):
+        raise DataError("the pieces overlap or are not in order: expected 0:20,50:70", path, 1)
+    return Part(mark[0], tuple(pieces))
 
 
-def wanted_frames(folder: Path) -> range | None:
+def wanted_frames(folder: Path) -> list[int] | None:
     """Frame numbers of the complete part (part.txt) or sequence of the benchmark; None if unknown."""
     if (part := read_part(folder)) is not None:
-        return part[1]
-    return range(EXPECTED_FRAMES[folder.name]) if folder.name in EXPECTED_FRAMES else None
+        return part.numbers
+    return list(range(EXPECTED_FRAMES[folder.name])) if folder.name in EXPECTED_FRAMES else None
 
 
 def count_pairs(folder: Path) -> int:

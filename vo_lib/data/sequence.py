@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import repeat
@@ -74,6 +75,27 @@ class Sequence:
 
     def __len__(self) -> int:
         return len(self.frames)
+
+    @property
+    def pieces(self) -> list[range]:
+        """Ranges of indices without a gap in the frame numbers; a part of a sequence may have several."""
+        starts = [0]
+        for index, (before, frame) in enumerate(itertools.pairwise(self.frames), start=1):
+            if int(frame) != int(before) + 1:
+                starts.append(index)
+        return [range(*ends) for ends in itertools.pairwise([*starts, len(self)])]
+
+    def require_unbroken(self) -> None:
+        """Raise `DataError` if frame numbers are missing between the frames: no motion leads across a gap."""
+        pieces = self.pieces
+        if len(pieces) < 2:
+            return
+        numbers = ", ".join(f"{int(self.frames[p[0]])}:{int(self.frames[p[-1]]) + 1}" for p in pieces)
+        indices = " or ".join(f"--frames {piece.start}:{piece.stop}" for piece in pieces)
+        raise DataError(
+            f"{self.name} has the frames {numbers} with a gap between, and no motion leads across a gap: "
+            f"choose a piece by {indices}"
+        )
 
     @property
     def true_poses(self) -> Array:

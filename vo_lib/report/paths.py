@@ -219,6 +219,7 @@ def _truth_of_run(config: dict[str, Any]) -> ComparedPaths:
         sequence = sequence.part(sequence.frames.index(first), sequence.frames.index(last) + 1)
     if sequence.truth is None:
         raise _NoTruth(f"{location} has no truth")
+    sequence.require_unbroken()
     interval = interval_fault(sequence.times)
     notes = (f"{location}: {interval}; speeds are wrong.",) if interval else ()
     return _truth_alone(name, sequence.truth, sequence.times, sequence.is_part, notes)

@@ -243,9 +243,11 @@ def run_methods(
 
     Raises
     ------
-    DataError : an image or a label file is invalid, or the label folder has no box of a chosen class.
+    DataError : an image or a label file is invalid, the label folder has no box of a chosen class, or frames
+        are missing between the frames of the sequence.
     ValueError : the methods have different front ends.
     """
+    sequence.require_unbroken()
     front_ends = {(config.variant, config.features, config.matching) for config in configs.values()}
     if len(front_ends) != 1:
         raise ValueError("the methods need the same feature and matching settings to share their matches")

@@ -58,7 +58,11 @@ def _papers_matcher(config: MethodConfig) -> LoopMatcher:
 
 
 def find_matches(sequence: Sequence, config: MethodConfig) -> Iterator[TimedMatches]:
-    """Matches of every frame with the previous frame, computed from the images; empty for the first frame."""
+    """Matches of every frame with the previous frame, computed from the images; empty for the first frame.
+
+    Raises `DataError` if the sequence has a gap: its sides are no neighbours.
+    """
+    sequence.require_unbroken()
     front_end = make_front_end(sequence.camera, config)
     # A thread for `step` would gain little: like the odometry, it holds Python's lock half of the time.
     clock = Clock()

@@ -16,7 +16,7 @@ from vo_lib.report.table1 import Entry, measure_runs
 from vo_lib.runs.drive import run_methods
 from vo_lib.runs.match_cache import CachedMatches
 
-from ..frames import opened
+from ..frames import longest_piece, opened
 from ..kept_runs import sequence_key
 from ..memory import Memory
 
@@ -66,7 +66,7 @@ def clip(
     default, from the first detector on this machine. Without a detector, there are no boxes.
     """
     names = sorted((name for name in available() if name.startswith(KITTI)), key=lambda name: name != WHOLE)
-    opened_ones = ((name, open_sequence(name)) for name in names)
+    opened_ones = ((name, longest_piece(open_sequence(name))) for name in names)
     parts = (each if name == WHOLE else part_of(each, frames, first) for name, each in opened_ones)
     usable = (p for p in parts if p.truth is not None and suitable_protocol(p.truth) == KITTI_PROTOCOL)
     sequence = next(usable, None) or part_of(opened(STREET, progress), STREET_FRAMES)
