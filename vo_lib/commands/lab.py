@@ -51,6 +51,7 @@ LANGUAGE = {
     "nbconvert_exporter": "python",
     "pygments_lexer": "ipython3",
 }
+SIDEBAR_SHARE = 0.3  # of the window's width
 NEWS = "@jupyterlab/apputils-extension:announcements"  # dialogues on news, and requests to PyPI for updates
 
 
@@ -134,6 +135,8 @@ def _collapse_sidebar() -> None:
     layout = {
         "main": {"dock": None},
         "left": {"collapsed": True, "visible": True, "current": None, "widgets": ["filebrowser"]},
+        # Wide enough, once it is opened, to tell a notebook from its new version.
+        "relativeSizes": [SIDEBAR_SHARE, 1.0 - SIDEBAR_SHARE, 0.0],
     }
     if not importer.manager.load(COURSE)["data"]:
         workspace = {"data": {"layout-restorer:data": layout}, "metadata": {"id": COURSE}}
