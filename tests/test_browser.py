@@ -118,6 +118,8 @@ def test_notebook_runs_in_a_browser(path: Path, lab: str, browser: BrowserContex
     page.goto(f"{lab}/lab/tree/{path.name}?token={TOKEN}&reset")
     page.locator(".jp-Notebook .jp-CodeCell").first.wait_for()
     page.get_by_text("| Idle").first.wait_for()  # before that, "Run" would open a kernel dialog
+    # A notebook that is only opened is not marked as changed.
+    assert page.locator(".lm-TabBar-tab.jp-mod-dirty").count() == 0
     page.get_by_role("menuitem", name="Run", exact=True).click()
     page.get_by_role("menuitem", name="Run All Cells", exact=True).click()
     page.wait_for_function(ALL_DONE, polling=SELDOM)
