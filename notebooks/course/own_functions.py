@@ -21,7 +21,7 @@ class OwnFunction:
 
     A wrong answer runs as it is, so that its picture and its numbers show what is wrong. Only where there is
     nothing to draw (the body is still `...`, the function stops with an error, or its result has another form
-    than the library's) the result is the library's, and a printed line says so, once for each reason.
+    than the library's, is empty or has values that are not finite) the result is the library's, and a printed line says so, once for each reason.
     """
 
     def __init__(self, own: Any, library: Callable[..., Any]) -> None:
@@ -101,7 +101,8 @@ def _count(values: Array) -> str:
 def _other_form(got: Any, right: Any) -> str:
     """What is different about the form of a result, as the end of a sentence; "" if it can be used.
 
-    The number of rows is part of the answer, except for a mask, which must fit the features.
+    The number of rows is part of the answer, except for a mask, which must fit the features, and for no rows at
+    all, which leave nothing to draw. Nor do values that are not finite, where the library's all are.
     """
     if got is None:
         return "" if right is None else "returns None"
@@ -127,4 +128,8 @@ def _other_form(got: Any, right: Any) -> str:
         return f"returns the shape {mine.shape}, not {theirs.shape}"
     if theirs.dtype.kind == "b" and mine.dtype.kind != "b":
         return "returns no mask of True and False"
+    if theirs.size and not mine.size:
+        return "returns no result"
+    if np.isfinite(theirs).all() and not np.isfinite(mine).all():
+        return "has values that are not finite"
     return ""

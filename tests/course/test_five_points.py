@@ -13,8 +13,9 @@ import pytest
 
 from course.ch02 import library
 from course.ch02.puzzle import LEAST_SOLUTIONS, OFF_LINE_PX, ON_LINE_PX, find_puzzle
-from course.frames import frame_points
+from course.frames import frame_points, truth
 from course.simulation.problems import random_problems
+from course.simulation.true_matches import predict
 from vo_lib.config import preset
 from vo_lib.data.sequence import Sequence
 from vo_lib.geometry.motion import essential_from_motion, rotation_angle
@@ -60,9 +61,26 @@ def test_the_puzzle_has_one_solution_through_the_sixth_match_and_asks_no_truth(
     np.testing.assert_array_equal(untrue.five, puzzle.five)
 
 
+@pytest.mark.parametrize("frame", [20, 40, 60, 80])
+def test_the_sixth_match_of_the_puzzle_is_at_its_true_place(street: Sequence, frame: int) -> None:
+    points = frame_points(street, frame, preset("solution_selection"))
+    puzzle = find_puzzle(points, street.camera.f)
+    known = truth(street)
+    assert known is not None
+    place, _, valid = predict(known, frame - 1, frame, points.matches.prev_left)
+    error = np.where(valid, np.linalg.norm(place - points.matches.cur_left, axis=1), np.nan)
+    assert error[puzzle.sixth] < 1.0
+    motion = library.choose_motion(library.four_motions(puzzle.E[0]), points.x_p, points.x_c)
+    sixth = [puzzle.sixth]
+    assert np.min(library.two_depths(motion, points.x_p[sixth], points.x_c[sixth])) > 0
+    # Of the matches on their lines, many have another place: the line alone does not tell.
+    on_line = street.camera.f * library.distances(puzzle.E[0], points.x_p, points.x_c) < ON_LINE_PX
+    assert np.nanmax(error[on_line]) > 10.0
+
+
 def test_few_matches_give_a_puzzle_without_a_sixth_that_separates(street: Sequence) -> None:
     points = frame_points(street, 60, preset("solution_selection"))
-    seven = replace(points, x_p=points.x_p[:7], x_c=points.x_c[:7])
+    seven = replace(points, x_p=points.x_p[:7], x_c=points.x_c[:7], X_p=points.X_p[:7])
     assert len(find_puzzle(seven, street.camera.f).E) > 0
 
 

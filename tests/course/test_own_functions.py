@@ -50,6 +50,11 @@ def test_an_answer_that_is_still_missing_is_reported_once(capsys: pytest.Capture
         (lambda values: "2", double, "returns"),
         (lambda values: [[1.0], [1.0, 2.0]], double, "different lengths"),
         (lambda values: values, lambda values: (values, values), "does not return 2 results"),
+        (lambda values: values * np.nan, double, "has values that are not finite"),
+        (lambda values: [1.0, np.inf, 2.0], double, "has values that are not finite"),
+        (lambda values: (values, -np.inf * values), lambda values: (values, values), "are not finite"),
+        (lambda values: np.zeros(0), double, "returns no result"),
+        (lambda values: np.zeros((0, 3)), lambda values: np.zeros((4, 3)), "returns no result"),
     ],
 )
 def test_an_answer_that_cannot_be_drawn_is_reported(
@@ -59,6 +64,24 @@ def test_an_answer_that_cannot_be_drawn_is_reported(
     np.testing.assert_equal(function(VALUES), library(VALUES))
     assert function.whose == "the library's"
     assert words in capsys.readouterr().out
+
+
+def test_values_that_are_not_finite_run_where_the_library_has_some(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def parallel(values: Any) -> Any:
+        return np.array([np.inf, 1.0, np.nan])
+
+    function = own_or_library(lambda values: np.array([np.nan, 2.0, 3.0]), parallel)
+    np.testing.assert_array_equal(function(VALUES), [np.nan, 2.0, 3.0])
+    assert function.whose == "yours"
+    assert capsys.readouterr().out == ""
+
+
+def test_no_result_runs_where_the_library_has_none() -> None:
+    function = own_or_library(lambda values: np.zeros(0), lambda values: np.zeros(0))
+    assert len(function(VALUES)) == 0
+    assert function.whose == "yours"
 
 
 def test_several_results_may_be_an_array(capsys: pytest.CaptureFixture[str]) -> None:

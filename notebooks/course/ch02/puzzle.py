@@ -19,6 +19,7 @@ GOOD_PX = 1.0  # a good solution passes within this distance of most matches
 GOOD_SHARE = 0.8
 ON_LINE_PX = 0.5  # the sixth match is this near to the line of the good solution …
 OFF_LINE_PX = 10.0  # … and this far from all other lines
+AT_PLACE_PX = 0.5  # … and this near to the place where its stereo depth and the good solution put it
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +30,7 @@ class Puzzle:
     ----------
     five : (5,) indices of the matches.
     E : (M, 3, 3) all solutions, the one with the smallest image error first.
-    sixth : index of a match on the line of the first solution and far from the lines of the others.
+    sixth : index of a right match on the line of the first solution and far from the lines of the others.
     draws : number of random sets until this one.
     """
 
@@ -39,10 +40,31 @@ class Puzzle:
     draws: int
 
 
-def find_puzzle(points: Points, focal: float) -> Puzzle:
-    """Draw sets of five until one has a good solution, and a match that separates the solutions.
+def off_place(E: Array, five: Index, points: Points) -> Array:
+    """Distances (N,) of matches from their places by E and their stereo depths, normalised units.
 
-    No truth is used. Where no set of `SETS` is good enough, the result is the one that separates best.
+    A line says nothing about errors along it. The stereo depth does: it puts the point X_p at one place of the
+    current image. The length of t is the median over the matches of stereo depth / depth by E. Infinite where E
+    has the point behind a camera, and where its place is behind the current camera.
+    """
+    motion = library.choose_motion(library.four_motions(E), points.x_p[five], points.x_c[five])
+    d_p, d_c = library.two_depths(motion, points.x_p, points.x_c)
+    in_front = (d_p > 0) & (d_c > 0) & np.isfinite(d_p) & np.isfinite(d_c)
+    away = np.full(len(d_p), np.inf)
+    if not in_front.any():
+        return away
+    length = float(np.median(points.X_p[in_front, 2] / d_p[in_front]))
+    X_c = points.X_p @ motion[:, :3].T + length * motion[:, 3]
+    seen = in_front & (X_c[:, 2] > 0)
+    away[seen] = np.linalg.norm(X_c[seen, :2] / X_c[seen, 2:] - points.x_c[seen], axis=1)
+    return away
+
+
+def find_puzzle(points: Points, focal: float) -> Puzzle:
+    """Draw sets of five until one has a good solution, and a right match that separates the solutions.
+
+    The match farthest from the other lines is often a wrong one that is on its line by accident; so its place must
+    agree with its stereo depth. No truth is used. Where no set of `SETS` is good enough, the result is the one that separates best.
     """
     sets = draw_sets(np.random.default_rng(0), len(points.x_p), SETS)
     solved = five_point(points.x_p[sets], points.x_c[sets])
@@ -58,6 +80,7 @@ def find_puzzle(points: Points, focal: float) -> Puzzle:
         nearest_other = far[1:].min(axis=0, initial=np.inf)
         nearest_other[five] = 0.0
         nearest_other[far[0] > ON_LINE_PX] = 0.0
+        nearest_other[focal * off_place(E[0], five, points) > AT_PLACE_PX] = 0.0
         sixth = int(np.argmax(nearest_other))
         separation = float(nearest_other[sixth])
         good = bool(np.mean(far[0] < GOOD_PX) > GOOD_SHARE)
