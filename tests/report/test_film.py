@@ -135,16 +135,16 @@ def test_scale_has_a_round_length(most: float, length: float) -> None:
 
 
 def test_scale_of_the_map_is_as_long_as_it_says(bands: Path) -> None:
-    """A straight path of 30 m is three times as long on the map as the line of 10 m below it."""
+    """A straight path of 30 m is three times as long on the map as the line of 10 m above it."""
     result = run(open_sequence(bands), preset("solution_selection"))
     poses = np.tile(np.eye(4), (6, 1, 1))
     poses[:, 0, 3] = np.linspace(0.0, 30.0, 6)  # to the right
     still = replace(result, poses=poses, sequence=replace(result.sequence, truth=None))
     *_, shown = film_frames(result)
     picture = Film(bands.parent / "film.webm", still, "mine").picture(shown)
-    row = (picture[-(MAP_MARGIN_PX // 2), 480:] == 0).all(axis=1)  # of the line and its number
+    row = (picture[WORDS_HEIGHT_PX + MAP_MARGIN_PX // 2, 480:] == 0).all(axis=1)  # of the line and its number
     line = int(np.argmin(row[np.argmax(row) :]))
-    path_columns = np.nonzero((picture[WORDS_HEIGHT_PX:-60, 480:] == PATH_COLOUR).all(axis=2).any(axis=0))[0]
+    path_columns = np.nonzero((picture[WORDS_HEIGHT_PX:, 480:] == PATH_COLOUR).all(axis=2).any(axis=0))[0]
     assert np.ptp(path_columns) == pytest.approx(3 * line + PATH_WIDTH_PX, abs=6)
 
 

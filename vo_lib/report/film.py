@@ -188,7 +188,7 @@ class Film:
         low = np.concatenate(points).min(axis=0)
         high = np.concatenate(points).max(axis=0)
         scale = float((room / np.maximum(high - low, 1.0)).min())  # pixels per metre
-        middle = MAP_MARGIN_PX + room / 2
+        middle = np.array([MAP_MARGIN_PX, MAP_MARGIN_PX + LINE_HEIGHT_PX]) + room / 2
         path, *truth = [scale * (xz - (low + high) / 2) * [1.0, -1.0] + middle for xz in points]
         _draw_line(part, path[: index + 1], self._colour, PATH_WIDTH_PX)
         for line in truth:
@@ -239,19 +239,22 @@ class Film:
 
 
 def _draw_scale(part: Image, scale: float) -> None:
-    """Draw a line of a round length at the bottom left of a map with `scale` pixels per metre."""
-    height, width = part.shape[:2]
+    """Draw a line of a round length at the top left of a map with `scale` pixels per metre.
+
+    At the bottom, the controls of a player would cover it.
+    """
+    width = part.shape[1]
     length = round_length(width / 3 / scale)
     left = MAP_MARGIN_PX
     right = left + round(scale * length)
-    bottom = height - MAP_MARGIN_PX // 2
+    row = MAP_MARGIN_PX // 2
     for start, end in (
-        ((left, bottom), (right, bottom)),
-        ((left, bottom - 4), (left, bottom + 4)),
-        ((right, bottom - 4), (right, bottom + 4)),
+        ((left, row), (right, row)),
+        ((left, row - 4), (left, row + 4)),
+        ((right, row - 4), (right, row + 4)),
     ):
         cv2.line(part, start, end, BLACK, 1)
-    _write(part, f"{length:g} m", (right + 8, bottom + 5))
+    _write(part, f"{length:g} m", (right + 8, row + 5))
 
 
 def round_length(most: float) -> float:
