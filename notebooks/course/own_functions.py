@@ -30,26 +30,36 @@ class OwnFunction:
         self.own = own
         self.name = str(getattr(own, "__name__", library.__name__))
         self.told = set[str]()
+        self.calls = 0
+        self.replaced = 0  # calls whose result is the library's
         if self.empty:
             self._tell(f"{self.name} has no answer yet, so the library's function runs here.")
 
     def __call__(self, *inputs: Any) -> Any:
+        self.calls += 1
         right = self.library(*inputs)
         if self.empty:
+            self.replaced += 1
             return right
         got = outcome(self.own, copy.deepcopy(inputs))
         if isinstance(got, Unusable):
             self._tell(f"your {self.name} cannot run here, so the library's result is used: {got.message}")
+            self.replaced += 1
             return right
         if fault := _other_form(got, right):
             self._tell(f"your {self.name} {fault}, so the library's result is used here.")
+            self.replaced += 1
             return right
         return got
 
     @property
     def whose(self) -> str:
-        """Whose results the calls gave so far: "yours" or "the library's"."""
-        return "the library's" if self.told else "yours"
+        """Whose results the calls gave so far: "yours", "the library's", or how many of them are the library's."""
+        if self.empty or (self.calls and self.replaced == self.calls):
+            return "the library's"
+        if self.replaced:
+            return f"partly yours ({self.replaced} of {self.calls} results are the library's)"
+        return "yours"
 
     def _tell(self, line: str) -> None:
         if line not in self.told:
@@ -95,7 +105,9 @@ def _is_list(values: Array) -> bool:
 
 
 def _count(values: Array) -> str:
-    return f"{len(values)} results" if values.ndim else "one number"
+    if values.ndim == 0:
+        return "one number"
+    return "1 result" if len(values) == 1 else f"{len(values)} results"
 
 
 def _other_form(got: Any, right: Any) -> str:

@@ -84,6 +84,17 @@ def test_no_result_runs_where_the_library_has_none() -> None:
     assert function.whose == "yours"
 
 
+def test_results_of_which_some_are_the_librarys_are_partly_yours(capsys: pytest.CaptureFixture[str]) -> None:
+    function = own_or_library(lambda value: None if value < 0 else 3.0 * value, double)
+    assert function.whose == "yours"
+    assert [function(value) for value in VALUES] == [-2.0, 6.0, 9.0]
+    assert function.whose == "partly yours (1 of 3 results are the library's)"
+    assert capsys.readouterr().out.count("returns None") == 1
+    for _ in range(2):
+        function(-1.0)
+    assert function.whose == "partly yours (3 of 5 results are the library's)"
+
+
 def test_several_results_may_be_an_array(capsys: pytest.CaptureFixture[str]) -> None:
     both = own_or_library(lambda values: np.array([1.0, 2.0]), lambda values: (3.0, 4.0))
     assert list(both(VALUES)) == [1.0, 2.0]
@@ -108,6 +119,7 @@ def test_an_answer_cannot_change_the_data_of_the_cell() -> None:
         (VALUES > 0, VALUES > 2, "1 of 3 differ"),
         (np.array([1, 2, 5]), np.array([1, 2]), "1 of 3 differ"),
         (np.zeros((2, 3, 3)), np.zeros((4, 3, 3)), "2 results against 4 results"),
+        (np.zeros((1, 3)), np.zeros((4, 3)), "1 result against 4 results"),
         (VALUES * np.nan, VALUES, "3 of 3 numbers are not finite"),
     ],
 )
