@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -49,7 +50,18 @@ def test_the_jam_drifts_less_with_each_vehicle_removed() -> None:
     assert "without the boxes removed, the rotation error per step was larger than that" in TEXT
     turns = {name: step_errors(jam, poses[name])[0].mean() for name in ("all", "boxes")}
     assert turns["all"] > 0.02 > turns["boxes"]
-    assert draw.jam_figure(jam, poses).axes[0].get_title("left") == "paths from above"
+    made = draw.jam_figure(jam, poses)
+    assert made.axes[0].get_title("left") == "paths from above"
+    made.canvas.draw()
+    for axis in made.axes:
+        assert axis.yaxis.label.get_window_extent().x0 >= 0  # not cut off at the edge
+
+
+def test_the_orders_of_three_turns_are_counted() -> None:
+    assert "in six orders (in twelve, if the first axis may come again as the last" in TEXT
+    orders = [axes for axes in itertools.product("xyz", repeat=3) if axes[0] != axes[1] != axes[2]]
+    assert len(orders) == 12
+    assert len([axes for axes in orders if len(set(axes)) == 3]) == 6
 
 
 def test_columns_are_measured_a_little_less_exactly_than_rows(street: Sequence) -> None:

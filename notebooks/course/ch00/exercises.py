@@ -85,7 +85,7 @@ disparity_at_20_m = Exercise(
 
 back_project = Exercise(
     point,
-    lambda: [(810.0, 250.0, 14.0, CAMERA), (350.0, 90.0, 7.0, CAMERA)],
+    lambda: [(810.0, 250.0, 16.0, CAMERA), (350.0, 90.0, 6.5, CAMERA)],
     praise="X = ({got[0]:.2f}, {got[1]:.2f}, {got[2]:.2f}) m, the result of `camera.back_project`.",
     hint="compute Z from the disparity first. Then X is to Z as u - cx is to f, and Y is to Z as v - cy is to f.",
     line="np.array([(u - camera.cx) / camera.f * Z, (v - camera.cy) / camera.f * Z, Z])",
@@ -100,6 +100,11 @@ back_project = Exercise(
         "u and v are swapped: u is the column and gives X.": lambda u, v, *more: point(v, u, *more),
         "X and Y belong to the point at depth 1 on the ray: how far along the ray is the point?": (
             lambda *x: point(*x) / [point(*x)[2], point(*x)[2], 1.0],
+        ),
+        "`//` rounds the quotient down to a whole number: divide by `/`.": (
+            lambda u, v, d, camera: point(
+                u, v, camera.f * camera.baseline / (camera.f * camera.baseline // d), camera
+            )
         ),
         "Z is {got[2]:.3f} m, expected {right[2]:.3f} m: which depth follows from the disparity?": Condition(
             lambda X, *case: abs(X[2] - point(*case)[2]) > 1e-9

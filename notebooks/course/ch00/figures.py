@@ -27,12 +27,13 @@ from vo_lib.report.plots import match_image
 from ..ch03.figures import features_picture
 from ..ch04.figures import by_depth_figure
 from ..colours import BAD, CYCLE, DARK, GOOD, PALE, THIRD
-from ..drawing import LEFT, WIDTH, caption, figure, finish, photo, room
 from ..drawing import RIGHT as RIGHT_MARGIN
+from ..drawing import WIDTH, caption, figure, finish, photo, room
 from ..drawn_matches import draw_dots, draw_flow
 from ..frames import WithBoxes, frame_matches, frame_points, stereo, true_poses, truth
 from ..view3d import Shape, View, camera
 
+JAM_LEFT = 76  # margin of the figure of the jam, for numbers such as -0.5 and the name of the axis, pixels
 RAYS = 14  # number
 RAYS_END = 15.0  # largest distance of their points, metres
 FIRST_FRAMES = 20  # of a sequence without truth, whose motions are estimated
@@ -106,7 +107,7 @@ def road_axis(axis: Axes, ahead: tuple[float, float], height: int) -> None:
 
     ahead : first and last metre forward; both axes have the same scale. height : of the axis, pixels.
     """
-    a_metre = (WIDTH - LEFT - RIGHT_MARGIN) / (ahead[1] - ahead[0])
+    a_metre = axis.get_position().width * WIDTH / (ahead[1] - ahead[0])
     half = height / a_metre / 2
     axis.set(xlim=ahead, ylim=(half, -half))
 
@@ -117,9 +118,9 @@ def jam_figure(jam: Sequence, runs: Mapping[str, Array]) -> Figure:
     frames = int(jam.frames[0]) + np.arange(len(true))
     length = float(true[-1, 2])
     made = Figure(figsize=(WIDTH / 100, 4.3), dpi=100)
-    width = (WIDTH - LEFT - RIGHT_MARGIN) / WIDTH
-    above = made.add_axes((LEFT / WIDTH, 0.66, width, 0.26))
-    below = made.add_axes((LEFT / WIDTH, 0.11, width, 0.38))
+    width = (WIDTH - JAM_LEFT - RIGHT_MARGIN) / WIDTH
+    above = made.add_axes((JAM_LEFT / WIDTH, 0.66, width, 0.26))
+    below = made.add_axes((JAM_LEFT / WIDTH, 0.11, width, 0.38))
     far = 0.0
     for (name, poses), colour in zip(runs.items(), (BAD, THIRD, CYCLE[3], GOOD), strict=False):
         places = poses[:, :3, 3]
