@@ -10,9 +10,19 @@ import nbformat
 import numpy as np
 import pytest
 
-from course.ch01.errors import GROSS, RIGHT, Measure, count_line, measure_of, strongest_wrong
-from course.ch01.figures import on_edge
+from course.ch01.errors import (
+    GROSS,
+    RIGHT,
+    RISE,
+    Measure,
+    count_line,
+    measure_of,
+    strongest_wrong,
+    wrong_example,
+)
+from course.ch01.figures import errors_chart, on_edge
 from course.ch01.trace import LOST, open_loops, trace, whole_pixels
+from course.drawing import figure
 from course.frames import stereo
 from vo_lib.config import preset
 from vo_lib.data.sequence import Sequence
@@ -146,3 +156,51 @@ def test_no_match_is_wrong_where_all_errors_are_small(whole: StereoMatches) -> N
     error = np.full(len(whole), np.nan)
     error[5] = 3.0
     assert strongest_wrong(whole, error) == 5
+
+
+def test_without_truth_a_match_is_called_wrong_only_if_it_is(
+    street: Sequence, measure: Measure, whole: StereoMatches
+) -> None:
+    """Right matches on the moving cars of the street leave their lines; none of them may be called wrong."""
+    unknown = replace(measure, known=None)
+    error = measure(whole)
+    rise = unknown.rises(whole)
+    assert np.all(rise[error <= RIGHT] < RISE)
+    assert np.count_nonzero(rise[error > GROSS] > RISE) > 20
+    worst, words = wrong_example(unknown, whole)
+    assert worst is not None
+    assert error[worst] > GROSS
+    assert "it is wrong" in words
+
+
+def test_a_right_match_on_a_moving_thing_is_not_called_wrong(measure: Measure, whole: StereoMatches) -> None:
+    # Points that move by 0.6 m to the side and 0.4 m away, all the others stand still.
+    right = whole[(measure(whole) <= RIGHT) & (whole.prev_left[:, 0] - whole.prev_right[:, 0] > 15)]
+    camera = measure.sequence.camera
+    X = camera.triangulate(right.cur_left, right.cur_right) + np.array([0.6, 0.0, 0.4])
+    u = camera.f * X[:, 0] / X[:, 2] + camera.cx
+    v = camera.f * X[:, 1] / X[:, 2] + camera.cy
+    disparity = camera.f * camera.baseline / X[:, 2]
+    moved = replace(right, cur_left=np.column_stack([u, v]), cur_right=np.column_stack([u - disparity, v]))
+    unknown = replace(measure, known=None)
+    assert np.count_nonzero(unknown(moved) > GROSS) > 10
+    worst, words = wrong_example(unknown, moved)
+    assert worst is None
+    assert "may be right, on something that moves" in words
+    none, words = wrong_example(unknown, right)
+    assert none is None
+    assert f"none of the {len(right)} matches is between 5 and 40 px" in words
+
+
+@pytest.mark.parametrize("true", [True, False])
+def test_a_curve_never_runs_through_the_legend(true: bool) -> None:
+    # All errors are tiny, or all are large: the curves are at the left or at the right edge.
+    made, (axis,) = figure(230)
+    errors = {name: np.full(50, 0.01 if true else 90.0) for name in ("kept", "removed", "open")}
+    errors_chart(axis, errors)
+    made.canvas.draw()
+    legend = axis.get_legend()
+    assert legend is not None
+    bottom = legend.get_window_extent().y0
+    top = axis.transData.transform((1.0, 100.0))[1]
+    assert bottom > top

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from vo_lib.config import preset
@@ -20,6 +21,8 @@ from ..simulation.true_matches import depth, match_errors, predict
 RIGHT = 1.0  # largest error of a right match, pixels
 GROSS = 5.0  # an error above is no matter of accuracy: the match is another point, pixels
 SETS = 200  # of five matches, for the motion that most matches agree with
+SHOWN = 40.0  # largest error that a picture of the four images can show, pixels
+RISE = 0.5  # no vehicle or person moves up or down by as much between two frames, metres
 OUTLINE_WINDOW = 11  # side of the window that an outline crosses, pixels
 OUTLINE_RATIO = 1.2  # of the largest and the smallest depth in this window
 
@@ -74,6 +77,28 @@ class Measure:
         cur_left, cur_right, _ = predict(self.known, self.frame - 1, self.frame, start)
         return {"previous right": prev_right, "current right": cur_right, "current left": cur_left}
 
+    def rises(self, matches: StereoMatches) -> Array:
+        """How far each match would have moved up or down between the frames if it were right, (N,) metres.
+
+        The rotation of the camera is undone, and a camera in a car hardly rises. What one pixel of the disparities
+        can make of it is subtracted; 0 where a disparity is too small for a depth.
+        """
+        camera = self.sequence.camera
+        _, R_cp, _, _ = cv2.recoverPose(self.E, matches.prev_left, matches.cur_left, camera.K)
+        disparities = []
+        heights = []
+        for left, right, R in (
+            (matches.prev_left, matches.prev_right, R_cp),
+            (matches.cur_left, matches.cur_right, np.eye(3)),
+        ):
+            disparity = left[:, 0] - right[:, 0]
+            X = camera.back_project(left, np.maximum(disparity, 1.0))
+            disparities.append(disparity)
+            heights.append((X @ R.T)[:, 1])
+        by_a_pixel = np.sum(np.abs(heights) / np.maximum(disparities, 1.0), axis=0)
+        rise = np.maximum(np.abs(heights[1] - heights[0]) - by_a_pixel, 0.0)
+        return np.where(np.minimum(*disparities) > 1.0, rise, 0.0)
+
     def on_outline(self, matches: StereoMatches) -> BoolArray | None:
         """Mask (N,) of the matches with two depths in the window around them; None without true depths."""
         if self.known is None:
@@ -112,7 +137,7 @@ def count_line(name: str, error: Array) -> str:
 
 
 def strongest_wrong(
-    matches: StereoMatches, error: Array, least: float = GROSS, most: float = 40.0
+    matches: StereoMatches, error: Array, least: float = GROSS, most: float = SHOWN
 ) -> int | None:
     """Index of the strongest match with an error between two limits, pixels; else of the largest one above `RIGHT`.
 
@@ -124,3 +149,38 @@ def strongest_wrong(
         return int(shown[np.argmax(matches.strength[shown])])
     largest = int(np.argmax(known)) if len(known) else 0
     return largest if len(known) and known[largest] > RIGHT else None
+
+
+def wrong_example(measure: Measure, matches: StereoMatches) -> tuple[int | None, str]:
+    """A match that is shown as wrong, or None if there is none; and what may be said about it.
+
+    With truth: `strongest_wrong`. Without it, a match far from its line may be right on a moving thing. It is shown
+    only if a thing would have to jump up or down for it.
+    """
+    error = measure(matches)
+    if measure.known is not None:
+        worst = strongest_wrong(matches, error)
+        if worst is None:
+            return None, f"No match here is known to be wrong by more than {RIGHT:g} px."
+        return worst, (
+            f"The error of this match is {error[worst]:.1f} px: it is wrong. Rings show the true places."
+        )
+    far = (error > GROSS) & (error < SHOWN)
+    if not far.any():
+        return None, (
+            f"There is no truth here, and none of the {len(matches)} matches is between {GROSS:g} and {SHOWN:g} px\n"
+            "away from its line. So the cell can call none of them wrong."
+        )
+    rise = measure.rises(matches)
+    shown = np.flatnonzero(far & (rise > RISE))
+    if len(shown) == 0:
+        return None, (
+            f"There is no truth here. {np.count_nonzero(far)} of {len(matches)} matches: between {GROSS:g} and {SHOWN:g} px "
+            "away from their lines.\nEach of them may be right, on something that moves, so the cell can call none of "
+            "them wrong."
+        )
+    worst = int(shown[np.argmax(matches.strength[shown])])
+    return worst, (
+        f"This match is {error[worst]:.1f} px away from the orange line. If it were right, its point would have\n"
+        f"moved up or down by more than {rise[worst]:.1f} m in one frame. Nothing in a street does, so it is wrong."
+    )

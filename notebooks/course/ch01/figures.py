@@ -29,6 +29,8 @@ FATES |= {SURPLUS: "#56B4E9", CHOSEN: GOOD}
 SIDES = ("previous left", "previous right", "current right", "current left")
 LEAST, MOST = 0.01, 100.0  # pixels shown of an error
 EDGE = 1 / 3  # ratio of the roots of the eigenvalues, below which a window is an edge
+LEGEND_LINE = 18  # height of a line of a legend, pixels
+LEGEND_EDGE = 12  # above and below its lines, pixels
 NAMES = 0.055  # of a figure's width, for the names of the fates
 
 
@@ -332,5 +334,9 @@ def errors_chart(
         axis.plot(np.clip(finite, LEAST, MOST), share, color=colour, label=words)
     axis.axvline(RIGHT, color=DARK, linewidth=1, linestyle=":")
     log_axis(axis.xaxis, LEAST, MOST)
-    axis.set_ylim(0, 102)
+    # The legend has a band of its own above all curves.
+    height = axis.bbox.height
+    band = min(LEGEND_EDGE + LEGEND_LINE * len(errors), 0.6 * height)
+    axis.set_ylim(0, 102 * height / (height - band))
+    axis.set_yticks([0, 25, 50, 75, 100])
     finish(axis, title, measured, "share of matches [%]", "upper left")

@@ -10,6 +10,8 @@ ABLATION = Path(__file__).parents[2] / "ablation.csv"  # written by `vo data mea
 METHOD = "feature_selection"
 PAPERS = "front end (turned off: the paper's)"
 REAL = "kitti/"
+SEEDS = 5  # fewest seeds with which the course calls a difference more than chance
+ERRORS = ("te", "re", "lost")  # columns of the table
 
 
 @dataclass(frozen=True)
@@ -19,12 +21,15 @@ class FrontEnds:
     Attributes
     ----------
     drive : name of a sequence, or of a sequence and its disturbance, such as "kitti/00: dark".
-    kit, change : TE, %; RE, deg/100 m; distance of the end from the truth, metres; frames without a motion.
+    kit, change : TE, %; RE, deg/100 m; number of frames without a motion.
+    deviation : standard deviations of the changes over the seeds. seeds : their number.
     """
 
     drive: str
     kit: tuple[float, ...]
     change: tuple[float, ...]
+    deviation: tuple[float, ...]
+    seeds: int
 
     @property
     def paper(self) -> tuple[float, ...]:
@@ -39,15 +44,23 @@ class FrontEnds:
 
 def front_ends(path: Path = ABLATION) -> list[FrontEnds]:
     """The comparison of the front ends on every real drive, clean drives first."""
-    rows: dict[tuple[str, str], tuple[float, ...]] = {}
+    rows: dict[tuple[str, str], dict[str, str]] = {}
     with path.open(encoding="utf-8", newline="") as lines:
         for row in csv.DictReader(lines):
-            if row["method"] == METHOD and row["sequence"].startswith(REAL) and row["end"]:
-                numbers = (float(row[name]) for name in ("te", "re", "end", "lost"))
-                rows[row["idea"], row["sequence"]] = tuple(numbers)
+            if row["method"] == METHOD and row["sequence"].startswith(REAL) and row["te"]:
+                rows[row["idea"], row["sequence"]] = row
     drives = [drive for idea, drive in rows if idea == PAPERS]
-    compared = [FrontEnds(drive, rows["", drive], rows[PAPERS, drive]) for drive in drives]
+    compared = []
+    for drive in drives:
+        changed = rows[PAPERS, drive]
+        deviation = _numbers(changed, "_sd")
+        kit = _numbers(rows["", drive])
+        compared.append(FrontEnds(drive, kit, _numbers(changed), deviation, int(changed["seeds"])))
     return sorted(compared, key=lambda each: each.disturbed)
+
+
+def _numbers(row: dict[str, str], suffix: str = "") -> tuple[float, ...]:
+    return tuple(float(row[name + suffix]) for name in ERRORS)
 
 
 def saved_ms(path: Path = ABLATION) -> float:
@@ -58,12 +71,20 @@ def saved_ms(path: Path = ABLATION) -> float:
 
 
 def front_end_lines(path: Path = ABLATION) -> str:
-    """A line for each drive: TE, RE, end of the path and lost frames with both front ends."""
-    head = f"{'':24}    TE [%]      RE [deg/100 m]    end [m]     lost frames"
-    lines = [head, f"{'':24}  kit  paper's   kit  paper's   kit  paper's  kit  paper's"]
-    for each in front_ends(path):
-        numbers = [f"{own:7.2f}{other:7.2f}" for own, other in zip(each.kit[:3], each.paper[:3], strict=True)]
-        lost = f"{each.kit[3]:7.1f}{each.paper[3]:7.1f}"
-        lines.append(f"{each.drive:24}{' '.join([*numbers, lost])}")
-    lines.append(f"The kit's front end takes {saved_ms(path):.1f} ms less per frame.")
+    """A line for each drive: TE, RE and lost frames with both front ends; after ± the deviation of the change."""
+    compared = front_ends(path)
+    lines = [
+        f"{'':24}      TE [%]             RE [deg/100 m]      lost frames",
+        f"{'':24}   kit paper's    ±       kit paper's    ±      kit paper's",
+    ]
+    for each in compared:
+        line = f"{each.drive:24}"
+        for error in (0, 1):
+            line += f"{each.kit[error]:6.2f}{each.paper[error]:8.2f}{each.deviation[error]:6.2f}   "
+        lines.append(f"{line}{each.kit[2]:6.1f}{each.paper[2]:8.1f}")
+    seeds = min(each.seeds for each in compared)
+    lines.append(f"Means over {seeds} seeds; ±: standard deviation of the difference over the seeds.")
+    if seeds < SEEDS:
+        lines.append(f"A difference of TE or RE would need {SEEDS} seeds to count; here are {seeds}.")
+    lines.append(f"In these runs the kit's front end took {saved_ms(path):.1f} ms less per frame.")
     return "\n".join(lines)
