@@ -9,6 +9,7 @@ from pathlib import Path
 import nbformat
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from course.ch01.errors import (
     GROSS,
@@ -198,7 +199,7 @@ def test_a_curve_never_runs_through_the_legend(true: bool) -> None:
     made, (axis,) = figure(230)
     errors = {name: np.full(50, 0.01 if true else 90.0) for name in ("kept", "removed", "open")}
     errors_chart(axis, errors)
-    made.canvas.draw()
+    FigureCanvasAgg(made).draw()
     legend = axis.get_legend()
     assert legend is not None
     bottom = legend.get_window_extent().y0

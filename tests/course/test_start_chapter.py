@@ -10,6 +10,7 @@ from pathlib import Path
 import nbformat
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from course.ch00 import figures as draw
 from course.ch05.claim import step_errors
@@ -52,9 +53,10 @@ def test_the_jam_drifts_less_with_each_vehicle_removed() -> None:
     assert turns["all"] > 0.02 > turns["boxes"]
     made = draw.jam_figure(jam, poses)
     assert made.axes[0].get_title("left") == "paths from above"
-    made.canvas.draw()
-    for axis in made.axes:
-        assert axis.yaxis.label.get_window_extent().x0 >= 0  # not cut off at the edge
+    FigureCanvasAgg(made).draw()
+    name = made.axes[0].yaxis.label
+    assert name.get_text() == "x, right [m]"
+    assert name.get_window_extent().x0 >= 0  # not cut off at the edge
 
 
 def test_the_orders_of_three_turns_are_counted() -> None:
