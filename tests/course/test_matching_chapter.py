@@ -199,7 +199,7 @@ def test_a_curve_never_runs_through_the_legend(true: bool) -> None:
     made, (axis,) = figure(230)
     errors = {name: np.full(50, 0.01 if true else 90.0) for name in ("kept", "removed", "open")}
     errors_chart(axis, errors)
-    FigureCanvasAgg(made).draw()
+    FigureCanvasAgg(made).draw()  # type: ignore[no-untyped-call]
     legend = axis.get_legend()
     assert legend is not None
     bottom = legend.get_window_extent().y0

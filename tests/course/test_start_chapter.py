@@ -53,7 +53,7 @@ def test_the_jam_drifts_less_with_each_vehicle_removed() -> None:
     assert turns["all"] > 0.02 > turns["boxes"]
     made = draw.jam_figure(jam, poses)
     assert made.axes[0].get_title("left") == "paths from above"
-    FigureCanvasAgg(made).draw()
+    FigureCanvasAgg(made).draw()  # type: ignore[no-untyped-call]
     name = made.axes[0].yaxis.label
     assert name.get_text() == "x, right [m]"
     assert name.get_window_extent().x0 >= 0  # not cut off at the edge
