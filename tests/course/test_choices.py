@@ -8,8 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from course.ch05.claim import CHOICES, by_threshold, threshold_figure, whole_drive
+from course.ch05.claim import (
+    CHOICES,
+    by_threshold,
+    threshold_figure,
+    whole_drive,
+    whole_drive_errors,
+    whole_drive_line,
+)
 from course.ch07.figures import choice_ratios
+from vo_lib.evaluation.statistics import one_run_shows
 
 DRIVES = "kitti/drive_0013", "synthetic/jam"
 ROWS = """
@@ -56,3 +64,36 @@ def test_a_row_of_the_results_is_read_with_the_names_of_its_columns() -> None:
         cells = whole_drive(section, row)
         for method in ("solution_selection", "feature_selection"):
             assert re.fullmatch(r"[\d.]+ ± [\d.]+ / [\d.]+ ± [\d.]+", cells[method]), (row, method)
+
+
+def test_what_chapter_5_says_about_thresholds_and_boxes_is_true_of_the_table() -> None:
+    measured = by_threshold()
+    shown = {}
+    for name in ("kitti/drive_0013", "synthetic/jam"):
+        pairs = zip(measured[name, "all features"], measured[name, "boxes removed"], strict=True)
+        shown[name] = {
+            kept[0]: bool(one_run_shows(kept[1], kept[2], removed[1], removed[2])) for kept, removed in pairs
+        }
+    assert shown["kitti/drive_0013"] == {0.25: False, 0.5: False, 1.0: True, 2.0: True}
+    assert all(shown["synthetic/jam"].values())
+    kept, removed = (measured["kitti/drive_0013", boxes][:, 1] for boxes in ("all features", "boxes removed"))
+    assert removed[1] / kept[1] == pytest.approx(2 / 3, abs=0.03)
+    assert kept[2] > 4 * removed[2]
+
+
+def test_what_chapter_5_says_about_the_kit_on_whole_drives_is_true_of_the_table() -> None:
+    def words(drive: str) -> list[str]:
+        return re.findall(r"\((better|worse|not shown)\)", whole_drive_line("Variant kit", drive))
+
+    assert words("synthetic/highway") == words("synthetic/parked") == ["better", "better"]
+    assert words("synthetic/traffic")[0] == "worse"
+    assert words("kitti/drive_0013, 50 m, axes removed") == ["not shown", "worse"]
+    drives = ("synthetic/parked", "synthetic/traffic", "kitti/drive_0013, 50 m, axes removed")
+    for errors in (whole_drive_errors("Variant kit", drive) for drive in drives):
+        for method in ("solution_selection", "feature_selection"):
+            assert (2 * errors[method][2:] < 0.05 * errors[method][:2]).all()
+    last = {
+        variant: whole_drive_errors(f"Variant {variant}", drives[-1])[method][1]
+        for variant, method in (("kit", "solution_selection"), ("published", "feature_selection"))
+    }
+    assert last == {"kit": 0.227, "published": 0.231}

@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 from course.ch05 import detector_figures, layers, miniature
 from course.ch05 import exercises as ch05
 from vo_lib.data.sequence import Sequence
+from vo_lib.evaluation.statistics import change_limit, standard_deviation
 from vo_lib.geometry.boxes import overlap
 from vo_lib.geometry.types import Array
 
@@ -148,6 +149,21 @@ def test_of_two_boxes_on_one_vehicle_the_better_scored_is_right() -> None:
     assert wanted == 1
 
 
+def test_the_picture_colours_the_boxes_by_the_rule_of_the_notebook() -> None:
+    rng = np.random.default_rng(5)
+    corner = rng.uniform(0, 200, (12, 2))
+    labels = np.concatenate([corner, corner + rng.uniform(30, 90, (12, 2))], axis=1)
+    boxes = np.repeat(labels, 3, axis=0) + rng.normal(0, 5, (36, 4))
+    scores = rng.permutation(36) / 36.0
+    right = detector_figures.right_boxes(boxes, scores, labels)
+    order = np.argsort(-scores)
+    given = boxes[order], scores[order]
+    judged = NAMES["judge"]([(np.zeros((9, 9), np.uint8), labels)], lambda image: given)
+    np.testing.assert_array_equal(right[order], judged[1])
+    assert 6 < right.sum() <= 12
+    assert not detector_figures.right_boxes(boxes, scores, labels[:0]).any()
+
+
 def test_the_panel_takes_the_network_of_the_notebook(school: list[miniature.Labelled]) -> None:
     image = school[3][0]
     weights = layers.first_weights(NAMES["ONE_LEVEL"], np.random.default_rng(1))
@@ -202,6 +218,7 @@ SENTENCES = (
         1,
         True,
     ),
+    ("On the other two streets no gain is shown", "three streets", STREETS[:2], 0, False),
     ("trucks are found far more often", "three streets", ("trucks",), 1, True),
     ("No difference that one run would show, in either direction", "without changes", STREETS, 0, False),
     ("On average three times as many trucks are found", "with the jam", ("trucks", *STREETS[1:2]), 1, False),
@@ -228,6 +245,49 @@ def test_sentences_about_the_experiments_are_true_of_the_table(
         after = table[experiment][column]
         assert sign in (0, np.sign(after.mean() - before.mean()))
         assert detector_figures.is_shown(before, after) == seen
+
+
+def test_two_more_streets_and_more_frames_bring_the_same_on_average() -> None:
+    table = detector_figures.measured()
+    names = ("20 frames", "one street", "three streets")
+    few, one, three = (np.mean([table[name][street] for street in STREETS]) for name in names)
+    said = "0.57 with the whole street and 0.60 with three streets: both steps bring 0.03"
+    assert said in CELLS["experiment-changes-words"]
+    np.testing.assert_allclose([few, one, three], [0.54, 0.57, 0.60], atol=0.005)
+    np.testing.assert_allclose([one - few, three - one], 0.03, atol=0.005)
+    before = table["one street"]["ap another jam"]
+    after = table["20 frames"]["ap another jam"]
+    limit = change_limit(float(before.mean()), *(float(standard_deviation(each)) for each in (before, after)))
+    assert "on another jam they bring 0.056, and the limit is 0.064" in CELLS["experiment-streets-words"]
+    assert (round(before.mean() - after.mean(), 3), round(limit, 3)) == (0.056, 0.064)
+    text = "\n".join(CELLS.values()) + miniature.NOTEBOOK.with_name("teaching.md").read_text(encoding="utf-8")
+    for wrong in (
+        "bring almost nothing",
+        "worth more than 241 other frames.",
+        "hardly did",
+        "*Other streets;",
+    ):
+        assert wrong not in text
+
+
+def test_a_reader_s_training_is_judged_on_the_streets_of_the_table(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+
+    def images(name: str) -> str:
+        asked.append(name)
+        return name
+
+    monkeypatch.setattr(miniature, "opened", images)
+    monkeypatch.setattr(miniature, "another_street", images)
+    monkeypatch.setattr(miniature, "labelled", lambda street, count: [street] * count)
+    streets = miniature.judged_streets()
+    assert [f"ap {name}" for name in streets] == list(STREETS)
+    assert asked == ["synthetic/parked", "jam", "traffic"]
+    assert {len(frames) for frames in streets.values()} == {miniature.JUDGED_FRAMES}
+    assert "judged_streets()" in CELLS["experiment-report"]
+    runs = [text for text in CELLS.values() if "\nif RUN:" in text]
+    assert len(runs) == 5
+    assert all("report(" in text for text in runs)
 
 
 def test_numbers_about_the_experiments_are_those_of_the_table() -> None:

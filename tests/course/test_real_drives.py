@@ -10,11 +10,15 @@ from conftest import with_box
 from real_images import DRIVE_0013, RealImages, labelled_drive_0005
 
 from course.ch05 import FilteringPanel, real_drives
+from course.frames import frame_matches, true_motion
 from course.lessons import CAMERA, drive
 from course.simulation.tracks import TrackConfig, simulate_tracks
+from vo_lib.config import preset
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.sequence import Sequence
+from vo_lib.data.truth import matches_on_moving
 from vo_lib.geometry.matches import StereoMatches
+from vo_lib.paper.box_removal import inside
 
 
 def test_a_drive_that_is_missing_is_named_with_the_command_that_fetches_it(
@@ -69,6 +73,25 @@ def test_the_box_whose_features_are_farthest_off_is_named_by_its_number(bands: P
     assert lines[1].endswith("black in the picture")
     few = real_drives.distances_by_box(sequence, 1, matches[np.array([0, 1])], np.array([0.5, 0.6]))
     assert real_drives.farthest_box(few) is None
+
+
+def test_the_distance_hides_a_car_that_drives_as_we_do_and_blames_a_parked_one(street: Sequence) -> None:
+    # What chapter 5 says of frame 65: box 7 drives ahead, and the black box, number 11, is parked.
+    config = preset("feature_selection")
+    matches = frame_matches(street, 65, config)
+    T_cp = true_motion(street, 65)
+    assert T_cp is not None
+    distances = real_drives.line_distances(street, matches, T_cp)
+    rows = real_drives.distances_by_box(street, 65, matches, distances)
+    ahead = rows[7]
+    black = rows[11]
+    assert real_drives.farthest_box(rows) is black
+    assert (ahead.count, black.count) == (6, 36)
+    assert ahead.median < min(0.25, black.median)
+    moving = matches_on_moving(street, 65, matches)
+    within = inside(matches.cur_left, street.boxes(65).xyxy)
+    assert moving[within[:, ahead.row]].mean() > 0.5
+    assert not moving[within[:, black.row]].any()
 
 
 def test_the_panel_offers_the_rules_of_its_method(bands: Path) -> None:

@@ -71,7 +71,7 @@ def label_of(box: Array, number: int, width: int, height: int) -> Array:
 
 def labels() -> list[Case]:
     """Cases of boxes to be written as label rows."""
-    boxes = [[99.5, 49.5, 299.5, 149.5], [-0.5, -0.5, 1240.5, 375.5], [620.0, 180.0, 655.5, 204.0]]
+    boxes = [[199.5, 149.5, 319.5, 199.5], [-0.5, -0.5, 1240.5, 375.5], [620.0, 180.0, 655.5, 204.0]]
     return [(np.array(box), number, *SIZE) for box, number in zip(boxes, (2, 0, 7), strict=True)]
 
 
@@ -114,6 +114,20 @@ def _without_exp(output: Array, stride: int) -> tuple[Array, Array]:
     return corners + stride * (numbers - np.exp(numbers)) * [-1, -1, 1, 1], scores
 
 
+def _centre_and_size(output: Array, stride: int) -> tuple[Array, Array]:
+    """The result of `decoded` with centre, width and height in place of the corners."""
+    corners, scores = decoded(output, stride)
+    low = corners[:, :2]
+    high = corners[:, 2:]
+    return np.concatenate([(low + high) / 2, high - low], axis=1), scores
+
+
+def _corner_and_size(output: Array, stride: int) -> tuple[Array, Array]:
+    """The result of `decoded` with the upper left corner, width and height."""
+    corners, scores = decoded(output, stride)
+    return np.concatenate([corners[:, :2], corners[:, 2:] - corners[:, :2]], axis=1), scores
+
+
 def in_pixels(output: Array, stride: int) -> tuple[Array, Array]:
     """The result of `decoded` with sides in pixels instead of cells."""
     corners, scores = decoded(output, stride)
@@ -136,6 +150,18 @@ def suppressed(corners: Array, scores: Array, most: float, rivals: slice | None 
     return kept
 
 
+def _places_in_order(corners: Array, scores: Array, most: float) -> list[int]:
+    """The result of `suppressed` as places in the sorted list."""
+    order = np.argsort(-scores, kind="stable").tolist()
+    return [order.index(k) for k in suppressed(corners, scores, most)]
+
+
+def _dropped(corners: Array, scores: Array, most: float) -> list[int]:
+    """The indices that `suppressed` does not keep, best first."""
+    kept = suppressed(corners, scores, most)
+    return [k for k in np.argsort(-scores, kind="stable").tolist() if k not in kept]
+
+
 def heaps() -> list[Case]:
     """Cases: five boxes; two boxes with exactly the allowed overlap; random groups with other limits."""
     half = np.array([[0.0, 0, 10, 10], [0.0, 0, 10, 5]])
@@ -152,6 +178,12 @@ def precision_recall_of(scores: Array, right: BoolArray, wanted: int) -> tuple[A
     """Precision and recall (N,) of the boxes down to each score, the best box first."""
     hits = np.cumsum(right[np.argsort(-scores, kind="stable")])
     return hits / np.arange(1, len(hits) + 1), hits / wanted
+
+
+def _envelope(scores: Array, right: BoolArray, wanted: int) -> tuple[Array, Array]:
+    """The result of `precision_recall_of` with each precision raised to the highest one that follows."""
+    precision, recall = precision_recall_of(scores, right, wanted)
+    return np.maximum.accumulate(precision[::-1])[::-1], recall
 
 
 def verdicts() -> list[Case]:
@@ -301,8 +333,9 @@ label_row = Exercise(
         "a pixel counts twice, on both sides of the box: its width is x1 - x0, without + 1.": (
             lambda box, number, w, h: label_of(box, number, w, h) + np.array([0, 0, 0, 1 / w, 1 / h])
         ),
-        "the class is missing or at the end: it is the first number.": lambda *case: np.roll(
-            label_of(*case), -1
+        "the class is missing or at the end: it is the first number.": (
+            lambda *case: label_of(*case)[1:],
+            lambda *case: np.roll(label_of(*case), -1),
         ),
     },
 )
@@ -329,6 +362,10 @@ decode = Exercise(
         "rows and columns are exchanged: the column gives x, the row gives y.": lambda output, stride: (
             _swapped_centres(output, stride)
         ),
+        "these are centre or corner, then width and height: return the corners x0, y0, x1, y1.": (
+            _centre_and_size,
+            _corner_and_size,
+        ),
         "the score is a logit: it needs 1 / (1 + exp(-s)).": lambda output, stride: (
             decoded(output, stride)[0],
             output[..., 0].ravel(),
@@ -348,6 +385,8 @@ precision_recall = Exercise(
     hint="sort by score, count the right boxes so far, and divide the count by two different numbers.",
     line="hits = np.cumsum(right[np.argsort(-scores)]); return hits / np.arange(1, len(hits) + 1), hits / wanted",
     mistakes={
+        "this is the envelope, each precision raised to the highest one that follows; other APs use it. Here, "
+        "leave the precision as it is.": _envelope,
         "sort the boxes first, the best score first.": lambda scores, right, wanted: (
             np.cumsum(right) / np.arange(1, len(right) + 1),
             np.cumsum(right) / wanted,
@@ -402,6 +441,16 @@ suppress = Exercise(
     line="for k in np.argsort(-scores): if all(shared[k, other] <= most for other in kept): kept.append(k)",
     library=("best_boxes", "NMSBoxes"),
     mistakes={
+        "these are places in the sorted list: return the indices of the boxes as they were given.": (
+            _places_in_order
+        ),
+        "these are the boxes that are dropped: return those that stay.": (
+            _dropped,
+            lambda *case: sorted(_dropped(*case)),
+        ),
+        "only the best box is kept: go on with the best one that is left.": lambda corners, scores, most: (
+            [int(np.argmax(scores))]
+        ),
         "the worse of two boxes on one car is kept: begin with the best box.": Condition(
             lambda got, corners, *case: len(corners) == 5 and 0 in got and 1 not in got
         ),

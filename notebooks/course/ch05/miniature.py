@@ -55,6 +55,12 @@ LAYERS = (
     *("layer_input", "network_image", "network_input", "patches", "product"),
 )  # what these cells use of `layers`
 
+JUDGED_STREETS = (
+    "parked",
+    "another jam",
+    "another traffic",
+)  # the unseen streets of `vo data measure_miniature`
+
 Labelled = tuple[Image, Array]  # an image (H, W) and the boxes (K, 4) of its vehicles, pixels
 
 
@@ -98,6 +104,19 @@ def labelled(sequence: Sequence, count: int | None = None) -> list[Labelled]:
         chosen = np.linspace(0, len(sequence) - 1, count).round().astype(int)
     boxes_of = sequence.boxes_of()
     return [(sequence.stereo(index)[0], boxes_of(index).xyxy) for index in chosen.tolist()]
+
+
+def judged_streets() -> dict[str, list[Labelled]]:
+    """The images on which `vo data measure_miniature` judges a training, by the name of their street.
+
+    Streets that are missing are drawn.
+    """
+    streets = {}
+    for name in JUDGED_STREETS:
+        _, another, scene = name.rpartition("another ")
+        sequence = another_street(scene) if another else opened(f"synthetic/{scene}")
+        streets[name] = labelled(sequence, JUDGED_FRAMES)
+    return streets
 
 
 def boxes_of_lines(lines: list[str], width: int, height: int) -> Array:
