@@ -11,7 +11,7 @@ import nbformat
 import numpy as np
 import pytest
 
-from course.ch02 import library
+from course.ch02 import exercises, library
 from course.ch02.puzzle import LEAST_SOLUTIONS, OFF_LINE_PX, ON_LINE_PX, find_puzzle
 from course.frames import frame_points, truth
 from course.simulation.problems import random_problems
@@ -19,6 +19,7 @@ from course.simulation.true_matches import predict
 from vo_lib.config import preset
 from vo_lib.data.sequence import Sequence
 from vo_lib.geometry.motion import essential_from_motion, rotation_angle
+from vo_lib.geometry.types import Array
 from vo_lib.paper.five_point import five_point
 from vo_lib.paper.selection import resolve_by_depth
 
@@ -131,3 +132,12 @@ def test_the_text_on_planes_neighbours_and_rotations_holds(capsys: pytest.Captur
     assert 40 <= wrong["a plane", "vote"] < 50
     assert wrong["pure rotation", "vote"] == 0
     assert "nearly half of the winners are more than 2° wrong" in source["cell-29"]
+
+
+def test_the_depth_in_the_current_camera_may_be_the_third_number_of_the_point() -> None:
+    def depths(motion: Array, x_p: Array, x_c: Array) -> tuple[Array, Array]:
+        d_p, _ = library.two_depths(motion, x_p, x_c)
+        X_c = d_p[:, None] * (library.homogeneous(x_p) @ motion[:, :3].T) + motion[:, 3]
+        return d_p, X_c[:, 2]
+
+    assert exercises.two_depths.grade(depths).passed

@@ -21,6 +21,7 @@ from .panel import first_of_each_set, rotation_errors
 
 FIRST = "rotation error of solution 1"
 SCENE_POINTS = 65
+FAR_BEHIND = 5000.0  # depth of a distant point whose rays meet on the wrong side, in the unit of t
 GOOD_PX = 1.0  # image errors are truncated at this distance
 
 
@@ -112,8 +113,11 @@ def gives_other_matrix(motions: Array, E: Array) -> bool:
 
 
 def motions_and_matches(points: int) -> list[Case]:
-    """The four motions of one E with noisy matches, one motion in each case."""
-    E, x_p, x_c = of_matches(4, points, noise_px=0.3)
+    """The four motions of one E with exact matches, one motion in each case.
+
+    Without noise the rays meet, and every way to the depths gives the same numbers.
+    """
+    E, x_p, x_c = of_matches(4, points)
     return [(motion, x_p, x_c) for motion in library.four_motions(E)]
 
 
@@ -143,13 +147,33 @@ def by_length_of_normal(motion: Array, x_p: Array, x_c: Array) -> tuple[Array, A
     return d_p * length, d_c * length
 
 
+def twisted_first(motions: Array, x_p: Array, x_c: Array) -> Array:
+    """The motions (4, 3, 4) in the order of how often a point has a positive and a negative depth, d_p + d_c > 0."""
+    counts = []
+    for motion in motions:
+        d_p, d_c = library.two_depths(motion, x_p, x_c)
+        counts.append(np.sum((d_p + d_c > 0.0) & (d_p * d_c < 0.0)))
+    return np.asarray(motions[np.argsort(counts)[::-1]])
+
+
 def choices() -> list[Case]:
-    """The motions of four E in different orders, each with twenty noisy matches, two of them wrong."""
+    """The motions of six E in different orders, each with twenty noisy matches, two of them wrong.
+
+    The last two cars drive forward, where the depths of a twisted motion have positive sums; and one of their
+    matches has rays that meet far behind, as those of distant points do.
+    """
     cases: list[Case] = []
     for seed in range(4):
         E, x_p, x_c = of_matches(seed, 20, noise_px=0.5)
         x_c[:2] = x_c[1::-1]
         motions = np.roll(library.four_motions(E), seed, axis=0)
+        cases.append((motions, x_p, x_c))
+    for seed in (4, 5):
+        given = random_problems(np.random.default_rng(seed), 1, 20, motion="forward", noise_px=0.5)
+        x_p, x_c = given.x_p[0], given.x_c[0]
+        behind = -FAR_BEHIND * homogeneous(x_p[:1]) @ given.R_cp[0].T + given.t_cp[0]
+        x_c[:1] = behind[:, :2] / behind[:, 2:]
+        motions = twisted_first(library.four_motions(given.E[0]), x_p, x_c)
         cases.append((motions, x_p, x_c))
     return cases
 
@@ -162,6 +186,12 @@ def most_in_front_of(cameras: Callable[[Array, Array], BoolArray]) -> Callable[.
         return np.asarray(motions[int(np.argmax(counts))])
 
     return chosen
+
+
+def largest_sum_of_depths(motions: Array, x_p: Array, x_c: Array) -> Array:
+    """The motion with the largest sum of all depths."""
+    sums = [np.sum(library.two_depths(motion, x_p, x_c)) for motion in motions]
+    return np.asarray(motions[int(np.argmax(sums))])
 
 
 def place_of_choice(motions: Array, x_p: Array, x_c: Array) -> int:
@@ -337,9 +367,8 @@ four_motions = Exercise(
         "these rotations go from the current camera to the previous one: they are transposed.": motions_by(
             lambda U, W, Vt: ([(U @ W @ Vt).T, (U @ W.T @ Vt).T], U[:, 2])
         ),
-        "this t is from V: E t = 0, so it is the way seen from the previous camera. Take the last column of U.": (
-            motions_by(lambda U, W, Vt: ([U @ W @ Vt, U @ W.T @ Vt], Vt[2]))
-        ),
+        "this t has E t = 0: it is from V, or it is the camera's place -Rᵀt. Both are seen from the previous camera; "
+        "take the last column of U.": (motions_by(lambda U, W, Vt: ([U @ W @ Vt, U @ W.T @ Vt], Vt[2]))),
         "this t is the last row of U; the vectors of U are its columns.": motions_by(
             lambda U, W, Vt: ([U @ W @ Vt, U @ W.T @ Vt], U[2])
         ),
@@ -384,6 +413,9 @@ two_depths = Exercise(
             lambda motion, *x: library.two_depths(inverted_motion(motion), *x)
         ),
         "this is divided by the length of n; n·n is the square of the length.": by_length_of_normal,
+        "these depths have lost their signs: a negative depth, behind a camera, is what tells the motions apart.": (
+            lambda motion, *x: tuple(np.abs(depths) for depths in library.two_depths(motion, *x))
+        ),
         "these depths are signs only.": lambda motion, *x: np.sign(library.two_depths(motion, *x)),
     },
 )
@@ -408,6 +440,11 @@ choose_motion = Exercise(
         ),
         "this motion has the points behind both cameras: two negative depths have a positive product.": (
             most_in_front_of(lambda d_p, d_c: (d_p < 0) & (d_c < 0))
+        ),
+        "d_p + d_c is also positive where a point is in front of one camera and behind the other: each of the two "
+        "depths must be positive.": most_in_front_of(lambda d_p, d_c: d_p + d_c > 0),
+        "this is the motion with the largest sum of depths: a single distant point decides it. Count the points.": (
+            largest_sum_of_depths
         ),
         "this is the choice of a single match, which may be a wrong one: let all matches vote.": (
             lambda motions, x_p, x_c: library.choose_motion(motions, x_p[:1], x_c[:1])
