@@ -51,11 +51,14 @@ def epipolar_line(E: Array, x_p: Array, camera: StereoCamera) -> Array:
     `E x_p` is the line in normalised coordinates, and K⁻ᵀ E x_p the line in pixels.
     """
     line = np.linalg.inv(camera.K).T @ E @ np.append(x_p, 1.0)
-    return np.asarray(line / np.linalg.norm(line[:2]))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(line / np.linalg.norm(line[:2]))
 
 
 def draw_line(picture: Image, line: Array, colour: str, thickness: int = 1) -> None:
-    """Draw a line a u + b v + c = 0 with a² + b² = 1 across a BGR picture, in place."""
+    """Draw a line a u + b v + c = 0 with a² + b² = 1 across a BGR picture, in place; no line if it is not finite."""
+    if not np.isfinite(line).all():
+        return  # E x_p = 0: of a wrong answer, or at the epipole
     middle = np.array(picture.shape[1::-1]) / 2
     foot = middle - (line[:2] @ middle + line[2]) * line[:2]
     along = picture.shape[1] * np.array([-line[1], line[0]])
@@ -140,7 +143,8 @@ def polynomial_chart(axis: Axes, coefficients: Array, roots: Array) -> None:
     order = np.arange(DEGREE + 1)
     values = (np.cos(theta)[:, None] ** order[::-1] * np.sin(theta)[:, None] ** order) @ coefficients
     axis.axhline(0.0, color=PALE, linewidth=1)
-    height = np.arcsinh(values / (COMPRESSED * np.max(np.abs(values))))
+    largest = float(np.max(np.abs(values))) or 1.0  # a wrong answer may give zeros only
+    height = np.arcsinh(values / (COMPRESSED * largest))
     axis.plot(np.degrees(theta), height, color=DARK, linewidth=1)
     axis.plot(roots, np.zeros(len(roots)), "o", color=BAD, markersize=5)
     axis.set(xlim=(-5, 185), ylim=(-TOP, TOP), xticks=(0, 45, 90, 135, 180), yticks=())
@@ -188,7 +192,7 @@ def motions_figure(
     for k, (axis, motion, name) in enumerate(zip(axes, motions, names, strict=True)):
         reach = LEAST_REACH
         if points is not None:
-            # Most points; a few are far away, where their rays are nearly parallel.
+            # Most points; some are far outside, where their rays are nearly parallel.
             away = np.abs(np.nan_to_num(points[k][:, [0, 2]])).max(axis=1)
             reach = room(float(np.percentile(away, 80)), least=LEAST_REACH)
             for mask, colour in ((front[k], GOOD), (~front[k], BAD)):
@@ -237,7 +241,7 @@ def slice_figure(size: Array, reach: float, z: float) -> Figure:
     """Size (K, K) of the ten numbers over (x, y) from -reach to reach around a solution, at one z and w = 1."""
     made, (axis, bar) = figure(330, 2, (1.0, 0.025), 560)
     shown = axis.imshow(
-        np.log10(np.maximum(size / size.max(), 1e-4)),
+        np.log10(np.maximum(size / (size.max() or 1.0), 1e-4)),
         cmap="viridis",
         origin="lower",
         extent=(-reach, reach, -reach, reach),
