@@ -38,10 +38,19 @@ def _wrapped(angle: float) -> float:
     return float((angle + np.pi) % (2 * np.pi) - np.pi)
 
 
-def edge_residual(p_i: Array, p_j: Array, z: Array, axes: float | None = None, wrap: Any = _wrapped) -> Array:
-    """Residual (3,) of an edge in the plane; poses and z are (x, z, heading), `axes` : heading instead of p_i's."""
-    place = turn(p_i[2] if axes is None else axes).T @ (p_j[:2] - p_i[:2]) - z[:2]
-    return np.array([*place, wrap(p_j[2] - p_i[2] - z[2])])
+def edge_residual(p_i: Array, p_j: Array, m: Array, axes: float | None = None, wrap: Any = _wrapped) -> Array:
+    """Residual (3,) of an edge in the plane: pose j in the axes of pose i, minus the measured pose m.
+
+    Poses and m are (x, z, heading); `axes` : heading instead of that of p_i.
+    """
+    place = turn(p_i[2] if axes is None else axes).T @ (p_j[:2] - p_i[:2]) - m[:2]
+    return np.array([*place, wrap(p_j[2] - p_i[2] - m[2])])
+
+
+def usual_residual(p_i: Array, p_j: Array, m: Array) -> Array:
+    """The residual of M⁻¹ (Tᵢ⁻¹ Tⱼ), as in the tutorial of Grisetti et al.: in the axes of the measured pose."""
+    residual = edge_residual(p_i, p_j, m)
+    return np.array([*(turn(m[2]).T @ residual[:2]), residual[2]])
 
 
 def plane_edges() -> list[Case]:
@@ -114,29 +123,29 @@ candidates = Exercise(
 residual = Exercise(
     edge_residual,
     plane_edges,
+    also=(usual_residual,),
     praise="the residual is 0 if the poses agree with the edge. Its units are metres and radians.",
-    hint="rotate the difference of the two positions into the axes of pose i, then subtract z.",
-    line="place = turn(p_i[2]).T @ (p_j[:2] - p_i[:2]) - z[:2]; angle = (d + np.pi) % (2 * np.pi) - np.pi",
+    hint="rotate the difference of the two positions into the axes of pose i, then subtract m.",
+    line="place = turn(p_i[2]).T @ (p_j[:2] - p_i[:2]) - m[:2]; angle = (d + np.pi) % (2 * np.pi) - np.pi",
     mistakes={
         "the difference of the positions is in the axes of the world: rotate it into the axes of pose i.": (
             partial(edge_residual, axes=0.0)
         ),
         "the rotation is inverted: the axes of pose i are the columns of turn(heading).": (
-            lambda p_i, p_j, z: edge_residual(p_i, p_j, z, -p_i[2])
+            lambda p_i, p_j, m: edge_residual(p_i, p_j, m, -p_i[2])
         ),
-        "poses i and j are exchanged.": lambda p_i, p_j, z: edge_residual(p_j, p_i, z),
-        "the measured motion z is not subtracted.": lambda p_i, p_j, z: edge_residual(p_i, p_j, 0.0 * z),
-        "the difference is in the axes of the world, of pose j or of the measured pose; use those of pose i.": (
-            lambda p_i, p_j, z: edge_residual(p_i, p_j, z, p_j[2]),
+        "poses i and j are exchanged.": lambda p_i, p_j, m: edge_residual(p_j, p_i, m),
+        "the measured pose m is not subtracted.": lambda p_i, p_j, m: edge_residual(p_i, p_j, 0.0 * m),
+        "the difference is in the axes of the world or of pose j; use those of pose i.": (
+            lambda p_i, p_j, m: edge_residual(p_i, p_j, m, p_j[2]),
             lambda *x: np.array([*(turn(x[0][2]) @ edge_residual(*x)[:2]), edge_residual(*x)[2]]),
-            lambda *x: np.array([*(turn(x[2][2]).T @ edge_residual(*x)[:2]), edge_residual(*x)[2]]),
         ),
         "the angle is in degrees; the residual has radians.": (
             partial(edge_residual, wrap=lambda angle: np.degrees(_wrapped(angle)))
         ),
         "wrap the angle to [-π, π), not to [0, 2π).": partial(edge_residual, wrap=lambda a: a % (2 * np.pi)),
-        "the angle is wrapped too early: wrap it after z is subtracted.": lambda p_i, p_j, z: np.array(
-            [*edge_residual(p_i, p_j, z)[:2], _wrapped(p_j[2] - p_i[2]) - z[2]]
+        "the angle is wrapped too early: wrap it after m is subtracted.": lambda p_i, p_j, m: np.array(
+            [*edge_residual(p_i, p_j, m)[:2], _wrapped(p_j[2] - p_i[2]) - m[2]]
         ),
         "the angle is not wrapped: from 179° to -179° it is 2°, not 358°.": partial(
             edge_residual, wrap=float

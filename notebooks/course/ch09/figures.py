@@ -22,12 +22,54 @@ GREEN_BGR = (90, 160, 0)
 RED_BGR = (60, 60, 220)
 
 
-def similarity_figure(similarity: Array, frames: IntArray) -> Figure:
-    """The similarity (N, N) of places, with frame numbers on both axes."""
+def similarity_figure(
+    similarity: Array, frames: IntArray, second: IntArray | None = None, first: IntArray | None = None
+) -> Figure:
+    """The similarity (N, N) of places, with frame numbers on both axes; a dot for each pair of frames."""
     page, (axis,) = figure(380, width=520)
     extent = (frames[0], frames[-1], frames[-1], frames[0])
     page.colorbar(axis.imshow(similarity, cmap="magma", vmin=0.0, vmax=0.5, extent=extent), ax=axis)
+    if first is not None and second is not None:
+        axis.plot(first, second, "o", color=GOOD, markersize=4)
     finish(axis, "similarity of places", "frame", "frame")
+    return page
+
+
+def residual_vectors(name: str, residuals: Array, library: Array) -> Figure:
+    """Residuals (N, 3) of loops from above: lines to the distances right and forward; rings: the library's."""
+    page, (axis,) = figure(300, width=460)
+    for right, forward in residuals[:, :2]:
+        axis.plot([0, right], [0, forward], color=BEFORE, linewidth=1.4)
+    axis.plot(*residuals[:, :2].T, "o", color=BEFORE, markersize=5, label=name)
+    axis.plot(*library[:, :2].T, "o", color=DARK, markersize=9, markerfacecolor="none", label="library")
+    axis.plot(0, 0, "+", color=DARK)
+    axis.set_aspect("equal", adjustable="datalim")
+    finish(axis, "where the path puts the place again", "right [m]", "forward [m]", "best")
+    return page
+
+
+def bars_by_loop(sizes: Mapping[str, Array], unit: str, title: str) -> Figure:
+    """A bar for each loop and each of several results (N,), in the order of the loops."""
+    page, (axis,) = figure(240, width=620)
+    for number, (name, values) in enumerate(sizes.items()):
+        colour = (BEFORE, AFTER, DARK)[number]
+        at = np.arange(len(values)) + 0.4 * number
+        axis.bar(at, values, 0.35, color=colour, label=name)
+    low, high = axis.get_ylim()
+    axis.set_ylim(low, high + 0.35 * (high - low))  # room for the names
+    finish(axis, title, "loop", unit)
+    return page
+
+
+def plane_figure(paths: Mapping[str, Array], title: str = "the places, from above") -> Figure:
+    """Places (N, 3) in the plane as x, z, heading: several paths from above."""
+    page, (axis,) = figure(340, width=620)
+    for name, places in paths.items():
+        colour = BEFORE if name == "before" else DARK if name == "truth" else AFTER
+        axis.plot(places[:, 0], places[:, 1], color=colour, label=name, linewidth=1.6)
+    axis.set_aspect("equal", adjustable="datalim")
+    round_limits(axis.xaxis, axis.yaxis)
+    finish(axis, title, "x [m]", "z [m]", "best")
     return page
 
 
