@@ -95,6 +95,8 @@ def apart(own: Any, library: Any, unit: str = "") -> str:
         return f"{np.count_nonzero(~np.isfinite(mine))} of {mine.size} numbers are not finite"
     difference = np.abs(mine.astype(float) - theirs.astype(float))
     largest = float(difference.max(initial=0.0))
+    if largest == 0.0:
+        return "equal"
     if largest <= EQUAL * max(1.0, float(np.abs(theirs).max(initial=0.0))):
         return f"equal, within {largest:.0e}"
     return f"apart by up to {shown(largest, 3)} {unit}".rstrip()

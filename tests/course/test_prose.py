@@ -140,6 +140,11 @@ def test_far_features_are_not_missed_and_near_ones_are(look: Look) -> None:
     for weighting in ("rows in pixels", "rows in metres"):
         plain, _, _ = look("04", r"beats both plain sums of squares", view__weighting=weighting)
         assert now["error"] < 0.5 * plain["error"]
+    text = "compare the errors: below a millimetre, and more than a decimetre"
+    now, _, _ = look("04", text, view__wrong=0.5)
+    assert now["error"] < 1
+    now, _, _ = look("04", text, view__wrong=0.5, view__weighting="rows in pixels")
+    assert now["error"] > 100
     text = r"to (\d+) m\. A third of the features is removed, and the error stays below a millimetre"
     now, before, numbers = look("04", text, translation__max_depth=20)
     assert numbers == [20]

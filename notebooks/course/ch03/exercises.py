@@ -198,6 +198,12 @@ truncated_error = Exercise(
         "the minimum is taken before the square, so a large negative distance is not limited.": truncated(
             lambda d, t: np.minimum(d / t, 1.0) ** 2
         ),
+        "this takes the larger of (d / threshold)² and 1: a match must cost 1 at most, so take the smaller.": (
+            truncated(lambda d, t: np.maximum((d / t) ** 2, 1.0))
+        ),
+        "this is the root of the mean; the task asks for the mean of the costs itself.": lambda d, t: np.sqrt(
+            np.mean(np.minimum((d / t) ** 2, 1.0))
+        ),
         "the mean is truncated here, not each of its terms.": lambda d, t: min(np.mean((d / t) ** 2), 1),
     },
 )
@@ -261,6 +267,17 @@ sets_needed = Exercise(
         "25 sets give 98.995 %, slightly less than required.": 25,
         "this is the number for 30 % correct matches.": np.ceil(sets_for(0.3**5)),
         "all five matches of a set must be right, not one.": (sets_for(0.7), np.ceil(sets_for(0.7))),
+        "this is the number for sets of eight; here a set has five matches.": (
+            sets_for(0.7**8),
+            np.ceil(sets_for(0.7**8)),
+        ),
+        "two different logarithms: take the same in the numerator and in the denominator.": (
+            *(
+                number(sets_for(0.7**5) * factor)
+                for factor in (np.log(10), 1 / np.log(10))
+                for number in (float, np.ceil)
+            ),
+        ),
         "0.7⁵ is the probability that a set is good; the n sets that fail have 1 - 0.7⁵.": (
             sets_for(1 - 0.7**5),
             np.ceil(sets_for(1 - 0.7**5)),

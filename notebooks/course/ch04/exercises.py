@@ -90,6 +90,18 @@ def two_weights(
     return solved
 
 
+def one_projection(left: bool) -> Callable[..., Array]:
+    """Wrong answer: the projection N is only in the sum on the left (or, with `left` false, on the right)."""
+
+    def solved(A: Array, B: Array, c: Array, w: Array) -> Array:
+        M, d = eliminate_points(A, B, c)
+        H = np.einsum("i,ija,ijb->ab", w, M, M) if left else np.einsum("i,ija,ijb->ab", w, B, B)
+        g = np.einsum("i,ija,ij->a", w, B, c) if left else np.einsum("i,ija,ij->a", w, M, d)
+        return np.asarray(np.linalg.solve(H, g))
+
+    return solved
+
+
 def weighted_frames() -> list[Case]:
     """Cases with the rows of thirty noisy features: different weights, then equal weights."""
     A, B, c = noisy_rows(30, 5, 0.5)
@@ -184,7 +196,8 @@ one_feature = Exercise(
 
 rank_at_infinity = Exercise(
     4,
-    praise="4: each pair has two different rows. Such a feature gives a direction and no length.",
+    praise="4: each pair has two different rows. Such a feature tells in which direction the mountain "
+    "lies, before and now, but neither its distance nor anything of t.",
     hint="left and right points are equal, so the rows of a pair repeat: count the different rows.",
     line="np.linalg.matrix_rank(rows_of_one(x, x, x, x, np.eye(3), 0.5)[0])",
     mistakes={
@@ -244,6 +257,10 @@ stack = Exercise(
             lambda A, B, c, w: solve(
                 (np.sqrt(w)[:, None, None] * B).reshape(-1, 3), (np.sqrt(w)[:, None] * c).ravel()
             ),
+        ),
+        "N_i is missing in one of the two sums: it belongs to B_iᵀ N_i B_i and to B_iᵀ N_i c_i.": (
+            one_projection(left=True),
+            one_projection(left=False),
         ),
         "this is the answer of the last feature alone: add the terms of all features up before you solve.": (
             lambda A, B, c, w: alone(A, B, c)[-1]
