@@ -45,6 +45,7 @@ def residual_vectors(name: str, residuals: Array, library: Array) -> Figure:
     axis.plot(0, 0, "+", color=DARK)
     axis.set_aspect("equal", adjustable="datalim")
     finish(axis, "where the path puts the place again", "right [m]", "forward [m]", "best")
+    axis.yaxis.labelpad = 0  # negative numbers with a decimal are wide
     return page
 
 
@@ -58,6 +59,7 @@ def bars_by_loop(sizes: Mapping[str, Array], unit: str, title: str) -> Figure:
     low, high = axis.get_ylim()
     axis.set_ylim(low, high + 0.35 * (high - low))  # room for the names
     finish(axis, title, "loop", unit)
+    axis.yaxis.labelpad = 0
     return page
 
 
