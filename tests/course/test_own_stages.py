@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import small
+from conftest import small, winding_road
 
 from course.ch08 import own
 from course.ch08.limits import TooLong, within
@@ -21,6 +21,9 @@ from course.ch08.loop import first_difference, library_loop
 from course.ch08.stages import StageError
 from vo_lib.data.sequence import Sequence
 from vo_lib.errors import DataError
+from vo_lib.evaluation.kitti_errors import trajectory_distances
+from vo_lib.evaluation.statistics import mean_and_deviation
+from vo_lib.report.page import plus_minus
 from vo_lib.runs.front_end import TimedMatches
 from vo_lib.runs.match_cache import CachedMatches
 
@@ -235,3 +238,27 @@ def test_a_fault_of_composition_is_named(
     found = first_difference(loop_of_the_notebook(mine, (old, new)), mine, sequence, matches)
     for part in words.split("*"):
         assert part in found
+
+
+@pytest.mark.parametrize(("step", "words"), [(1.0, "errors over 20 m"), (0.4, "errors over 10 m")])
+def test_errors_are_over_pieces_that_fit_the_thirty_frames(
+    step: float, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cells = json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"]
+    source = next(text for text in ("".join(cell["source"]) for cell in cells) if "def errors_of(" in text)
+    right = winding_road(30, 0.01, step)
+    names: dict[str, Any] = {
+        "np": np,
+        "mine": own.join(),
+        "right": right,
+        "street": None,
+        "has_data": lambda sequence: True,
+        "paths": {"a path": [right, winding_road(30, 0.012, step)]},
+        "trajectory_distances": trajectory_distances,
+        "plus_minus": plus_minus,
+        "mean_and_deviation": mean_and_deviation,
+    }
+    exec(source, names)
+    printed = capsys.readouterr().out
+    assert words in printed
+    assert "nan" not in printed
