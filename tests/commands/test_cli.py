@@ -161,6 +161,16 @@ def test_run_without_truth_has_no_errors(bands: Path, done: Callable[..., str]) 
     assert read_json(bands.parent / "out" / "metrics.json").keys() == {"path"}
     assert "no ground truth" in printed
     assert "lost" not in printed
+    assert max(map(len, printed.splitlines())) <= 80
+
+
+def test_a_run_without_motion_gets_no_advice_on_options_that_it_has_not(
+    bands: Path, done: Callable[..., str]
+) -> None:
+    cv2.imwrite(str(bands / "mask.png"), np.full_like(BLACK, 255))
+    printed = " ".join(done("out", "--masks", str(bands / "mask.png")).split())
+    assert "times as long as the truth: the motion was not found" in printed
+    assert "--alignment" not in printed
 
 
 def test_lost_tracking_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -16,6 +16,7 @@ from vo_lib.report.blocks import (
     parse_axes,
     settings_folder,
 )
+from vo_lib.report.sweep_table import refuse_unused
 from vo_lib.report.table1 import job_folder
 
 METHODS = {"published": list(PUBLISHED)}
@@ -63,6 +64,13 @@ def test_changes_without_effect_or_with_two_equal_methods_are_refused() -> None:
         make_blocks({"published": ["viso2", "mesvo_f"]}, (), axes)
     with pytest.raises(DataError, match=r"filter\.margin: mesvo_f does not use this setting"):
         make_blocks({"published": ["mesvo_f"]}, (), axes)
+    # Each method has its own reason.
+    top_k = parse_axes(["selection.top_k=2"], preset("viso2"))
+    reasons = r"since estimator is reprojection \(viso2\), and selection\.prior is off \(mesvo_f\)"
+    with pytest.raises(DataError, match=reasons):
+        make_blocks({"published": ["viso2", "mesvo_f"]}, (), top_k)
+    with pytest.raises(DataError, match=reasons):
+        refuse_unused({method: preset(method) for method in ("viso2", "mesvo_f")}, top_k)
     ransac = parse_axes(["selection.prior=off", "selection.winner=inliers"], preset("viso2"))
     with pytest.raises(DataError, match="mesvo_f and solution_selection are the same method"):
         make_blocks(METHODS, (), ransac)

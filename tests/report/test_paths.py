@@ -86,6 +86,9 @@ def test_evaluate_takes_the_truth_from_run_folders(
     pairs = [("bands", "viso2"), ("bands", "mesvo_f"), ("bands, frames 1-4", "viso2"), ("street", "viso2")]
     assert list(rows) == pairs
     assert all(0 <= row["ate"]["rmse_m"] < 0.05 for row in rows.values())
+    apart = "bands, bands, frames 1-4 and street have a table each and are not compared with each other"
+    assert apart in text
+    assert "not compared with each other" not in printed(capsys, *folders[:2])
 
 
 def test_evaluate_computes_errors_from_poses(

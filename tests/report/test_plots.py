@@ -82,6 +82,11 @@ def test_straight_drive_without_truth_is_seen_from_the_side_of_its_own_line() ->
     length = float(np.linalg.norm(first[-1, :3, 3]))
     np.testing.assert_allclose(lines["a"], [np.linspace(0.0, length, 50), np.zeros(50)], atol=1e-9)
     np.testing.assert_allclose(lines["b"][1], np.linspace(0.0, 2.0, 50), atol=1e-9)
+    # Its frame is no path's own: it is named, and so are the scales.
+    axis = figure.axes[0]
+    assert "along the line from the start to the end of a [m]" in axis.get_xlabel()
+    assert "the axes have different scales" in axis.get_xlabel()
+    assert axis.get_ylabel() == "to the right of this line [m]"
 
 
 def test_truth_is_seen_on_an_estimate_that_covers_it() -> None:

@@ -300,6 +300,15 @@ def test_reproduce_writes_all_files(tree: Path, capsys: pytest.CaptureFixture[st
     assert page.count("<img") == page.count("data:image/png;base64,") == len(figures) + 2  # errors
 
 
+def test_a_straight_drive_without_truth_has_no_errors_in_its_caption(tree: Path) -> None:
+    assert reproduce(tree, "--sequences", "11", "--variant", "published", "--seeds", "1") == 0
+    report = (tree / "out" / "report.html").read_text(encoding="utf-8")
+    assert "to the side of the line from the start to the end of the path of viso2" in " ".join(
+        report.split()
+    )
+    assert "errors to the side" not in report
+
+
 def test_report_embeds_a_film(tree: Path) -> None:
     place = tree / "out" / "runs" / "published" / "kitti_02" / "viso2" / "seed_0"
     film = ["--out", str(place), "--video", str(place / "my film.webm")]

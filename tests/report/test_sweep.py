@@ -223,6 +223,36 @@ def test_a_sweep_without_truth_compares_with_the_default(
     assert float(records_of(tmp_path / "out")[0]["rmse_apart_m"]) == 0.0
 
 
+def test_a_sweep_without_truth_names_the_settings_that_it_compares_with(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    folder = write_bands(tmp_path / "street")
+    (folder / "poses.txt").unlink()
+    cache = ["--cache", str(tmp_path / "cache")]
+    assert main(["run", str(folder), "--selection.sets", "20", "--out", str(tmp_path / "run"), *cache]) == 0
+    for config, reference in (
+        (["--config", str(tmp_path / "run" / "config.json")], "the settings of --config"),
+        ([], "the default settings"),
+    ):
+        capsys.readouterr()
+        words = [
+            "sweep",
+            "--sequence",
+            str(folder),
+            "--set",
+            "translation.pairs=2,3",
+            "--seeds",
+            "2",
+            *config,
+        ]
+        assert main([*words, "--out", str(tmp_path / f"out{len(config)}"), *cache]) == 0
+        printed = capsys.readouterr().out
+        assert f"those of {reference} with the same seed" in printed
+        assert f"two seeds of {reference} are" in printed
+        assert printed.count("default settings") == (0 if config else 2)
+
+
 def test_a_sweep_detects_its_boxes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = write_bands(tmp_path / "street")
     words = ["sweep", "--sequence", str(folder), "--set", "filter.margin=0,0.1", "--seeds", "1"]

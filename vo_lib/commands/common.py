@@ -276,6 +276,8 @@ def parse_lengths(text: str) -> tuple[float, ...]:
         lengths = ()
     if not lengths or not all(0 < length <= MAX_COORDINATE_M for length in lengths):
         raise DataError(f"--lengths {text!r}: expected metres such as 20,50,100")
+    if len(set(lengths)) < len(lengths):
+        raise DataError(f"--lengths {text!r}: a value is repeated")
     return lengths
 
 

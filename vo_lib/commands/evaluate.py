@@ -182,6 +182,12 @@ def _evaluate(options: argparse.Namespace) -> int:
         for table in each.tables():
             show_report_table(table)
         print_wrapped(*each.paths.notes)
+    if len(results) > 1:
+        names = ", ".join(each.paths.name for each in results[:-1])
+        print_wrapped(
+            f"{names} and {results[-1].paths.name} have a table each and are not compared with each other, "
+            "since they are not the same frames of the same sequence."
+        )
     if not any(isinstance(each, _Evaluated) for each in results):
         print_wrapped(f"For errors, {GIVE_TRUTH}.")
     if options.out is not None:

@@ -213,11 +213,11 @@ def _print_result(result: Run, method: str, paths: dict[str, Array]) -> None:
     sequence = result.sequence
     title = f"{sequence.name}, {method}, {result.config.variant}, {len(result.poses)} frames"
     if sequence.truth is None:
-        print_lines(f"{title}: no errors, since the sequence has no ground truth")
+        print_wrapped(f"{title}: no errors, since the sequence has no ground truth")
     else:
         protocol = suitable_protocol(sequence.truth)
         path_errors = evaluate(sequence.truth, paths, protocol, sequence.times, is_part=sequence.is_part)
-        for table in evaluation_tables(title, path_errors):
+        for table in evaluation_tables(title, path_errors, of_run=True):
             show_report_table(table)
     flags = sorted({flag for motion in result.motions for flag in motion.flags})
     show_table(["quantity", "value"], _quantities(result, flags))

@@ -14,7 +14,15 @@ from ..errors import DataError
 from ..files import only_process, refuse_foreign, write_atomic, written_together
 from ..report.blocks import changed, combinations, parse_axes
 from ..report.page import records_csv
-from ..report.sweep_table import CELLS, Sweep, heat_map, refuse_unused, run_sweep, sweep_table
+from ..report.sweep_table import (
+    CELLS,
+    DEFAULT_SETTINGS,
+    Sweep,
+    heat_map,
+    refuse_unused,
+    run_sweep,
+    sweep_table,
+)
 from ..report.table1 import is_own_table, slug
 from ..runs.durations import Durations
 from ..runs.folder import has_runs, run_folder
@@ -58,6 +66,7 @@ def _sweep(options: argparse.Namespace) -> int:
     variant = options.variant or common.DEFAULT_VARIANT
     methods = common.parse_methods(options.methods or common.DEFAULT_METHOD, variant)[variant]
     bases = {method: changed(preset(method, variant=variant), base) for method in methods}
+    reference = "the settings of --config" if base else DEFAULT_SETTINGS
     axes = parse_axes(options.axes, bases[methods[0]])
     refuse_unused(bases, axes)
     if options.detector is not None:
@@ -103,7 +112,7 @@ def _sweep(options: argparse.Namespace) -> int:
                     lambda seconds: common.print_rest(seconds, durations),
                 )
 
-            sweeps = run_sweep(opener.names, bases, axes, seeds, folder, opener, run)
+            sweeps = run_sweep(opener.names, bases, axes, seeds, folder, opener, run, reference)
         if not any(record["seeds"] for sweep in sweeps for record in sweep.records):
             raise DataError(sweeps[0].records[0]["failed"])  # an earlier table is kept
         drawn = [name for name, sweep in zip(maps, sweeps, strict=True) if sweep.has_numbers]

@@ -186,14 +186,25 @@ def make_blocks(
     for name in axes:
         reasons = []
         for block in blocks:
-            reasons += [block.unused(method).get(name, "") for method in methods[block.variant]]
-        if reasons and all(reasons):
+            of_variant = methods[block.variant]
+            reasons += [(method, block.unused(method).get(name, "")) for method in of_variant]
+        if reasons and all(reason for _, reason in reasons):
             who = {method for of_variant in methods.values() for method in of_variant}
             words = f"{who.pop()} does not use" if len(who) == 1 else "no method of the table uses"
-            raise DataError(f"{name}: {words} this setting, since {reasons[0]}")
+            raise DataError(f"{name}: {words} this setting, since {reasons_words(reasons)}")
     for block in blocks:
         _refuse_equal_methods(block, methods[block.variant])
     return blocks
+
+
+def reasons_words(reasons: Iterable[tuple[str, str]]) -> str:
+    """Why methods do not use a setting, from pairs of a method and a reason; a common reason stands alone."""
+    methods_of: dict[str, list[str]] = {}
+    for method, reason in dict.fromkeys(reasons):
+        methods_of.setdefault(reason, []).append(method)
+    if len(methods_of) == 1:
+        return next(iter(methods_of))
+    return ", and ".join(f"{reason} ({', '.join(methods)})" for reason, methods in methods_of.items())
 
 
 def _refuse_equal_methods(block: Block, methods: list[str]) -> None:

@@ -25,16 +25,19 @@ MIN_CURVE_POINTS = {"length": 2, "speed": 4}
 USUAL_LENGTH_RATIOS = 0.5, 2.0  # of a path and its truth
 
 
-def evaluation_tables(name: str, result: Evaluation) -> list[ReportTable]:
-    """A table of the systems' errors on a sequence, and a table of TE and RE by length."""
-    tables = [_table_of_systems(name, result)]
+def evaluation_tables(name: str, result: Evaluation, of_run: bool = False) -> list[ReportTable]:
+    """A table of the systems' errors on a sequence, and a table of TE and RE by length.
+
+    of_run : whether the paths come from a run just done, and not from files of which the units may differ.
+    """
+    tables = [_table_of_systems(name, result, of_run)]
     by_length = _table_by_length(result)
     if by_length.rows:
         tables.append(by_length)
     return tables
 
 
-def _table_of_systems(name: str, result: Evaluation) -> ReportTable:
+def _table_of_systems(name: str, result: Evaluation, of_run: bool) -> ReportTable:
     """TE, RE, ATE and RPE of each system, with warnings above and the kinds of errors below."""
     measure = result.measure
     rows = []
@@ -65,7 +68,7 @@ def _table_of_systems(name: str, result: Evaluation) -> ReportTable:
             "frames are frames of the truth."
         )
     for system in result.paths:
-        head += _doubts(system)
+        head += _doubts(system, of_run)
     units = [unit for unit, _ in ERROR_KINDS.values()]
     columns = ["system", *units, "ATE m", "RPE m", "RPE deg"]
     return without_empty_columns(ReportTable(title, columns, rows, notes, head))
@@ -198,15 +201,20 @@ def _rpe_note(result: Evaluation, shorter: str) -> str:
     return f"No RPE {interval}: {shorter}."
 
 
-def _doubts(system: PathErrors) -> list[str]:
-    """Warnings about a path that is probably not in the frames, the units or the axes of the truth."""
+def _doubts(system: PathErrors, of_run: bool) -> list[str]:
+    """Warnings about a path that is probably not in the frames, the units or the axes of the truth.
+
+    of_run : whether the path comes from a run just done: then the run itself is wrong, not a unit.
+    """
     doubts = list[str]()
     name = system.name
     shortest, longest = USUAL_LENGTH_RATIOS
     if system.length_ratio is not None and not shortest <= system.length_ratio <= longest:
+        reason = "other frames, another unit, or a path without scale (--alignment sim3)"
+        if of_run:
+            reason = "the motion was not found, or the calibration does not fit the images"
         doubts.append(
-            f"warning: the path of {name} is {system.length_ratio:.3g} times as long as the truth: other "
-            "frames, another unit, or a path without scale (--alignment sim3)."
+            f"warning: the path of {name} is {system.length_ratio:.3g} times as long as the truth: {reason}."
         )
     if system.other_quaternions:
         doubts.append(
@@ -250,6 +258,6 @@ def write_pictures(folder: Path, paths: ComparedPaths, result: Evaluation) -> li
 def write_picture_without_truth(folder: Path, paths: PathsWithoutTruth) -> None:
     """Write a figure of the paths from above, which all begin at the same pose."""
     from_start = {name: from_first(poses) for name, poses in paths.estimates.items()}
-    title = f"{paths.name}\nno ground truth; aligned at the start"
+    title = f"{paths.name}\nno ground truth; all paths begin at the same pose"
     figure = trajectories_figure({title: (None, from_start)})
     write_atomic(folder / f"trajectory_{slug(paths.name)}.png", png(figure))

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from ..data.poses import from_first
-from ..errors import DataError
+from ..errors import DataError, shorten
 from ..evaluation.kitti_errors import trajectory_distances
 from ..evaluation.statistics import standard_deviation
 from ..geometry.boxes import MOVING, PARKED, Boxes
@@ -146,7 +146,8 @@ def draw_sideways(axis: Axes, title: str, truth: Array | None, estimates: Mappin
     """Draw how far estimates are beside the truth, in place of a view from above of a straight drive.
 
     Without a truth, it is how far they are beside the line from the start to the end of the first estimate.
-    The axes are not equal: a metre to the side is longer than a metre ahead.
+    The axes are not equal: a metre to the side is longer than a metre ahead. Without a truth, the labels
+    say so, since nothing else on the chart tells it from a view from above.
     """
     if truth is not None:
         along = trajectory_distances(truth)
@@ -155,13 +156,15 @@ def draw_sideways(axis: Axes, title: str, truth: Array | None, estimates: Mappin
             axis.plot(along, sideways_from_truth(poses, truth), **style)
         label_axis(axis, "along the path [m]", "to the right of the truth [m]")
     else:
-        start, end = next(iter(estimates.values()))[[0, -1]][:, [0, 2], 3]
+        name, first = next(iter(estimates.items()))
+        start, end = first[[0, -1]][:, [0, 2], 3]
         ahead = (end - start) / max(float(np.linalg.norm(end - start)), 1e-9)
         right = ahead[::-1] * [1.0, -1.0]
         for _, poses, style in styled(estimates):
             xz = poses[:, [0, 2], 3] - start
             axis.plot(xz @ ahead, xz @ right, **style)
-        label_axis(axis, "ahead [m]", "to the right [m]")
+        line = f"along the line from the start to the end of {shorten(name)} [m]"
+        label_axis(axis, f"{line}\n(the axes have different scales)", "to the right of this line [m]")
     axis.set_title(title)
     axis.margins(y=0.1)
 

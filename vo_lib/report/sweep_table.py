@@ -22,7 +22,7 @@ from ..paper.settings import MethodConfig
 from ..runs.drive import Run
 from ..runs.folder import read_run, warnings_of
 from ..runs.jobs import Job, Outcome
-from .blocks import Axes, Changes, changed, combinations, settings_folder, settings_words
+from .blocks import Axes, Changes, changed, combinations, reasons_words, settings_folder, settings_words
 from .page import (
     NO_NUMBER,
     ReportTable,
@@ -41,6 +41,7 @@ DEFAULT = "default"  # folder of the runs with the settings that are not changed
 # Fields and columns for a path without ground truth: how far it is from that of the default settings.
 APART_KINDS = {"end_apart_m": "end apart m", "rmse_apart_m": "rmse apart m"}
 METHOD_AXIS = "method"
+DEFAULT_SETTINGS = "the default settings"
 NO_COLOUR = "0.9"  # grey of the cells without a colour in the heat map
 
 
@@ -51,7 +52,8 @@ class Sweep:
     The record of a combination has the sequence, the method, the value of each axis as text, the number of
     successful seeds, errors and costs as in a record of Table 1, the settings that the method does not use
     with the other values, and the causes of failed runs; without ground truth, it also has the length of the
-    path and its distance from the path of the default settings. `axes` : of the table, with the methods if
+    path and its distance from the path of the settings that are not on an axis. `reference` : these settings
+    in words. `axes` : of the table, with the methods if
     there are several. `notes` : sentences below the table. `outcomes` : of all jobs, in order.
     """
 
@@ -61,6 +63,7 @@ class Sweep:
     outcomes: list[Outcome] = dataclasses.field(default_factory=list)
     has_truth: bool = True
     notes: tuple[str, ...] = ()
+    reference: str = DEFAULT_SETTINGS
 
     @property
     def kinds(self) -> dict[str, str]:
@@ -91,12 +94,12 @@ def refuse_unused(bases: Mapping[str, MethodConfig], axes: Axes) -> None:
     """
     for name in axes:
         reasons = []
-        for base in bases.values():
+        for method, base in bases.items():
             configs = [changed(base, changes) for changes in combinations(axes)]
-            reasons += [settings.unused_because(config, name) for config in configs]
-        if all(reasons):
+            reasons += [(method, settings.unused_because(config, name)) for config in configs]
+        if all(reason for _, reason in reasons):
             words = f"{next(iter(bases))} does not use" if len(bases) == 1 else "no method uses"
-            raise DataError(f"{name}: {words} this setting, since {reasons[0]}")
+            raise DataError(f"{name}: {words} this setting, since {reasons_words(reasons)}")
 
 
 def run_sweep(
@@ -107,15 +110,17 @@ def run_sweep(
     folder: Path,
     opened: Callable[[str, MethodConfig], Sequence],
     run: Callable[[list[Job]], list[Outcome]],
+    reference: str = DEFAULT_SETTINGS,
 ) -> list[Sweep]:
     """Run all combinations with seeds 0 … seeds - 1, each in its own folder in `folder`/cells.
 
     Parameters
     ----------
     sequences : names; bases : by method, the settings that are not on an axis.
-    opened : the sequence of a name for a configuration. Without ground truth, the default settings are run as
-        well, and the paths are compared with theirs.
+    opened : the sequence of a name for a configuration. Without ground truth, the settings of `bases` are run
+        as well, and the paths are compared with theirs.
     run : function that does the jobs, such as `jobs.run_jobs` with its options.
+    reference : the settings of `bases` in words.
 
     Returns
     -------
@@ -147,10 +152,13 @@ def run_sweep(
         title = _title(sequence, bases, seeds)
         table_axes = {METHOD_AXIS: tuple(bases)} | axes if len(bases) > 1 else axes
         notes = [
-            _seeds_note(default, errors) for (at, _), default in defaults.items() if at == name and seeds > 1
+            _seeds_note(default, errors, reference)
+            for (at, _), default in defaults.items()
+            if at == name and seeds > 1
         ]
         done = [outcome for outcome in outcomes if outcome.job.sequence.name == name]
-        sweeps.append(Sweep(title, table_axes, records, done, sequence.truth is not None, tuple(notes)))
+        has_truth = sequence.truth is not None
+        sweeps.append(Sweep(title, table_axes, records, done, has_truth, tuple(notes), reference))
     return sweeps
 
 
@@ -226,15 +234,15 @@ def _fields_without_truth(runs: list[Run], defaults: list[Run]) -> dict[str, flo
     return fields
 
 
-def _seeds_note(default: _SweepCell, errors: Mapping[Path, str | None]) -> str:
-    """A sentence on how far the seeds of the default settings are apart, as a measure of chance."""
+def _seeds_note(default: _SweepCell, errors: Mapping[Path, str | None], reference: str) -> str:
+    """A sentence on how far the seeds of the reference settings are apart, as a measure of chance."""
     paths: list[Array] = [result.poses for result in _read(default, errors)]
     apart = [
         path_difference("", first, "", second).rmse for first, second in itertools.combinations(paths, 2)
     ]
     mean, deviation = mean_and_deviation(apart)
     return (
-        f"{default.method}: two seeds of the default settings are {plus_minus(mean, deviation)} m apart "
+        f"{default.method}: two seeds of {reference} are {plus_minus(mean, deviation)} m apart "
         "(rmse), so a difference of this size may be chance."
     )
 
@@ -283,7 +291,7 @@ def sweep_table(sweep: Sweep) -> ReportTable:
         notes.append(f"{NOT_USED.strip()}: the setting has no effect on the runs of this row.")
     if not sweep.has_truth:
         notes.append(
-            "apart: distance of the positions from those of the default settings with the same seed, from "
+            f"apart: distance of the positions from those of {sweep.reference} with the same seed, from "
             "the same start, at the end and as rmse. These are no errors: they do not tell "
             "which path is right."
         )
@@ -306,7 +314,7 @@ def heat_map(sweep: Sweep) -> bytes:
     width = max(SMALL_PAGE[0], 1.5 + 1.1 * len(columns))
     height = 2 * (1.2 + 0.55 * len(rows)) + 0.8
     figure = figure_page(sweep.title, width, height)
-    better = "\nlower is better" if sweep.has_truth else "\nfrom the default"
+    better = "\nlower is better" if sweep.has_truth else f"\nfrom {sweep.reference}"
     colours = colormaps["YlGnBu"].with_extremes(bad=NO_COLOUR)
     for axis, (kind, label) in zip(figure.subplots(2), sweep.kinds.items(), strict=True):
         means = np.array([record[kind] for record in sweep.records], np.float64)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -394,16 +394,35 @@ def _error_bars(groups: list[Group]) -> list[Picture]:
 def _path_picture(block: Block, panels: dict[str, Panel], heading: str = "") -> Picture:
     """The paths of the sequences in `panels` from above, with distances where there is truth.
 
-    Of a straight drive, the first chart is the error to the side.
+    Of a straight drive, the first chart is the error to the side or, without truth, the distance to the side
+    of a straight line.
     """
-    straight = [name for name, panel in panels.items() if is_straight(*panel)]
-    caption = f"{heading}{' and '.join(panels)}: "
-    caption += "paths from above" if not straight else "errors to the side, since the drive is straight"
+    shown: dict[str, list[str]] = {}
+    for name, panel in panels.items():
+        shown.setdefault(_chart_words(*panel), []).append(name)
+    if len(shown) == 1:
+        charts = next(iter(shown))
+    else:
+        charts = " and ".join(f"{words} ({', '.join(names)})" for words, names in shown.items())
+    caption = f"{heading}{' and '.join(panels)}: {charts}"
     with_truth = any(truth is not None for truth, _ in panels.values())
     if with_truth:
         caption += ", and distances from the truth"
     caption += f"; {block_words(block.variant, block.words)}, first seed."
     return Picture(png(trajectories_figure(panels)), caption, "two" if with_truth else "")
+
+
+def _chart_words(truth: Array | None, estimates: Mapping[str, Array]) -> str:
+    """What the first chart of a sequence shows."""
+    if not is_straight(truth, estimates):
+        return "paths from above"
+    if truth is not None:
+        return "errors to the side, since the drive is straight"
+    first = next(iter(estimates))
+    return (
+        "distances to the side of the line from the start to the end of the path of "
+        f"{first}, since the drive is straight"
+    )
 
 
 def _films(folder: Path, result: Reproduction) -> list[ShownFilm]:
