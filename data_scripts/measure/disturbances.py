@@ -138,6 +138,7 @@ def disturb(sequence: Sequence, kind: Disturbance, folder: Path) -> Sequence:
         frames=tuple(sequence.frames[row] for row in rows),
         times=times,
         truth=None if sequence.truth is None else sequence.truth[rows],
+        skips_frames=kind.order is not None,
     )
 
 

@@ -477,7 +477,8 @@ def test_evaluate_without_truth_names_what_the_paths_do_not_say(
     assert "imu and plain have other axes or another order of quaternions" in text
     write_kitti_poses(tmp_path / "short.txt", road[:-1])
     message = refused(capsys, tmp_path / "plain.txt", tmp_path / "short.txt")
-    assert f"has 149 poses, but {tmp_path / 'plain.txt'} has 150: without times" in message
+    assert "short.txt: has 149 poses, but " in message  # a long path is shortened
+    assert "a pose for the s" in message
     write_kitti_poses(tmp_path / "one.txt", road[:1])
     assert "one.txt: has one pose: a path needs two or more" in refused(capsys, tmp_path / "one.txt")
     (tmp_path / "ms.tum").write_text(format_tum(1e5 * np.arange(150.0), road))

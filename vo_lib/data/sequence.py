@@ -59,6 +59,8 @@ class Sequence:
     is_part : whether these are only a part of the frames of a sequence, such as a clip of the benchmark.
     sides : names of the folders of the left and the right images.
     bits : bits of the grey values in the image files; the images that are read have 8.
+    skips_frames : whether frames are left out or in another order on purpose, as in a disturbed drive; then a
+        gap in their numbers is no fault.
     """
 
     name: str
@@ -72,6 +74,7 @@ class Sequence:
     is_part: bool = field(default=False, kw_only=True)
     sides: tuple[str, str] = field(default=GREY, kw_only=True)
     bits: int = field(default=BITS[0], kw_only=True)
+    skips_frames: bool = field(default=False, kw_only=True)
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -86,9 +89,12 @@ class Sequence:
         return [range(*ends) for ends in itertools.pairwise([*starts, len(self)])]
 
     def require_unbroken(self) -> None:
-        """Raise `DataError` if frame numbers are missing between the frames: no motion leads across a gap."""
+        """Raise `DataError` if frame numbers are missing between the frames: no motion leads across a gap.
+
+        In a drive that `skips_frames` on purpose, every step is a motion.
+        """
         pieces = self.pieces
-        if len(pieces) < 2:
+        if len(pieces) < 2 or self.skips_frames:
             return
         numbers = ", ".join(f"{int(self.frames[p[0]])}:{int(self.frames[p[-1]]) + 1}" for p in pieces)
         indices = " or ".join(f"--frames {piece.start}:{piece.stop}" for piece in pieces)

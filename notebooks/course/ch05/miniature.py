@@ -64,7 +64,7 @@ JUDGED_STREETS = (
 Labelled = tuple[Image, Array]  # an image (H, W) and the boxes (K, 4) of its vehicles, pixels
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Detected(Sequence):
     """A sequence whose boxes come from a detector, frame by frame as they are asked for; all of them count."""
 
