@@ -192,7 +192,8 @@ def _check_functions(folder: Path, numbers: Sequence[str]) -> None:
         try:
             definitions, faults = stored_answers.load_sections(folder / stored_answers.NAME)
         except DataError as error:
-            definitions, faults = {}, {"": str(error).partition("my_vo.py: ")[2]}
+            definitions = {}
+            faults = {"": str(error).partition("my_vo.py: ")[2]}
         for section, fault in faults.items():
             where = f"my_vo.py, {section}" if section else "my_vo.py"
             _write(file, {"fault": f"{where}: {fault}"})

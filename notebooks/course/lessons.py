@@ -186,6 +186,7 @@ def adaptive_stopping(candidates: Candidates, points: Points, limit: float, orde
     measured = (
         measure(candidates.E, points.x_p, points.x_c, limit) for measure in (outlier_shares, truncated_errors)
     )
-    share, best = (np.minimum.accumulate(np.minimum.reduceat(e, first)[order], axis=1) for e in measured)
+    of_sets = [np.minimum.reduceat(each, first)[order] for each in measured]
+    share, best = [np.minimum.accumulate(each, axis=1) for each in of_sets]
     needed = np.log(0.01) / np.log1p(-(np.clip(1.0 - share, 1e-3, 1.0 - 1e-9) ** 5))
     return needed, best, 1 + (needed <= np.arange(1, len(sets) + 1)).argmax(axis=1)

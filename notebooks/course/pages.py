@@ -134,7 +134,8 @@ def page(notebook: Any, path: Path) -> str:
     body = STAND_IN.sub(lambda found: formulas[found[0]], body)
     for folder, short in ((NOTEBOOKS.parent, "."), (Path.home(), "~")):
         body = body.replace(f"{html.escape(str(folder))}/", f"{short}/")
-    style, dark = (HtmlFormatter(style=name).get_style_defs(".highlight") for name in ("default", "monokai"))
+    style = HtmlFormatter(style="default").get_style_defs(".highlight")
+    dark = HtmlFormatter(style="monokai").get_style_defs(".highlight")
     return PAGE.format(title=html.escape(path.stem), style=style, dark=dark, body=body)
 
 

@@ -9,7 +9,8 @@ import numpy as np
 from vo_lib.geometry.motion import rigid, rotation_from_vector
 from vo_lib.geometry.types import Array
 
-SIDE, CORNER = 200, 20  # metres: a side of the block, and the arc that rounds a corner
+SIDE = 200  # metres, of the block
+CORNER = 20  # metres, the arc that rounds a corner
 
 
 def block_tour(rounds: int = 2) -> Array:

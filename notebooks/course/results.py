@@ -18,7 +18,9 @@ from vo_lib.errors import DataError
 RIGHT = "#009E73"
 NOT_YET = "#D55E00"
 UNANSWERED = "#999999"
-RIGHT_CLASS, NOT_YET_CLASS = "vo-right", "vo-not-yet"  # of CSS; tests search for both
+# Classes of CSS; tests search for both.
+RIGHT_CLASS = "vo-right"
+NOT_YET_CLASS = "vo-not-yet"
 SHORT = 6  # maximal size of an array whose numbers are all shown
 DIGITS = 5, 7, 9  # of two numbers: the first choice that distinguishes the numbers
 COMPLEX = "drop values with an imaginary part and take `.real` of the others; `eigh` and `svd` stay real."

@@ -29,7 +29,9 @@ from .drawing import FONT_SIZE, WIDTH, figure, show
 
 MAX_DEPTH_BASELINES = 50.0  # points farther away scatter too much
 MAX_POINTS = 40_000  # of a page
-YAW, TILT = 0.5, 0.7  # first direction of view, from behind and above, radians
+# First direction of view, from behind and above, radians.
+YAW = 0.5
+TILT = 0.7
 PALEST = 200  # grey level of a point on white
 HINT = "Drag to rotate, turn the wheel to zoom, Shift and drag to move, double-click to reset."
 

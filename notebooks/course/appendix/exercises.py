@@ -10,7 +10,8 @@ from vo_lib.geometry.types import Array
 
 from ..checker import Case, Exercise
 
-FB, E = 386.0, 0.5  # pixel metres, pixels
+FB = 386.0  # pixel metres
+E = 0.5  # pixels, error of a disparity
 
 
 def depth_seen(Z: Array | float, e: float, fb: float = FB) -> Array:

@@ -68,7 +68,7 @@ class StartPanel(Panel):
     def _clicked(self, change: Any) -> None:
         """Move the point to a place "x,y" of the picture, shares of its width and height."""
         camera = self.state().sequence.camera
-        x, y = (float(each) for each in change["new"].split(","))
+        x, y = map(float, change["new"].split(","))
         scale = min(WIDTH / camera.width, PHOTO_HEIGHT / camera.height)
         u = 0.5 + (x - 0.5) * WIDTH / (scale * camera.width)
         v = 0.5 + (y * self.height - PHOTO_HEIGHT / 2) / (scale * camera.height)
@@ -88,7 +88,7 @@ class StartPanel(Panel):
         d = float(coarse[row, column]) if known else float("nan")
         depth = camera.f * camera.baseline / d
 
-        left, right = (photo(image, camera.width) for image in stereo(sequence, state.frame))
+        left, right = [photo(image, camera.width) for image in stereo(sequence, state.frame)]
         _mark(left, u, v)
         _mark(right, u - d, v)
         above = caption(photo(left, WIDTH, PHOTO_HEIGHT), f"left image, frame {state.frame}")

@@ -53,7 +53,8 @@ def largest_in_squares(
     rows, columns = response.shape
     for v in range(edge, rows - edge):
         for u in range(edge, columns - edge):
-            top, left = max(v - reach, 0), max(u - reach, 0)
+            top = max(v - reach, 0)
+            left = max(u - reach, 0)
             square = response[top : v + reach + 1 - short, left : u + reach + 1 - short]
             if response[v, u] > least and response[v, u] >= square.max(initial=-np.inf):
                 found.append((u, v))

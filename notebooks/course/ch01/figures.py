@@ -27,7 +27,9 @@ SQUARE = WIDTH // 4
 FATES = {OPEN: "#D8D8D8", LOST: PALE, **dict(zip(CHECKS, (FOURTH, THIRD, FIFTH, BAD), strict=True))}
 FATES |= {SURPLUS: "#56B4E9", CHOSEN: GOOD}
 SIDES = ("previous left", "previous right", "current right", "current left")
-LEAST, MOST = 0.01, 100.0  # pixels shown of an error
+# Pixels shown of an error.
+LEAST = 0.01
+MOST = 100.0
 EDGE = 1 / 3  # ratio of the roots of the eigenvalues, below which a window is an edge
 LEGEND_LINE = 18  # height of a line of a legend, pixels
 LEGEND_EDGE = 12  # above and below its lines, pixels

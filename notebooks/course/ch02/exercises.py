@@ -170,7 +170,8 @@ def choices() -> list[Case]:
         cases.append((motions, x_p, x_c))
     for seed in (4, 5):
         given = random_problems(np.random.default_rng(seed), 1, 20, motion="forward", noise_px=0.5)
-        x_p, x_c = given.x_p[0], given.x_c[0]
+        x_p = given.x_p[0]
+        x_c = given.x_c[0]
         behind = -FAR_BEHIND * homogeneous(x_p[:1]) @ given.R_cp[0].T + given.t_cp[0]
         x_c[:1] = behind[:, :2] / behind[:, 2:]
         motions = twisted_first(library.four_motions(given.E[0]), x_p, x_c)

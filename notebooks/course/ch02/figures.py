@@ -266,7 +266,9 @@ def epipolar_plane() -> list[Shape]:
     T_p_c = inverse(TOY)
     c = inverse(TOY)[:3, 3]
     size = 1.2
-    x_p, x_c = (X[:2] / X[2] for X in (TOY_X, transform(TOY, TOY_X[None])[0]))
+    moved = transform(TOY, TOY_X[None])[0]
+    x_p = TOY_X[:2] / TOY_X[2]
+    x_c = moved[:2] / moved[2]
     epipole = TOY[:2, 3] / TOY[2, 3]
     ends = size * np.array([np.append(x_c + k * (epipole - x_c), 1.0) for k in (-0.3, 1.1)])
     return [

@@ -17,7 +17,9 @@ from ..colours import BAD, DARK, FIFTH, GOOD, PALE, WHITE, bgr
 from ..drawing import PHOTO_HEIGHT, WIDTH, caption, figure, finish, log_axis, photo
 from ..drawn_matches import draw_flow
 
-LEAST, MOST = 1e-3, 180.0  # degrees shown of a rotation error
+# Degrees shown of a rotation error.
+LEAST = 1e-3
+MOST = 180.0
 ALIKE = 0.02  # largest relative difference of curves that look the same
 
 

@@ -28,7 +28,8 @@ from .weightings import (
 
 R_CP = rotation_from_vector(np.array([0.01, 0.05, -0.02]))
 T_CP = np.array([0.05, -0.02, -0.9])
-FAR, NEAR = 40.0, 8.0  # metres
+FAR = 40.0  # metres
+NEAR = 8.0  # metres
 
 
 def exact_matches(count: int, seed: int, noise: float = 0.0) -> StereoMatches:

@@ -15,8 +15,11 @@ from vo_lib.geometry.types import Array
 from ..colours import BAD, DARK, FIFTH, GOOD, PALE, WHITE
 from ..drawing import COARSE, FONT_SIZE, SMALL_SIZE, figure, finish, log_axis, room, round_limits
 
-DEPTHS, DISTANCES = (2.0, 200.0), (1e-3, 100.0)  # metres shown
-LEAST, MOST = 0.01, 100.0  # pixels shown of a residual
+DEPTHS = (2.0, 200.0)  # metres shown
+DISTANCES = (1e-3, 100.0)  # metres shown
+# Pixels shown of a residual.
+LEAST = 0.01
+MOST = 100.0
 MILLI = 1e3
 
 
@@ -217,7 +220,8 @@ def ellipse_chart(
     each : (N, 3) translation of each feature alone; weight : (N,); t, t_reference : (3,), metres.
     covariance : (3, 3) of t, m²; the ellipse is drawn at two standard deviations.
     """
-    dots, middle = (MILLI * (v - t_reference)[..., [0, 2]] for v in (each, t))
+    dots = MILLI * (each - t_reference)[..., [0, 2]]
+    middle = MILLI * (t - t_reference)[..., [0, 2]]
     axes, directions = np.linalg.eigh(MILLI**2 * covariance[np.ix_([0, 2], [0, 2])])
     lengths = 4.0 * np.sqrt(np.maximum(axes, 0.0))
     light = ~(weight >= 0.5)

@@ -56,8 +56,8 @@ def claim_lines(sequence: Sequence, *seeds: Mapping[str, Array]) -> str:
     for name in seeds[0]:
         rows = []
         for runs in seeds:
-            turn, step = (errors.mean() for errors in step_errors(sequence, runs[name]))
-            rows.append((turn, step, 100 * np.linalg.norm(runs[name][-1, :3, 3] - end)))
+            turns, steps = step_errors(sequence, runs[name])
+            rows.append((turns.mean(), steps.mean(), 100 * np.linalg.norm(runs[name][-1, :3, 3] - end)))
         turn, step, off = np.mean(rows, axis=0)
         lines.append(f"{name:13}: error per step {turn:.4f}° and {step:5.2f} mm, at the end {off:5.2f} cm")
         if len(seeds) > 1:
@@ -68,7 +68,8 @@ def claim_lines(sequence: Sequence, *seeds: Mapping[str, Array]) -> str:
 def results_table(title: str, only: str = "") -> ReportTable:
     """A table of `results.md`, with the rows whose name begins with `only`."""
     lines = RESULTS.read_text(encoding="utf-8").split(f"## {title}\n")[1].split("\n## ")[0].splitlines()
-    columns, _, *rows = ([c.strip() for c in line.strip("|").split("|")] for line in lines if line[:1] == "|")
+    cells = [[c.strip() for c in line.strip("|").split("|")] for line in lines if line[:1] == "|"]
+    columns, _, *rows = cells
     return ReportTable(title, columns, [row for row in rows if row[0].startswith(only)], [])
 
 
@@ -84,8 +85,8 @@ def whole_drive_errors(section: str, row: str) -> dict[str, Array]:
         return dict(zip(table.columns, next((r for r in table.rows if r[0] == row), [row]), strict=False))
 
     kinds = "TE, %", "RE, deg/100 m"
-    te, re = (cells(kind) for kind in kinds)
-    te_sd, re_sd = (cells(SPREAD_OF + kind) for kind in kinds)
+    te, re = map(cells, kinds)
+    te_sd, re_sd = [cells(SPREAD_OF + kind) for kind in kinds]
     numbers = {}
     for method in list(te)[1:]:
         words = te[method], re[method], te_sd.get(method, "0"), re_sd.get(method, "0")

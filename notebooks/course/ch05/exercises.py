@@ -15,8 +15,11 @@ from vo_lib.paper.box_removal import inside
 
 from ..checker import Case, Condition, Exercise
 
-SIZE, NET = (1241, 376), (640, 640)  # width and height of an image, and of a network's with wide borders
-WIDTH, HEIGHT = 800, 256  # of the network whose cells are counted
+SIZE = (1241, 376)  # width and height of an image
+NET = (640, 640)  # width and height of a network's image, with wide borders
+# Of the network whose cells are counted.
+WIDTH = 800
+HEIGHT = 256
 # Box 2 overlaps box 1 much, box 3 overlaps both a little, box 4 overlaps none; the last box is inside box 1.
 A = [100.0, 100.0, 200.0, 180.0]
 B = [110.0, 104.0, 212.0, 184.0]

@@ -15,7 +15,8 @@ from vo_lib.geometry.types import Array, BoolArray
 from ..checker import Case, Condition, Exercise
 from ..perturbed_path import block_tour, perturbed_path
 
-YAW, LENGTH = 1.0, 400.0  # deg/100 m and metres, of the straight road
+YAW = 1.0  # deg/100 m, on the straight road
+LENGTH = 400.0  # metres, of the straight road
 ANGLE = float(np.radians(YAW * LENGTH / 100.0))
 TE = 100.0 * float(np.hypot(1.0 - np.sin(ANGLE) / ANGLE, (1.0 - np.cos(ANGLE)) / ANGLE))
 

@@ -23,7 +23,9 @@ from ..checker import Case, Condition, Exercise
 from ..frames import true_poses
 from ..lessons import CAMERA, drive
 
-USED, TRUE = 5555.6, 100.0 * 180.0 / np.pi  # factors from rad/m to deg/100 m
+# Factors from rad/m to deg/100 m: the paper's, and the right one.
+USED = 5555.6
+TRUE = 100.0 * 180.0 / np.pi
 FRAMES = 30
 LENGTHS = (20.0,)
 VALUES = (8, 16, 100)

@@ -81,7 +81,8 @@ def table_html(table: ReportTable) -> str:
         return f"<tr>{''.join(cells)}</tr>".replace("\n", "<br>")
 
     rows = row(table.columns, "th") + "".join(row(words, "td") for words in table.rows)
-    head, notes = ("".join(f"<div>{html.escape(s)}</div>" for s in x) for x in (table.head, table.notes))
+    head = "".join(f"<div>{html.escape(sentence)}</div>" for sentence in table.head)
+    notes = "".join(f"<div>{html.escape(sentence)}</div>" for sentence in table.notes)
     return (
         f'<div style="margin:8px 0;overflow-x:auto"><b>{html.escape(table.title)}</b>{head}'
         f'<table style="border-collapse:collapse;font-size:12px;margin:4px 0">{rows}</table>{notes}</div>'
@@ -153,8 +154,9 @@ def gains_figure(gains: Mapping[str, Gain]) -> Figure:
     made, axes = figure(240, len(gains), widths)
     for axis, (title, gain) in zip(axes, gains.items(), strict=True):
         places = np.arange(len(gain.names))
-        low, high = gain.interval.low, gain.interval.high
-        axis.axhspan(low, high, color=PALE, alpha=0.5, label="95 % interval of the mean")
+        axis.axhspan(
+            gain.interval.low, gain.interval.high, color=PALE, alpha=0.5, label="95 % interval of the mean"
+        )
         axis.axhline(gain.interval.mean, color=DARK, linewidth=1.5, label="mean change")
         axis.axhline(0.0, color=CYCLE[1], linewidth=1.0, linestyle="--", label="no change")
         axis.plot(places, gain.changes, "o", color=CYCLE[0], markersize=6)

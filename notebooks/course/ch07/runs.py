@@ -20,7 +20,8 @@ from ..frames import longest_piece, opened
 from ..kept_runs import sequence_key
 from ..memory import Memory
 
-STREET, STREET_FRAMES = "synthetic/traffic", 130  # enough frames for a path of 100 m
+STREET = "synthetic/traffic"
+STREET_FRAMES = 130  # enough for a path of 100 m
 WHOLE = "kitti/04"  # the shortest sequence of Table 1, 271 frames
 FIRST = {"kitti/00": 16}  # first frame of a part: the truth of earlier steps has errors of up to 20 cm
 

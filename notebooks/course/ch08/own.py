@@ -50,7 +50,8 @@ STAGES = (
     "chain",
     "all_errors",
 )
-SLOW, LEAST_S = 5.0, 0.02  # a stage is slow above this multiple of the library's time
+SLOW = 5.0  # a stage is slow above this multiple of the library's time
+LEAST_S = 0.02  # shorter stages are never called slow
 
 
 # Called after each stage of the loop with the frame, the name of the stage, its inputs and its result.

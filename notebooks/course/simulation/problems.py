@@ -19,7 +19,9 @@ MOTIONS: tuple[Motion, ...] = get_args(Motion)
 HALF_WIDTH = 0.863
 HALF_HEIGHT = 0.262
 FOCAL = 718.856  # pixels; turns noise into normalised coordinates
-NEAREST, FARTHEST = 4.0, 40.0  # depth of the points in the previous camera, metres
+# Depth of the points in the previous camera, metres.
+NEAREST = 4.0
+FARTHEST = 40.0
 IN_FRONT = 0.5  # least depth in the current camera, metres
 
 

@@ -20,7 +20,9 @@ from vo_lib.geometry.rows import Rows, joined
 from vo_lib.geometry.types import Array, BoolArray, IntArray
 
 ROUNDS = 8  # attempts to fill a frame with points; afterwards, the frame has fewer points
-NEAREST, FARTHEST = 4.0, 70.0  # metres, depth of the points
+# Depth of the points, metres.
+NEAREST = 4.0
+FARTHEST = 70.0
 CAMERA_HEIGHT = 1.65  # metres above the road
 AHEAD = rigid(np.eye(3), np.array([0.0, 0.0, 0.8]))  # motion of an object from frame to frame, metres
 
