@@ -123,6 +123,10 @@ def test_notebook_runs_in_a_browser(path: Path, lab: str, browser: BrowserContex
     page.get_by_role("menuitem", name="Run", exact=True).click()
     page.get_by_role("menuitem", name="Run All Cells", exact=True).click()
     page.wait_for_function(ALL_DONE, polling=SELDOM)
+    # Sections under "More" are folded: a slider in one of them could not be moved.
+    folded = page.locator(".jp-showHiddenCellsButton:visible")
+    while folded.count():
+        folded.first.click()
     page.locator(".widget-image").first.wait_for(state="attached")
     before = page.evaluate(PICTURES)
     handle = page.locator(".widget-slider .noUi-handle").last
