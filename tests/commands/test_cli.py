@@ -161,7 +161,9 @@ def test_run_without_truth_has_no_errors(bands: Path, done: Callable[..., str]) 
     assert read_json(bands.parent / "out" / "metrics.json").keys() == {"path"}
     assert "no ground truth" in printed
     assert "lost" not in printed
-    assert max(map(len, printed.splitlines())) <= 80
+    # A path stays whole, and that of the temporary folder depends on the machine.
+    without_path = printed.replace(str(bands.parent), "")
+    assert max(map(len, without_path.splitlines())) <= 80
 
 
 def test_a_run_without_motion_gets_no_advice_on_options_that_it_has_not(
