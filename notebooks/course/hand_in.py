@@ -25,8 +25,9 @@ from vo_lib.files import read_bytes, write_atomic
 
 from . import records, stored_answers
 from .grading import grade
+from .minutes import NOTEBOOKS
 from .submissions import MARKS, MAX_MEMBER_BYTES, NOTEBOOK, POSES, Submission
-from .tasks import NOTEBOOKS, all_tasks
+from .tasks import all_tasks
 
 DATE = (1980, 1, 1, 0, 0, 0)  # of all members, so that the same files give the same bytes
 WITHOUT = {

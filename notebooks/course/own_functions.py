@@ -21,7 +21,8 @@ class OwnFunction:
 
     A wrong answer runs as it is, so that its picture and its numbers show what is wrong. Only where there is
     nothing to draw (the body is still `...`, the function stops with an error, or its result has another form
-    than the library's, is empty or has values that are not finite) the result is the library's, and a printed line says so, once for each reason.
+    than the library's, is empty or has values that are not finite) the result is the library's, and a printed
+    line says so, once for each reason.
     """
 
     def __init__(self, own: Any, library: Callable[..., Any]) -> None:
@@ -38,19 +39,18 @@ class OwnFunction:
     def __call__(self, *inputs: Any) -> Any:
         self.calls += 1
         right = self.library(*inputs)
-        if self.empty:
-            self.replaced += 1
-            return right
-        got = outcome(self.own, copy.deepcopy(inputs))
-        if isinstance(got, Unusable):
-            self._tell(f"your {self.name} cannot run here, so the library's result is used: {got.message}")
-            self.replaced += 1
-            return right
-        if fault := _other_form(got, right):
-            self._tell(f"your {self.name} {fault}, so the library's result is used here.")
-            self.replaced += 1
-            return right
-        return got
+        if not self.empty:
+            got = outcome(self.own, copy.deepcopy(inputs))
+            if isinstance(got, Unusable):
+                self._tell(
+                    f"your {self.name} cannot run here, so the library's result is used: {got.message}"
+                )
+            elif fault := _other_form(got, right):
+                self._tell(f"your {self.name} {fault}, so the library's result is used here.")
+            else:
+                return got
+        self.replaced += 1
+        return right
 
     @property
     def whose(self) -> str:

@@ -26,9 +26,8 @@ from vo_lib.commands.console import ENDINGS, OneLineParser, exit_code
 from vo_lib.errors import DataError
 from vo_lib.files import write_atomic
 
-from .minutes import FOLDED
+from .minutes import FOLDED, NOTEBOOKS
 
-NOTEBOOKS = Path(__file__).resolve().parents[1]
 WIDGETS = "application/vnd.jupyter.widget-state+json"
 VIEW = "application/vnd.jupyter.widget-view+json"
 CELL_TIMEOUT_S = 1200

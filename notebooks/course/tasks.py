@@ -14,12 +14,11 @@ from types import FunctionType
 from vo_lib.errors import DataError
 
 from .checker import Exercise
+from .minutes import NOTEBOOKS
 
-NOTEBOOKS = Path(__file__).resolve().parents[1]
 HEADING = re.compile(r"^#{3,4} Exercise (\w+\.\d+)", re.MULTILINE)
 # A cell calls the check of its exercise: `ch04.stack(translation_of_all)`, `ch08.drift(percent, yours, street)`.
 CHECK = re.compile(r"^(ch\d\d|appendix)\.(\w+)\((\w+)(\.facts)?((?:, *[\w.]+)*)\)$", re.MULTILINE)
-APPENDIX = "A"  # chapter of the exercises A.1, A.2 …
 
 
 @dataclass(frozen=True)

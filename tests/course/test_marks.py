@@ -20,9 +20,10 @@ from course.ch00 import exercises as ch00
 from course.ch04 import exercises as ch04
 from course.ch08 import exercises as ch08
 from course.grading import grade
+from course.minutes import NOTEBOOKS
 from course.results import Verdict
 from course.submissions import MAX_MEMBERS, Submission, find_submissions, read_submission
-from course.tasks import NOTEBOOKS, all_tasks, chosen_tasks, tasks
+from course.tasks import all_tasks, chosen_tasks, tasks
 from vo_lib.commands.cli import main
 from vo_lib.errors import DataError
 

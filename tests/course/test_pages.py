@@ -11,8 +11,8 @@ import nbformat
 import pytest
 
 from course import pages
-from course.minutes import FOLDED
-from course.pages import FORMULA, NOTEBOOKS, read, with_mathml
+from course.minutes import FOLDED, NOTEBOOKS
+from course.pages import FORMULA, read, with_mathml
 
 PANEL = """import ipywidgets as w
 slider = w.VBox([w.IntSlider(), w.HTML('its caption')])

@@ -193,6 +193,13 @@ def test_the_printed_average_of_viso2_contradicts_its_rows_and_gets_no_verdict()
     assert cell.outcome == "no verdict: the printed average is not the mean of its rows"
 
 
+@pytest.mark.parametrize("text", ["", "variant,sequence\npublished,00,1\n", "a\nb\n"])
+def test_a_damaged_table_is_named(tmp_path: Path, text: str) -> None:
+    (tmp_path / "table1.csv").write_text(text, encoding="utf-8")
+    with pytest.raises(DataError, match=r"table1\.csv"):
+        read_report(tmp_path)
+
+
 @pytest.mark.parametrize("text", ["[]", "{}", '{"rows": [{"variant": "published"}]}', "{", '{"rows": 3}'])
 def test_a_damaged_record_is_named(tmp_path: Path, text: str) -> None:
     (tmp_path / RECORD).write_text(text, encoding="utf-8")

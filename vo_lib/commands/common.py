@@ -21,12 +21,13 @@ from ..data.poses import MAX_COORDINATE_M
 from ..data.sequence import Sequence
 from ..errors import DataError
 from ..evaluation.ate_rpe import Delta
+from ..geometry.types import Progress
 from ..paper.settings import MethodConfig
 from ..report.blocks import Changes, differences
 from ..report.plots import require_matplotlib
 from ..runs.durations import Durations, duration_words
 from ..runs.folder import read_config, settings_in
-from ..runs.jobs import Outcome
+from ..runs.jobs import Job, Outcome, run_jobs
 from .console import print_above_bar, print_wrapped, reporting
 
 if TYPE_CHECKING:
@@ -219,6 +220,22 @@ def print_rest(seconds: float, durations: Durations) -> None:
     print_above_bar(
         f"The other runs will take about {duration_words(seconds)} ({durations.workers} {processes}; "
         "estimated from the first runs)."
+    )
+
+
+def run_with_options(
+    jobs: list[Job], workers: int, progress: Progress, durations: Durations, options: argparse.Namespace
+) -> list[Outcome]:
+    """Do the jobs of a command with many runs, as its options say; print how long the rest will take."""
+    return run_jobs(
+        jobs,
+        workers,
+        progress,
+        options.cache,
+        options.dask,
+        options.fresh,
+        durations,
+        lambda seconds: print_rest(seconds, durations),
     )
 
 

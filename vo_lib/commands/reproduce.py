@@ -48,7 +48,7 @@ from ..report.table1_page import (
 )
 from ..runs.durations import Durations
 from ..runs.folder import has_runs, read_run, run_folder
-from ..runs.jobs import Job, run_jobs
+from ..runs.jobs import Job
 from ..runs.match_cache import CachedMatches
 from . import close_loops, common, vehicle_boxes
 from .console import print_lines, print_wrapped, reporting, show_report_table
@@ -128,16 +128,7 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
         )
         without_boxes = vehicle_boxes.warn_without_boxes(runs)
         with reporting(f"{len(jobs)} runs") as report:
-            outcomes = run_jobs(
-                jobs,
-                workers,
-                report,
-                options.cache,
-                options.dask,
-                options.fresh,
-                durations,
-                lambda seconds: common.print_rest(seconds, durations),
-            )
+            outcomes = common.run_with_options(jobs, workers, report, durations, options)
         result = collect(cells, outcomes, missing, measure)
         if not result.paths:  # an earlier table is kept
             raise DataError(" ".join(result.problems))

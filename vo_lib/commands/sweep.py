@@ -26,7 +26,7 @@ from ..report.sweep_table import (
 from ..report.table1 import is_own_table, slug
 from ..runs.durations import Durations
 from ..runs.folder import has_runs, run_folder
-from ..runs.jobs import Job, Outcome, run_jobs
+from ..runs.jobs import Job, Outcome
 from . import common, vehicle_boxes
 from .console import print_lines, reporting, show_report_table
 
@@ -101,16 +101,7 @@ def _sweep(options: argparse.Namespace) -> int:
         with reporting(f"{', '.join(opener.names)}; {', '.join(methods)}") as report:
 
             def run(jobs: list[Job]) -> list[Outcome]:
-                return run_jobs(
-                    jobs,
-                    workers,
-                    report,
-                    options.cache,
-                    options.dask,
-                    options.fresh,
-                    durations,
-                    lambda seconds: common.print_rest(seconds, durations),
-                )
+                return common.run_with_options(jobs, workers, report, durations, options)
 
             sweeps = run_sweep(opener.names, bases, axes, seeds, folder, opener, run, reference)
         if not any(record["seeds"] for sweep in sweeps for record in sweep.records):

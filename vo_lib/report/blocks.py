@@ -66,15 +66,6 @@ def changed(config: MethodConfig, changes: Changes) -> MethodConfig:
     return config
 
 
-def grid_of(base: MethodConfig, axes: Axes) -> list[tuple[dict[str, str], MethodConfig]]:
-    """The combinations of the values: each setting's value as typed, by name, and the configuration."""
-    grid = []
-    for changes in combinations(axes):
-        words = {name: settings.as_typed(value) for name, value in changes}
-        grid.append((words, changed(base, changes)))
-    return grid
-
-
 def differences(config: MethodConfig, usual: MethodConfig) -> Changes:
     """The settings of a configuration, other than the seed, that differ from those of another one."""
     items = []

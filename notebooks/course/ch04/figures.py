@@ -50,6 +50,28 @@ def rows_figure(systems: dict[str, Array]) -> Figure:
     return made
 
 
+def _from_above(
+    axis: Axes, each: Array, t_reference: Array, step: float, words: tuple[str, str, str]
+) -> tuple[Array, Array]:
+    """Draw the t (N, 3) of single features from above, round a cross; return the limits of x and z, metres.
+
+    step : length of the step, metres. words : the title, and the names of the dots and of the cross.
+    """
+    title, dots, cross = words
+    half = room(1.2 * step, steps=COARSE, least=0.3)
+    low = t_reference[[0, 2]] - half
+    high = t_reference[[0, 2]] + half
+    places = each[:, [0, 2]]
+    inside = ((places > low) & (places < high)).all(axis=1)
+    axis.plot(*places[inside].T, ".", color=GOOD, markersize=4, label=dots)
+    axis.plot(*t_reference[[0, 2]], "+", color=BAD, markersize=16, markeredgewidth=2, label=cross)
+    axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    outside = f"{title} ({np.count_nonzero(~inside)} outside)"
+    finish(axis, outside, "x, right [m]", "z, forward [m]", "lower right", boxed=True)
+    axis.yaxis.labelpad = 0
+    return low, high
+
+
 def answers_figure(each: Array, answers: dict[str, Array], t_reference: Array, reference: str) -> Figure:
     """The t of each feature alone, from above in metres, and joint answers relative to the reference, mm.
 
@@ -57,17 +79,7 @@ def answers_figure(each: Array, answers: dict[str, Array], t_reference: Array, r
     """
     made, (wide, close) = figure(300, 2, (1.0, 1.0))
     step = float(np.linalg.norm(t_reference))
-    half = room(1.2 * step, steps=COARSE, least=0.3)
-    low = t_reference[[0, 2]] - half
-    high = t_reference[[0, 2]] + half
-    places = each[:, [0, 2]]
-    inside = ((places > low) & (places < high)).all(axis=1)
-    wide.plot(*places[inside].T, ".", color=GOOD, markersize=4, label="one feature")
-    wide.plot(*t_reference[[0, 2]], "+", color=BAD, markersize=16, markeredgewidth=2, label=reference)
-    wide.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-    title = f"t of each feature alone ({np.count_nonzero(~inside)} outside)"
-    finish(wide, title, "x, right [m]", "z, forward [m]", "lower right", boxed=True)
-    wide.yaxis.labelpad = 0
+    _from_above(wide, each, t_reference, step, ("t of each feature alone", "one feature", reference))
     away = {name: MILLI * (t - t_reference)[[0, 2]] for name, t in answers.items()}
     looks = ((7, FIFTH), (13, DARK))  # sizes and colours; the first answer is drawn last
     for number, (name, place) in reversed([*enumerate(away.items())]):
@@ -85,17 +97,7 @@ def one_answer_figure(each: Array, t_reference: Array, reference: str) -> Figure
     """The t of each feature alone (N, 3), metres: from above, and the distribution of its z."""
     made, (above, histogram) = figure(280, 2)
     step = max(float(np.linalg.norm(t_reference)), 0.1)
-    half = room(1.2 * step, steps=COARSE, least=0.3)
-    low = t_reference[[0, 2]] - half
-    high = t_reference[[0, 2]] + half
-    places = each[:, [0, 2]]
-    inside = ((places > low) & (places < high)).all(axis=1)
-    above.plot(*places[inside].T, ".", color=GOOD, markersize=4, label="by one feature")
-    above.plot(*t_reference[[0, 2]], "+", color=BAD, markersize=16, markeredgewidth=2, label=reference)
-    above.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-    title = f"t from above ({np.count_nonzero(~inside)} outside)"
-    finish(above, title, "x, right [m]", "z, forward [m]", "lower right", boxed=True)
-    above.yaxis.labelpad = 0
+    low, high = _from_above(above, each, t_reference, step, ("t from above", "by one feature", reference))
     counts, edges = np.histogram(np.clip(each[:, 2], low[1], high[1]), 60, (low[1], high[1]))
     histogram.stairs(counts, edges, fill=True, color=GOOD)
     histogram.axvline(float(t_reference[2]), color=BAD, linewidth=1.5, label=reference)

@@ -51,9 +51,9 @@ def rows_of_match(
 ) -> tuple[Array, Array]:
     """The library's rows M (8, 6) and c (8,) of one match, for its normalised points (2,) in the four images."""
     camera = StereoCamera(f=1.0, cx=0.0, cy=0.0, baseline=b, width=1, height=1)
-    pl, pr, cl, cr = (np.asarray(x, np.float64)[None] for x in (x_pl, x_pr, x_cl, x_cr))
+    points = [np.asarray(x, np.float64)[None] for x in (x_pl, x_pr, x_cl, x_cr)]
     one = np.ones(1, np.int64)
-    match = StereoMatches(pl, pr, cl, cr, one, np.ones(1), one)
+    match = StereoMatches(points[0], points[1], points[2], points[3], one, np.ones(1), one)
     A, B, c = paper.feature_rows(camera, match, R_cp)
     return np.hstack([A[0], B[0]]), c[0]
 

@@ -45,7 +45,6 @@ CELLS = (
     *("mini-window", "mini-train", "mini-detect", "mini-judge"),
 )
 
-TRAINING_STREET = "synthetic/traffic"
 LEAST_SCORE = 0.02  # of a box on a curve of precision and recall
 JUDGED_FRAMES = 24  # of each street
 SEED_OF_OTHERS = 100  # added to the seed of a scene: another street of the same kind

@@ -12,6 +12,7 @@ from vo_lib.data.poses import from_first
 from vo_lib.evaluation.ate_rpe import AbsoluteError, rmse
 from vo_lib.evaluation.kitti_errors import KittiErrors, kitti_errors, trajectory_distances
 from vo_lib.geometry.types import Array
+from vo_lib.report.table1 import PAPER_METHODS
 
 from ..colours import BAD, CYCLE, DARK, FIFTH, GOOD, PALE, THIRD
 from ..drawing import SMALL_SIZE, figure, finish, room, round_limits, write_instead
@@ -150,11 +151,7 @@ def distances_figure(errors: Mapping[str, AbsoluteError]) -> Figure:
     return made
 
 
-PAPERS_OWN = (
-    "mesvo_f",
-    "solution_selection",
-    "feature_selection",
-)  # columns of Table 1 that the paper computed
+PAPERS_OWN = PAPER_METHODS[1:]  # columns of Table 1 that the paper computed, in a unit of its own
 
 
 def values_figure(
@@ -183,6 +180,16 @@ def values_figure(
     return made
 
 
+def changes_chart(axis: Axes, changes: Array, names: Sequence[str], mean: float, half: float) -> None:
+    """The change of each pair (N,) as a dot over its name; their mean with its interval ± half, and no change."""
+    axis.axhspan(mean - half, mean + half, color=PALE, alpha=0.5, label="95 % interval of the mean")
+    axis.axhline(mean, color=DARK, linewidth=1.5, label="mean change")
+    axis.axhline(0.0, color=BAD, linewidth=1.0, linestyle="--", label="no change")
+    places = np.arange(len(names))
+    axis.plot(places, changes, "o", color=GOOD, markersize=6)
+    axis.set_xticks(places, names)
+
+
 def pairs_figure(
     title: str,
     before: tuple[str, Array],
@@ -205,12 +212,7 @@ def pairs_figure(
     errors.set_xticks([0, 1], [one, other])
     finish(errors, f"{title}: TE [%], a line for each {'sequence' if points else 'seed'}", "", "", "none")
     mean, half = interval
-    places = np.arange(len(names))
-    changes.axhspan(mean - half, mean + half, color=PALE, alpha=0.5, label="95 % interval of the mean")
-    changes.axhline(mean, color=DARK, linewidth=1.5, label="mean change")
-    changes.axhline(0.0, color=BAD, linewidth=1.0, linestyle="--", label="no change")
-    changes.plot(places, new - old, "o", color=GOOD, markersize=6)
-    changes.set_xticks(places, names)
+    changes_chart(changes, new - old, names, mean, half)
     highest = float(np.max(np.abs([*(new - old), mean - half, mean + half])))
     changes.set_ylim(-1.5 * highest - 1e-6, 1.5 * highest + 1e-6)
     finish(changes, "change of TE [%] of each pair", "sequence" if points else "seed", "", "best")

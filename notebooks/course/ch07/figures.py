@@ -23,6 +23,7 @@ from vo_lib.report.table1_page import layout_tables
 
 from ..ch05.claim import CHOICES, THRESHOLD_AND_BOXES
 from ..ch05.claim import results_table as results_table
+from ..ch06.figures import changes_chart
 from ..colours import CYCLE, DARK, PALE
 from ..drawing import SMALL_SIZE, figure, log_axis, write_instead
 from ..drawing import finish as finish
@@ -149,19 +150,11 @@ def short_name(sequence: str) -> str:
 
 def gains_figure(gains: Mapping[str, Gain]) -> Figure:
     """The change of an error on each sequence, with the mean change and its interval, a chart for each gain."""
-    # Names of drawn streets are long.
-    widths = tuple(float(sum(len(short_name(name)) + 1 for name in gain.names)) for gain in gains.values())
-    made, axes = figure(240, len(gains), widths)
+    made, axes = figure(240, len(gains))
     for axis, (title, gain) in zip(axes, gains.items(), strict=True):
-        places = np.arange(len(gain.names))
-        axis.axhspan(
-            gain.interval.low, gain.interval.high, color=PALE, alpha=0.5, label="95 % interval of the mean"
-        )
-        axis.axhline(gain.interval.mean, color=DARK, linewidth=1.5, label="mean change")
-        axis.axhline(0.0, color=CYCLE[1], linewidth=1.0, linestyle="--", label="no change")
-        axis.plot(places, gain.changes, "o", color=CYCLE[0], markersize=6)
-        axis.set_xticks(places, [short_name(name) for name in gain.names])
-        axis.set_xlim(-0.6, len(places) - 0.4)
+        names = [short_name(name) for name in gain.names]
+        changes_chart(axis, gain.changes, names, gain.interval.mean, gain.half_width)
+        axis.set_xlim(-0.6, len(names) - 0.4)
         finish(axis, title, "sequence")
     return made
 

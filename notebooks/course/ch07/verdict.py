@@ -17,12 +17,13 @@ from vo_lib.errors import DataError
 from vo_lib.evaluation.statistics import (
     CONFIDENCE,
     Interval,
+    mean_and_deviation,
     means_without_each,
     paired_change,
     prediction_half_width,
     sign_flip_share,
 )
-from vo_lib.files import read_mapping
+from vo_lib.files import read_csv, read_mapping
 from vo_lib.geometry.types import Array
 from vo_lib.report import table1
 from vo_lib.report.page import ReportTable, format_number, signed
@@ -30,13 +31,13 @@ from vo_lib.report.record import RECORD
 from vo_lib.report.table1 import BENCHMARK_FRAMES, ERROR_KINDS
 
 from ..ch05.claim import CHOICES, THRESHOLD_AND_BOXES
+from ..ch06.figures import PAPERS_OWN
 
 FEWEST = 3  # seeds that a verdict needs
 # The paper's own RE were converted with 10⁶ / 180 in place of 100 · 180/π (chapter 6).
 PAPERS_FACTOR = 1e6 / 180.0
 RIGHT_FACTOR = 100.0 * 180.0 / math.pi
 DEVKIT_STEP = 1e-6  # rad/m: the devkit writes six decimals
-IN_PAPERS_UNIT = table1.PAPER_METHODS[1:]  # the column of VISO2 has other digits
 
 REPRODUCED = "reproduced"
 BY_CHOICES = "within the open choices"
@@ -80,7 +81,7 @@ class Judged:
 
 def converted(printed: float, method: str, kind: str) -> float:
     """A printed number in the right unit: RE of the paper's own columns is 3 % larger than it reads."""
-    if kind == "re_deg_per_100m" and method in IN_PAPERS_UNIT:
+    if kind == "re_deg_per_100m" and method in PAPERS_OWN:
         return printed * RIGHT_FACTOR / PAPERS_FACTOR
     return printed
 
@@ -142,10 +143,9 @@ def _from_record(path: Path) -> dict[tuple[str, str, str], Ours]:
         rows = [row for row in record["rows"] if row["variant"] == "published" and not row["settings"]]
         for row, kind in itertools.product(rows, ERROR_KINDS):
             values = np.array([math.nan if value is None else value for value in row[kind]], float)
-            deviation = float(np.std(values, ddof=1)) if len(values) > 1 else math.nan
             name = str(row["sequence"]).removeprefix(KITTI)
             boxes = bool(row["removed_share"])
-            ours = Ours(row["whole"], boxes, len(values), float(values.mean()), deviation, values)
+            ours = Ours(row["whole"], boxes, len(values), *mean_and_deviation(values), values)
             found[name, row["method"], kind] = ours
     except (KeyError, TypeError, ValueError) as error:
         raise DataError(f"is not a record of vo reproduce: {type(error).__name__} {error}", path) from None
@@ -162,28 +162,30 @@ def _averages(found: Mapping[tuple[str, str, str], Ours]) -> dict[tuple[str, str
         if len(complete) < len(rows) or seeds == 0:
             continue
         values = np.mean([ours.values[:seeds] for ours in complete if ours.values is not None], axis=0)
-        deviation = float(np.std(values, ddof=1)) if seeds > 1 else math.nan
         boxes = all(ours.boxes for ours in complete)
-        averages[table1.AVERAGE, method, kind] = Ours(
-            True, boxes, seeds, float(values.mean()), deviation, values
-        )
+        ours = Ours(True, boxes, seeds, *mean_and_deviation(values), values)
+        averages[table1.AVERAGE, method, kind] = ours
     return averages
 
 
 def _from_table(path: Path) -> dict[tuple[str, str, str], Ours]:
     found = {}
-    with path.open(encoding="utf-8", newline="") as lines:
-        rows = [row for row in csv.DictReader(lines) if row["variant"] == "published"]
-    for row, kind in itertools.product(rows, ERROR_KINDS):
-        if not row[kind]:
-            continue
-        name = row["sequence"].removeprefix(KITTI)
-        whole = bool(row[f"paper_{kind}"])
-        # The row of averages has no share of its own: its sequences were judged by theirs.
-        boxes = row["removed_share"] == "" or float(row["removed_share"]) > 0
-        deviation = float(row[f"{kind}_std"] or "nan")
-        ours = Ours(whole, boxes, int(row["seeds"]), float(row[kind]), deviation)
-        found[name, row["method"], kind] = ours
+    try:
+        (_, columns), *lines = read_csv(path)
+        records = [dict(zip(columns, cells, strict=True)) for _, cells in lines]
+        rows = [row for row in records if row["variant"] == "published" and not row.get("settings")]
+        for row, kind in itertools.product(rows, ERROR_KINDS):
+            if not row[kind]:
+                continue
+            name = row["sequence"].removeprefix(KITTI)
+            whole = bool(row[f"paper_{kind}"])
+            # The row of averages has no share of its own: its sequences were judged by theirs.
+            boxes = row["removed_share"] == "" or float(row["removed_share"]) > 0
+            deviation = float(row[f"{kind}_std"] or "nan")
+            ours = Ours(whole, boxes, int(row["seeds"]), float(row[kind]), deviation)
+            found[name, row["method"], kind] = ours
+    except (KeyError, ValueError) as error:
+        raise DataError(f"is not a table of vo reproduce: {type(error).__name__} {error}", path) from None
     return found
 
 
@@ -295,6 +297,11 @@ class Gain:
     interval: Interval
     share: float
     without: Array
+
+    @property
+    def half_width(self) -> float:
+        """Half the width of the interval."""
+        return self.interval.high - self.interval.mean
 
     @property
     def words(self) -> str:
