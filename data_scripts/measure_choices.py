@@ -7,14 +7,19 @@ examples:
 A row has the change of the results of variant `published` with an alternative
 choice, as mean and standard deviation over five seeds; the change of the length
 is in %. On real clips, TE is computed with fitted axes, as in `vo data
-measure_axes`. Rows about thresholds and boxes have errors over 50 m.
+measure_axes`. Rows about thresholds and boxes have errors over 50 m. A second
+call with the same --runs measures only what is missing.
 """
 
 from __future__ import annotations
 
 import argparse
-from contextlib import nullcontext
-from dataclasses import replace
+import hashlib
+import json
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
@@ -30,13 +35,14 @@ from vo_lib.data.catalogue import SYNTHETIC
 from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.kitti_errors import SubsequenceProtocol, suitable_protocol, trajectory_distances
 from vo_lib.evaluation.statistics import standard_deviation
-from vo_lib.files import csv_text, write_atomic
+from vo_lib.files import csv_text, read_mapping, write_atomic
 from vo_lib.geometry.motion import essential_vector
 from vo_lib.geometry.types import Array
 from vo_lib.paper.box_removal import in_boxes
 from vo_lib.paper.matching import subpixel_matches
 from vo_lib.paper.odometry import Winner
 from vo_lib.paper.selection import candidates_near_prior, truncated_errors
+from vo_lib.paper.settings import MethodConfig
 from vo_lib.paper.translation import (
     SOLVING_ROUNDS,
     PairBefore,
@@ -44,9 +50,16 @@ from vo_lib.paper.translation import (
     eliminate_points,
     feature_rows,
 )
+from vo_lib.report.table1 import slug
 from vo_lib.runs.drive import run_methods
+from vo_lib.runs.folder import run_folder
+from vo_lib.runs.identity import run_identity
 from vo_lib.runs.match_cache import CachedMatches
 
+SEEDS = 5
+LOWEST_SCORE = 0.1  # of a detected box: an alternative has this score
+COLUMNS = ["choice", "alternative", "sequence", "te", "te_sd", "re", "re_sd", "length", "length_sd", "frames"]
+AS_PUBLISHED = "seed"  # the setting of the row that changes nothing
 BOXES = "vo_lib.paper.box_removal.on_vehicles"
 EARLIER = "vo_lib.paper.translation.earlier_rows"
 
@@ -104,7 +117,7 @@ def mean_of_best_tenth(odometry: Any, E: Array, set_index: Any, x_p: Array, x_c:
 
 # Each choice with its setting (or the full name of a function) and its alternatives.
 OPEN: list[tuple[str, str, dict[str, Any]]] = [
-    ("as published", "seed", {"": 0}),
+    ("as published", AS_PUBLISHED, {"": 0}),
     ("weights of rows", "vo_lib.paper.odometry.solve_translation", {"metres": in_metres}),
     ("largest depth", "translation.max_depth", {"20 m": 20.0, "50 m": 50.0, "none": 1000.0}),
     ("agreement", "translation.agreement", {"0.5 px": 0.5, "2 px": 2.0}),
@@ -133,65 +146,155 @@ LENGTH_M = 50.0
 ABSOLUTE_SEQUENCES = ("kitti/drive_0013", "synthetic/jam")
 
 
-def measured(sequence: Sequence, name: str, value: Any, cache: Any) -> Array:
+@dataclass(frozen=True, eq=False)
+class Alternative:
+    """An alternative to one of the choices, on one sequence.
+
+    Attributes
+    ----------
+    choice : what is chosen, as in the table.
+    name : the setting (dotted), or the full name of a function of vo_lib.
+    words : the alternative, as in the table; empty for the method as published.
+    value : the value of the setting, or the function that replaces the one of vo_lib.
+    """
+
+    sequence: Sequence
+    choice: str
+    name: str
+    words: str
+    value: Any
+
+    @property
+    def replaces_function(self) -> bool:
+        """Whether the alternative is a function and not a value of a setting."""
+        return self.name.startswith("vo_lib.")
+
+    def config(self, seed: int) -> MethodConfig:
+        """The settings of the runs."""
+        config = preset("feature_selection", variant="published", seed=seed)
+        if self.name == ABSOLUTE:
+            threshold, rule = self.value
+            return change(change(config, "selection.threshold", threshold), "filter.rule", rule)
+        return config if self.replaces_function else change(config, self.name, self.value)
+
+    @property
+    def measure(self) -> SubsequenceProtocol:
+        """The sub-sequences of the errors."""
+        if self.name == ABSOLUTE:
+            return SubsequenceProtocol((LENGTH_M,), 1)
+        return suitable_protocol(self.sequence.true_poses)
+
+    def stored_in(self, folder: Path) -> Path:
+        """The file of the results in a folder for runs."""
+        name = f"{self.choice} {self.words}".strip()
+        return folder / slug(self.sequence.name) / f"{slug(name)}.json"
+
+    def identity(self) -> dict[str, Any]:
+        """All that determines the results: the run, the alternatives' code and the sub-sequences."""
+        code = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
+        identity = run_identity(self.sequence, self.config(0), "feature_selection")
+        return identity | {"choice": [self.choice, self.name, self.words], "seeds": SEEDS, "choices": code}
+
+
+def measured(alternative: Alternative, cache: Any) -> Array:
     """TE (%), RE (deg/100 m) and path length (metres) for each seed, (S, 3); errors are NaN without truth."""
-    own = name.startswith("vo_lib.")
-    config = preset("feature_selection", variant="published")
-    if name == ABSOLUTE:
-        config = change(change(config, "selection.threshold", value[0]), "filter.rule", value[1])
-    elif not own:
-        config = change(config, name, value)
-    kept = None if value is from_current else CachedMatches(sequence, config, cache)
-    with patch(name, value) if own else nullcontext():
-        seeds = {str(seed): change(config, "seed", seed) for seed in range(5)}
+    sequence = alternative.sequence
+    kept = None
+    if alternative.value is not from_current:
+        kept = CachedMatches(sequence, alternative.config(0), cache)
+    replaced: AbstractContextManager[Any] = nullcontext()
+    if alternative.replaces_function:
+        replaced = patch(alternative.name, alternative.value)
+    with replaced:
+        seeds = {str(seed): alternative.config(seed) for seed in range(SEEDS)}
         runs = [*run_methods(sequence, seeds, None, kept).values()]
-    errors = np.full((5, 2), np.nan)
+    lengths = [trajectory_distances(run.poses)[-1] for run in runs]
+    errors = np.full((SEEDS, 2), np.nan)
     if sequence.truth is not None:
-        measure = (
-            SubsequenceProtocol((LENGTH_M,), 1) if name == ABSOLUTE else suitable_protocol(sequence.truth)
-        )
         turned = not sequence.name.startswith(SYNTHETIC)
+        measure = alternative.measure
         errors = np.array([te_and_re(sequence, run.poses, measure, turned) for run in runs])
-    return np.column_stack([errors, [trajectory_distances(run.poses)[-1] for run in runs]])
+    return np.column_stack([errors, lengths])
+
+
+def stored_or_measured(alternative: Alternative, cache: Any, folder: Path) -> Array:
+    """The results of `measured`, read from `folder` if they were measured with the same inputs."""
+    path = alternative.stored_in(folder)
+    identity = alternative.identity()
+    stored = read_mapping(path, "results of a choice") if path.exists() else {}
+    if stored.get("identity") == identity:
+        return np.array(stored["results"], dtype=float)  # None becomes NaN
+    results = measured(alternative, cache)
+    numbers = [[x if np.isfinite(x) else None for x in row] for row in results.tolist()]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomic(path, json.dumps({"identity": identity, "results": numbers}, indent=1))
+    return results
+
+
+def alternatives_on(sequence: Sequence) -> list[Alternative]:
+    """All alternatives on a sequence, the method as published first."""
+    found = [
+        Alternative(sequence, choice, name, words, value)
+        for choice, name, ways in OPEN
+        for words, value in ways.items()
+    ]
+    if sequence.name in ABSOLUTE_SEQUENCES:
+        found += [
+            Alternative(sequence, ABSOLUTE, ABSOLUTE, f"{px:g} px, {words}", (px, rule))
+            for px in THRESHOLDS_PX
+            for words, rule in RULES.items()
+        ]
+    return found
+
+
+def row_of(alternative: Alternative, results: Array, published: Array) -> list[str]:
+    """The row of the table: the changes of the results against those as published, both from `measured`.
+
+    The first row of a sequence has the errors as published, and the excess length; rows about thresholds and
+    boxes have errors, not changes.
+    """
+    truth = alternative.sequence.truth
+    whole = published[:, 2].mean() if truth is None else trajectory_distances(truth)[-1]
+    percent = np.array([1.0, 1.0, 100.0 / whole])  # lengths in % of the whole length
+    values = results * percent
+    if alternative.name == ABSOLUTE:
+        values[:, 2] = np.nan
+    elif alternative.name == AS_PUBLISHED:
+        values[:, 2] -= 100.0
+    else:
+        values -= published * percent
+    pairs = np.stack([values.mean(axis=0), standard_deviation(values)], axis=1).ravel()
+    numbers = [f"{x:.4f}" if np.isfinite(x) else "" for x in pairs]
+    sequence = alternative.sequence
+    return [alternative.choice, alternative.words, sequence.name, *numbers, str(len(sequence))]
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """The options."""
     add_inputs(parser)
+    parser.add_argument("--runs", default="runs/choices", metavar="DIR", help="folder for the results")
     parser.add_argument("--out", default="runs/choices.csv", metavar="FILE", help="CSV file of the table")
 
 
 def run(options: argparse.Namespace) -> int:
     """Run variant `published` unchanged and with each alternative choice; write the differences."""
+    alternatives = [
+        each for sequence in open_all(options, LOWEST_SCORE) for each in alternatives_on(sequence)
+    ]
     workers = parse_jobs(options.jobs)
-    tasks = []
-    for sequence in open_all(options, 0.1):
-        tasks += [(sequence, *row[:2], *way) for row in OPEN for way in row[2].items()]
-        if sequence.name in ABSOLUTE_SEQUENCES:
-            ways = {
-                f"{px:g} px, {words}": (px, rule) for px in THRESHOLDS_PX for words, rule in RULES.items()
-            }
-            tasks += [(sequence, ABSOLUTE, ABSOLUTE, *way) for way in ways.items()]
-    calls = [(s, name, value, options.cache) for s, _, name, _, value in tasks]
-    numbers = ["te", "te_sd", "re", "re_sd", "length", "length_sd"]
-    rows = [["choice", "alternative", "sequence", *numbers, "frames"]]
-    with reporting(f"{len(tasks)} runs of five seeds") as report, loky.ProcessPoolExecutor(workers) as pool:
-        for results in pool.map(measured, *zip(*calls, strict=True)):
-            sequence, about, name, words, _ = tasks[len(rows) - 1]
-            if name == "seed":
-                path = sequence.truth
-                plain = np.array([0.0, 0.0, 100.0])
-                whole = results[:, 2].mean() if path is None else trajectory_distances(path)[-1]
-            results[:, 2] *= 100.0 / whole
-            if name == ABSOLUTE:
-                results[:, 2] = np.nan
-                plain = np.zeros(3)
-            change_of = results - plain
-            pairs = np.stack([change_of.mean(axis=0), standard_deviation(change_of)], axis=1).ravel()
-            shown = [f"{x:.4f}" if np.isfinite(x) else "" for x in pairs]
-            rows.append([about, words, sequence.name, *shown, str(len(sequence))])
-            plain = results if name == "seed" else plain
-            report(len(rows) - 1, len(tasks))
+    rows = [COLUMNS]
+    with (
+        run_folder(options.runs) as folder,
+        reporting(f"{len(alternatives)} runs of five seeds") as report,
+        loky.ProcessPoolExecutor(workers) as pool,
+    ):
+        measure = partial(stored_or_measured, cache=options.cache, folder=folder)
+        published = np.empty((SEEDS, 3))
+        for alternative, results in zip(alternatives, pool.map(measure, alternatives), strict=True):
+            if alternative.name == AS_PUBLISHED:
+                published = results
+            rows.append(row_of(alternative, results, published))
+            report(len(rows) - 1, len(alternatives))
     write_atomic(options.out, csv_text(rows))
     print_lines(f"written to {options.out}")
     return 0

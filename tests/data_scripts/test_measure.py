@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pkgutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from measure.result_tables import claim_table
 from vo_lib.config import change, preset
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.poses import write_kitti_poses
+from vo_lib.evaluation.kitti_errors import trajectory_distances
 from vo_lib.files import folder_size
 from vo_lib.geometry.motion import rigid, rotation_from_vector
 from vo_lib.runs.match_cache import CachedMatches
@@ -103,6 +105,39 @@ def test_choices_exist_in_the_published_method() -> None:
                 assert pkgutil.resolve_name(name) is not value
             else:
                 change(preset("feature_selection"), name, value)
+
+
+def test_a_choice_is_measured_once(bands: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A second call reads the results, until a setting or the images differ."""
+    sequence = open_sequence(bands)
+    one, other = measure_choices.alternatives_on(sequence)[:2]
+    assert (one.choice, one.words) == ("as published", "")
+    results = measure_choices.stored_or_measured(one, tmp_path / "cache", tmp_path)
+    assert results.shape == (measure_choices.SEEDS, 3)
+
+    def not_again(*_: object) -> np.ndarray:
+        raise AssertionError("measured again")
+
+    monkeypatch.setattr(measure_choices, "measured", not_again)
+    again = measure_choices.stored_or_measured(one, tmp_path / "cache", tmp_path)
+    np.testing.assert_array_equal(again, results)
+    for changed in (other, replace(one, sequence=sequence.part(0, len(sequence) - 1))):
+        with pytest.raises(AssertionError, match="measured again"):
+            measure_choices.stored_or_measured(changed, tmp_path / "cache", tmp_path)
+
+
+def test_a_row_of_choices_has_the_changes_against_the_published_method(bands: Path) -> None:
+    sequence = open_sequence(bands)
+    published = np.array([[1.0, 2.0, 9.0], [1.2, 2.0, 11.0]])
+    results = published + np.array([0.5, -1.0, 1.0])
+    as_published, other = measure_choices.alternatives_on(sequence)[:2]
+    whole = published[:, 2].mean() if sequence.truth is None else trajectory_distances(sequence.truth)[-1]
+    row = measure_choices.row_of(other, results, published)
+    assert row[:3] == [other.choice, other.words, sequence.name]
+    assert [float(cell) for cell in row[3:8]] == pytest.approx([0.5, 0.0, -1.0, 0.0, 100.0 / whole], abs=1e-4)
+    assert row[-1] == str(len(sequence))
+    row = measure_choices.row_of(as_published, published, published)
+    assert [float(cell) for cell in row[3:7]] == pytest.approx([1.1, 0.1414, 2.0, 0.0], abs=1e-4)
 
 
 def test_clean_cache_removes_only_outdated_matches(
