@@ -28,6 +28,9 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     (bands / "config.json").write_text(json.dumps(config), encoding="utf-8")
     (bands / "number.json").write_text(json.dumps(config | {"frames": 5}), encoding="utf-8")
     (bands / "list.json").write_text(json.dumps(config | {"method": ["mesvo_f"]}), encoding="utf-8")
+    (bands / "unknown.json").write_text(json.dumps(config | {"method": "mesvo"}), encoding="utf-8")
+    nameless = {"variant": "published", "settings": {}}
+    (bands / "nameless.json").write_text(json.dumps(nameless), encoding="utf-8")
     os.mkfifo(bands / "fifo")
     (bands / "loop").symlink_to(bands / "loop")
     cv2.imwrite(str(bands / "mask.png"), np.zeros((120, 480), np.uint8))
@@ -45,6 +48,8 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
         "FIFO": bands / "fifo",
         "NUMBER": bands / "number.json",
         "LIST": bands / "list.json",
+        "UNKNOWN": bands / "unknown.json",
+        "NAMELESS": bands / "nameless.json",
     }
     paths |= {"CONFIG": bands / "config.json", "LOOP/x": bands / "loop" / "x"}
     return {name: str(path) for name, path in paths.items()}

@@ -161,47 +161,61 @@ def draw_with_bar(film: Film, frames: Iterable[FilmFrame], which: str = "film") 
             report(frame.index + 1, len(film.run.sequence))
 
 
-def read_settings(options: argparse.Namespace) -> MethodConfig:
-    """The settings of --method and --variant, or of --config; sets `options.method` and `options.variant`.
+def read_method(options: argparse.Namespace) -> tuple[str, MethodConfig]:
+    """Name and settings of the method of --method and --variant, or of the run of --config.
 
-    Raises `DataError` if the method or variant in --config differs from the options.
+    Raises `DataError` if the method or variant in --config is unknown or differs from the options.
     """
     if options.config is None:
-        options.method = options.method or DEFAULT_METHOD
-        options.variant = options.variant or DEFAULT_VARIANT
-        config: MethodConfig = preset(options.method, variant=options.variant)
-        return config
-    data = read_config(options.config)
-    for name in ("method", "variant"):
-        option = getattr(options, name, None)
-        value = data.get(name)
+        method = options.method or DEFAULT_METHOD
+        variant = options.variant or DEFAULT_VARIANT
+        return method, preset(method, variant=variant)
+    method, config = _method_of_file(options.config)
+    in_file = {"method": method, "variant": config.variant}
+    for name, value in in_file.items():
+        option = getattr(options, name)
         if option not in (None, value):
             raise DataError(f"is a run of {name} {value}, not {option}: omit --{name}", options.config)
-        setattr(options, name, value)
-    return settings_in(data, options.config)
+    return method, config
 
 
-def read_base(options: argparse.Namespace) -> Changes:
-    """The settings of --config that differ from the preset of its method; nothing without --config.
+@dataclasses.dataclass(frozen=True)
+class TableMethods:
+    """What --variant, --methods and --config say on the methods of a table; None is left to the command.
 
-    Sets `options.variant`, and `options.methods` if it is None, to those of the file. Raises `DataError` if
-    the variant in the file differs from the option.
+    changes : settings of --config that differ from the preset of its method; all methods get them.
+    """
+
+    variant: str | None
+    methods: str | None
+    changes: Changes = ()
+
+
+def read_table_methods(options: argparse.Namespace) -> TableMethods:
+    """The methods of a table with many runs; --config decides on what is not typed.
+
+    Raises `DataError` if the method in --config is unknown, or if its variant differs from the option.
     """
     if options.config is None:
-        return ()
-    data = read_config(options.config)
-    config = settings_in(data, options.config)
+        return TableMethods(options.variant, options.methods)
+    method, config = _method_of_file(options.config)
     if options.variant not in (None, BOTH, config.variant):
         raise DataError(f"is a run of variant {config.variant}, not {options.variant}", options.config)
-    options.variant = config.variant
-    method = str(data.get("method"))
+    usual = preset(method, variant=config.variant)
+    methods = method if options.methods is None else options.methods
+    return TableMethods(config.variant, methods, differences(config, usual))
+
+
+def _method_of_file(path: Path) -> tuple[str, MethodConfig]:
+    """Name and settings of the method in a config.json; `DataError` if its variant does not have it."""
+    data = read_config(path)
+    config = settings_in(data, path)
+    method = str(data.get("method", ""))
     try:
-        usual = preset(method, variant=config.variant)
+        preset(method, variant=config.variant)
     except DataError as error:
-        raise DataError(str(error), options.config) from None
-    if options.methods is None:
-        options.methods = method
-    return differences(config, usual)
+        raise DataError(str(error), path) from None
+    return method, config
 
 
 def warn_missing(missing: list[str], total: int, accepted: bool) -> None:

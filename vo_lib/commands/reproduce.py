@@ -90,13 +90,13 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
     """
     start = time.perf_counter()
     common.require_drawing()
-    base = common.read_base(options)
-    methods = common.parse_methods(options.methods, options.variant)
+    chosen = common.read_table_methods(options)
+    methods = common.parse_methods(chosen.methods, chosen.variant)
     axes: Axes = {}
     for variant, of_variant in methods.items():
         if of_variant:
             axes = parse_axes(options.axes, config_class(variant)())
-    blocks = make_blocks(methods, base, axes, options.loops)
+    blocks = make_blocks(methods, chosen.changes, axes, options.loops)
     seeds = common.parse_whole("--seeds", options.seeds)
     common.parse_whole("--jobs", options.jobs)  # refused before the work
     measure = (

@@ -105,44 +105,44 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    base = common.read_settings(options)
+    method, base = common.read_method(options)
     if options.help_settings:
         return _print_settings_page(base)
     config, given = _with_typed_settings(base, options)
-    _refuse_unused(options, config, given)
-    _note_unused(options, config, given)
+    _refuse_unused(options, method, config, given)
+    _note_unused(options, method, config, given)
     common.require_drawing()
     loop_config = from_options(options, LoopConfig, close_loops.PREFIX)
     _check_options(options)
     calibration = _read_calibration(options, config)
     detector_config = from_options(options, DetectorConfig, DETECTOR)
     sequence = common.open_with_bar(options.sequence, options.cache, options)
-    label = f"{sequence.name}, {options.method}, {config.variant}"
+    label = f"{sequence.name}, {method}, {config.variant}"
     with run_folder(options.out) as folder:
         changed = _check_folder(folder, options)
-        sequence = _with_boxes(sequence, options, config, detector_config)
+        sequence = _with_boxes(sequence, options, method, config, detector_config)
         matches = CachedMatches(sequence, config, options.cache) if options.keep_matches else None
         with reporting(label) as report:
             result, read_back = run_once(
                 folder,
                 sequence,
                 config,
-                options.method,
+                method,
                 matches=matches,
                 calibration=calibration,
                 fresh=options.fresh,
                 progress=report,
             )
         closure = _close_loops(folder, result, loop_config) if options.loops else None
-        paths, loop_pairs = _paths_and_loops(result, options.method, closure)
+        paths, loop_pairs = _paths_and_loops(result, method, closure)
         picture = trajectories_figure({label: (sequence.truth, paths)}, loop_pairs)
         write_atomic(folder / PICTURE, png(picture))
-    _print_result(result, options.method, paths)
+    _print_result(result, method, paths)
     if closure is not None:
         print_lines(f"loops closed: {len(loop_pairs)} (not in the paper); see {LOOPS_POSES} and {LOOPS}")
     print_lines(f"written to {folder}")
     if options.video is not None:
-        film = Film(options.video, result, label, loop_pairs, options.method)
+        film = Film(options.video, result, label, loop_pairs, method)
         common.draw_with_bar(film, film_frames(result, matches, calibration))
         print_lines(f"film: {options.video}")
     if read_back:
@@ -195,13 +195,15 @@ def _with_typed_settings(base: MethodConfig, options: argparse.Namespace) -> tup
 
 
 def _with_boxes(
-    sequence: Sequence, options: argparse.Namespace, config: MethodConfig, detection: DetectorConfig
+    sequence: Sequence,
+    options: argparse.Namespace,
+    method: str,
+    config: MethodConfig,
+    detection: DetectorConfig,
 ) -> Sequence:
     """The sequence with the boxes of --detector if the option is present, and notes on its boxes."""
     if options.detector is not None and config.filter.rule == "none":
-        print_wrapped(
-            f"note: {options.method} does not use the boxes of --detector; only a film shows the boxes"
-        )
+        print_wrapped(f"note: {method} does not use the boxes of --detector; only a film shows the boxes")
     sequence = vehicle_boxes.with_detected_boxes(sequence, options, detection, config.filter.classes)
     vehicle_boxes.warn_without_boxes([(sequence, config)])
     vehicle_boxes.note_label_remarks([(sequence, config)], vehicle_boxes.TYPED_CLASSES)
@@ -292,7 +294,7 @@ def _read_calibration(options: argparse.Namespace, config: MethodConfig) -> Cali
     return read_learnt_calibration(options.calibration)
 
 
-def _refuse_unused(options: argparse.Namespace, config: MethodConfig, given: list[str]) -> None:
+def _refuse_unused(options: argparse.Namespace, method: str, config: MethodConfig, given: list[str]) -> None:
     """Raise `DataError` for a setting on the command line that has no effect on this run."""
     for item in DETECTOR_SETTINGS:
         if getattr(options, item.name) is not None and options.detector is None:
@@ -302,14 +304,14 @@ def _refuse_unused(options: argparse.Namespace, config: MethodConfig, given: lis
             print_wrapped(f"note: --{item.name} has no effect without --loops")
     for name in given:
         if reason := _unused_because(options, config, name):
-            raise DataError(f"--{name}: {options.method} does not use this setting, since {reason}")
+            raise DataError(f"--{name}: {method} does not use this setting, since {reason}")
 
 
-def _note_unused(options: argparse.Namespace, config: MethodConfig, given: list[str]) -> None:
+def _note_unused(options: argparse.Namespace, method: str, config: MethodConfig, given: list[str]) -> None:
     """Print a note on settings of --config that are no defaults and have no effect on this run."""
     if options.config is None:
         return
-    usual = preset(options.method, variant=config.variant)
+    usual = preset(method, variant=config.variant)
     without_effect = []
     for item in settings.declared(type(config)):
         value = settings.value_of(config, item.name)
@@ -319,7 +321,7 @@ def _note_unused(options: argparse.Namespace, config: MethodConfig, given: list[
             without_effect.append(f"{item.name} {settings.as_typed(value)} (since {reason})")
     if without_effect:
         words = ", ".join(without_effect)
-        print_wrapped(f"note: {options.config}: {options.method} does not use {words}")
+        print_wrapped(f"note: {options.config}: {method} does not use {words}")
 
 
 def _unused_because(options: argparse.Namespace, config: MethodConfig, name: str) -> str:

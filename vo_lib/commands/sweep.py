@@ -62,11 +62,11 @@ def add(parser: argparse.ArgumentParser) -> None:
 def _sweep(options: argparse.Namespace) -> int:
     common.require_drawing()
     seeds = common.parse_whole("--seeds", options.seeds)
-    base = common.read_base(options)
-    variant = options.variant or common.DEFAULT_VARIANT
-    methods = common.parse_methods(options.methods or common.DEFAULT_METHOD, variant)[variant]
-    bases = {method: changed(preset(method, variant=variant), base) for method in methods}
-    reference = "the settings of --config" if base else DEFAULT_SETTINGS
+    chosen = common.read_table_methods(options)
+    variant = chosen.variant or common.DEFAULT_VARIANT
+    methods = common.parse_methods(chosen.methods or common.DEFAULT_METHOD, variant)[variant]
+    bases = {method: changed(preset(method, variant=variant), chosen.changes) for method in methods}
+    reference = "the settings of --config" if chosen.changes else DEFAULT_SETTINGS
     axes = parse_axes(options.axes, bases[methods[0]])
     refuse_unused(bases, axes)
     if options.detector is not None:
