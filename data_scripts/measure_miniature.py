@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import numpy as np
 from threadpoolctl import threadpool_limits
 
 from measure.miniature import EXPERIMENTS, SEEDS, Experiment, judged, row_head
@@ -28,7 +27,6 @@ from vo_lib.errors import DataError
 from vo_lib.files import csv_text, read_csv, write_atomic
 
 NOTEBOOKS = Path(__file__).resolve().parents[1] / "notebooks"
-TESTS = ("parked", "another jam", "another traffic")
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -59,7 +57,7 @@ def run(options: argparse.Namespace) -> int:
         sys.path.append(str(NOTEBOOKS))
     from course.ch05 import miniature
 
-    head = row_head(TESTS)
+    head = row_head(miniature.JUDGED_STREETS)
     rows = _rows_before(Path(options.out), head, miniature.code_digest())
     tasks = [(each, seed) for seed in range(seeds) for each in experiments]
     missing = [(each, seed) for each, seed in tasks if (each.name, str(seed)) not in rows]
@@ -96,31 +94,22 @@ class _Streets:
         self.miniature = miniature
         self._frames: dict[str, Any] = {}
 
-    def sequence(self, name: str) -> Any:
-        """A named scene; "another jam" and "traffic 2" are other streets of the same kind."""
-        if name.startswith("another "):
-            return self.miniature.another_street(name.removeprefix("another "))
-        scene, _, number = name.partition(" ")
-        if number:
-            return self.miniature.another_street(scene, int(number))
-        return self.miniature.opened(f"synthetic/{scene}")
-
     def training(self, name: str, count: int | None) -> list[Any]:
         """Labelled images to learn from."""
         key = f"{name} {count}"
         if key not in self._frames:
-            self._frames[key] = self.miniature.labelled(self.sequence(name), count)
+            self._frames[key] = self.miniature.labelled(self.miniature.street(name), count)
         return list(self._frames[key])
 
     def tests(self) -> dict[str, Any]:
         """Images with their labels, classes included, of the streets that no training sees."""
         if "tests" not in self._frames:
-            self._frames["tests"] = {name: self._judged(self.sequence(name)) for name in TESTS}
+            names = self.miniature.JUDGED_STREETS
+            self._frames["tests"] = {name: self._judged(self.miniature.street(name)) for name in names}
         return dict(self._frames["tests"])
 
     def _judged(self, sequence: Any) -> list[Any]:
-        count = self.miniature.JUDGED_FRAMES
-        chosen = np.linspace(0, len(sequence) - 1, count).round().astype(int).tolist()
+        chosen = self.miniature.spread_frames(sequence, self.miniature.JUDGED_FRAMES)
         return [(sequence.stereo(index)[0], sequence.boxes(index)) for index in chosen]
 
 

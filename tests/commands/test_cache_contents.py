@@ -23,7 +23,7 @@ from vo_lib.data.drawn import ensure_scene
 from vo_lib.data.label_names import DETECTOR_RECORD
 from vo_lib.data.scenes import scene_config
 from vo_lib.detection.label_folders import labelled_sequence
-from vo_lib.detection.layout import yolox_cells
+from vo_lib.detection.network_image import yolox_cells
 from vo_lib.runs.match_cache import CachedMatches
 
 TINY = {"width": 160, "height": 64, "length": 2.0, "speed": 8.0}

@@ -23,7 +23,7 @@ from vo_lib.commands.cli import main
 from vo_lib.commands.run import FLAG_MEANINGS
 from vo_lib.config import CONFIG_CLASSES
 from vo_lib.data.poses import read_kitti_poses, read_tum
-from vo_lib.detection.layout import yolox_cells
+from vo_lib.detection.network_image import yolox_cells
 from vo_lib.files import read_csv
 from vo_lib.geometry.result import Flag
 from vo_lib.kit.calibration import read_learnt_calibration

@@ -11,6 +11,7 @@ from data_command import load
 
 import measure_miniature
 from course.ch05 import exercises as ch05
+from course.ch05 import miniature as judged_by
 from measure import miniature
 from measure.miniature import Experiment, average_precision, found_labels, groups_of
 from vo_lib.data.sequence import Sequence
@@ -61,7 +62,7 @@ def test_a_second_call_continues_and_another_table_is_refused(
         Experiment("three", {"traffic": 3}, {}, "THREE_LEVELS", 2),
     )
     monkeypatch.setattr(measure_miniature, "EXPERIMENTS", tiny)
-    monkeypatch.setattr(measure_miniature, "TESTS", ("traffic",))
+    monkeypatch.setattr(judged_by, "JUDGED_STREETS", ("traffic",))
     trained = measure_miniature._trained
     done = []
 

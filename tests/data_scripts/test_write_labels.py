@@ -32,7 +32,7 @@ from vo_lib.detection.label_folders import (
     with_all_labels,
     write_label_folder,
 )
-from vo_lib.detection.layout import yolox_cells
+from vo_lib.detection.network_image import yolox_cells
 from vo_lib.detection.settings import DetectorConfig
 from vo_lib.detection.yolo import YoloDetector
 from vo_lib.files import only_process

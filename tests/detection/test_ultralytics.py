@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from vo_lib.detection import layout
-from vo_lib.detection.layout import fit_letterbox, letterboxed
+from vo_lib.detection import suppression
+from vo_lib.detection.network_image import fit_letterbox, letterboxed
 from vo_lib.detection.settings import DetectorConfig
 from vo_lib.detection.yolo import YoloDetector
 from vo_lib.errors import DataError
@@ -193,7 +193,7 @@ def own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("YOLO_CONFIG_DIR", str(tmp_path))
     monkeypatch.chdir(tmp_path)
     # Ultralytics does not compare boxes of different classes.
-    monkeypatch.setattr(layout, "ONE_OBJECT_IOU", 1.1)
+    monkeypatch.setattr(suppression, "ONE_OBJECT_IOU", 1.1)
 
 
 @pytest.mark.parametrize("kind", EXPORTS)

@@ -14,8 +14,9 @@ from tiny_onnx import write_answering
 
 from vo_lib.data.sequence import Sequence
 from vo_lib.detection.label_folders import chosen_mask, with_label_numbers
-from vo_lib.detection.layout import best_boxes, fit_letterbox, yolox_cells
 from vo_lib.detection.models import MODELS
+from vo_lib.detection.network_image import fit_letterbox, yolox_cells
+from vo_lib.detection.suppression import best_boxes
 from vo_lib.detection.yolo import YoloDetector
 from vo_lib.errors import DataError
 from vo_lib.geometry.boxes import Boxes, overlap

@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 
 from ..data.class_names import COCO
 from ..geometry.types import Array
-from .layout import STRIDES, yolox_cells
 from .metadata import Metadata
+from .network_image import STRIDES, yolox_cells
 from .readers import (
     LARGEST_SHARE,
     NO_OBJECT,

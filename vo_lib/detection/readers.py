@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.types import Array, BoolArray
-from .layout import STRIDES
 from .metadata import MAX_CLASSES
+from .network_image import STRIDES
 
 # What the four numbers of a box are: centre and size; two corners; or, relative to the cell of a grid and in
 # logarithms, as in YOLOX before decoding.

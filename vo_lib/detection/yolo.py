@@ -20,13 +20,14 @@ from ..data.class_names import COCO
 from ..errors import DataError
 from ..geometry.boxes import Boxes
 from ..geometry.types import Array, BoolArray, Image
-from .layout import Letterbox, best_boxes, fit_letterbox, fit_size, fit_stretched, letterboxed
 from .metadata import read_metadata
 from .model_files import model_files
 from .models import find_model
+from .network_image import Letterbox, fit_letterbox, fit_size, fit_stretched, letterboxed
 from .outputs import Output, OutputLayout, recognise
 from .readers import Candidates, UnusableOutput
 from .settings import DetectorConfig
+from .suppression import best_boxes
 
 PROVIDERS = {"cpu": "CPUExecutionProvider", "cuda": "CUDAExecutionProvider"}
 USUAL_INPUT_PX = 640  # longer side of the training images of most models

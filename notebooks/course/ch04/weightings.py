@@ -40,10 +40,15 @@ def noisy_matches(camera: StereoCamera, X_p: Array, T_cp: Array, noise: float, s
 
     Points with a noisy disparity of at most 0.5 px are dropped.
     """
-    places = np.array([*camera.project(X_p), *camera.project(transform(T_cp, X_p))])
-    places += np.random.default_rng(seed).normal(0.0, noise, places.shape)
-    a, b, c, d = places[:, (places[0] - places[1])[:, 0] > 0.5]
-    return StereoMatches(a, b, c, d, np.zeros(len(a), np.int64), np.ones(len(a)), np.arange(len(a)))
+    prev_left, prev_right = camera.project(X_p)
+    cur_left, cur_right = camera.project(transform(T_cp, X_p))
+    exact = np.array([prev_left, prev_right, cur_left, cur_right])
+    places = exact + np.random.default_rng(seed).normal(0.0, noise, exact.shape)
+    disparity = (places[0] - places[1])[:, 0]
+    seen = places[:, disparity > 0.5]
+    count = seen.shape[1]
+    age = np.zeros(count, np.int64)
+    return StereoMatches(seen[0], seen[1], seen[2], seen[3], age, np.ones(count), np.arange(count))
 
 
 def rows_of_match(
@@ -106,11 +111,8 @@ def solve_by(
         if solved is None:
             return None
         t, residual = solved
-        return (
-            t,
-            residual,
-            np.where(np.isfinite(residual), weights_by_residual(residual, config.scale), np.nan),
-        )
+        weight = np.where(np.isfinite(residual), weights_by_residual(residual, config.scale), np.nan)
+        return t, residual, weight
     depth = camera.triangulate(matches.prev_left, matches.prev_right)[:, 2]
     used = np.flatnonzero(depth <= config.max_depth)
     if len(used) == 0:
@@ -124,10 +126,14 @@ def solve_by(
             return None
         t = solution[0]
         weight = solution[1].astype(np.float64)
-    elif weighting in (MEDIAN, MEAN):
-        t = (np.median if weighting == MEDIAN else np.mean)(alone(*rows), axis=0)
+    elif weighting == MEDIAN:
+        t = np.median(alone(*rows), axis=0)
+    elif weighting == MEAN:
+        t = np.mean(alone(*rows), axis=0)
+    elif weighting == METRES:
+        t = solve_all(M, d, np.ones(len(used)))
     else:
-        t = solve_all(M, d, np.ones(len(used)) if weighting == METRES else weights_by_depth(depth[used]))
+        t = solve_all(M, d, weights_by_depth(depth[used]))
     residuals = np.full(len(matches), np.inf)
     weights = np.full(len(matches), np.nan)
     residuals[used] = camera.f * np.linalg.norm(d - M @ t, axis=1) / depth[used]

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from vo_lib.detection.layout import Letterbox, fit_letterbox, yolox_cells
+from vo_lib.detection.network_image import Letterbox, fit_letterbox, yolox_cells
 from vo_lib.geometry.boxes import overlap
 from vo_lib.geometry.motion import rigid, rotation_from_vector
 from vo_lib.geometry.types import Array, BoolArray

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vo_lib.detection.layout import letterboxed
+from vo_lib.detection.network_image import letterboxed
 from vo_lib.detection.yolo import NetworkOutput
 from vo_lib.geometry.boxes import Boxes, no_boxes
 from vo_lib.geometry.matches import StereoMatches

@@ -24,8 +24,9 @@ from vo_lib.data.drawn import ensure_scene
 from vo_lib.data.label_files import read_labels
 from vo_lib.data.scenes import scene_config
 from vo_lib.data.sequence import Sequence, open_folder
-from vo_lib.detection.layout import Letterbox, best_boxes
+from vo_lib.detection.network_image import Letterbox
 from vo_lib.detection.settings import DetectorConfig
+from vo_lib.detection.suppression import best_boxes
 from vo_lib.detection.yolo import NetworkOutput
 from vo_lib.errors import DataError
 from vo_lib.geometry.boxes import VEHICLES, Boxes
@@ -54,11 +55,7 @@ LAYERS = (
     *("layer_input", "network_image", "network_input", "patches", "product"),
 )  # what these cells use of `layers`
 
-JUDGED_STREETS = (
-    "parked",
-    "another jam",
-    "another traffic",
-)  # the unseen streets of `vo data measure_miniature`
+JUDGED_STREETS = ("parked", "another jam", "another traffic")  # no training sees them
 
 Labelled = tuple[Image, Array]  # an image (H, W) and the boxes (K, 4) of its vehicles, pixels
 
@@ -98,11 +95,23 @@ def another_street(scene: str, number: int = 1) -> Sequence:
 
 def labelled(sequence: Sequence, count: int | None = None) -> list[Labelled]:
     """Left images of a sequence with the boxes of their vehicles: all, or `count` from the first to the last."""
-    chosen = np.arange(len(sequence))
-    if count is not None and count < len(sequence):
-        chosen = np.linspace(0, len(sequence) - 1, count).round().astype(int)
     boxes_of = sequence.boxes_of()
-    return [(sequence.stereo(index)[0], boxes_of(index).xyxy) for index in chosen.tolist()]
+    return [(sequence.stereo(index)[0], boxes_of(index).xyxy) for index in spread_frames(sequence, count)]
+
+
+def spread_frames(sequence: Sequence, count: int | None) -> list[int]:
+    """Indices of `count` frames, from the first to the last; those of all frames if `count` is None."""
+    if count is None or count >= len(sequence):
+        return list(range(len(sequence)))
+    return [int(index) for index in np.linspace(0, len(sequence) - 1, count).round()]
+
+
+def street(name: str) -> Sequence:
+    """A street by name: "jam" is a scene of the course, "another jam" and "jam 2" are other ones of its kind."""
+    if name.startswith("another "):
+        return another_street(name.removeprefix("another "))
+    scene, _, number = name.partition(" ")
+    return another_street(scene, int(number)) if number else opened(f"synthetic/{scene}")
 
 
 def judged_streets() -> dict[str, list[Labelled]]:
@@ -110,12 +119,7 @@ def judged_streets() -> dict[str, list[Labelled]]:
 
     Streets that are missing are drawn.
     """
-    streets = {}
-    for name in JUDGED_STREETS:
-        _, another, scene = name.rpartition("another ")
-        sequence = another_street(scene) if another else opened(f"synthetic/{scene}")
-        streets[name] = labelled(sequence, JUDGED_FRAMES)
-    return streets
+    return {name: labelled(street(name), JUDGED_FRAMES) for name in JUDGED_STREETS}
 
 
 def boxes_of_lines(lines: list[str], width: int, height: int) -> Array:

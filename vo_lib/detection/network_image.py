@@ -1,4 +1,4 @@
-"""The arithmetic around a YOLO network: its input image, and non-maximum suppression of its boxes.
+"""The input image of a YOLO network: its size, an image's letterbox in it, and the cells of its grids.
 
 As in YOLO, the origin of the network's image is the outer corner of its first pixel.
 """
@@ -11,15 +11,12 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from ..geometry.boxes import Boxes, no_boxes
-from ..geometry.types import Array, BoolArray, Image
+from ..geometry.types import Array, Image
 
 BORDER_GREY = 114  # the border value in the training of both families
 STRIDES = (8, 16, 32)  # cell sizes of YOLOX, pixels, in the order of its output
 INPUT_STRIDE_PX = STRIDES[-1]  # the sides of a network's image are multiples of this
 MAX_SQUEEZE = 0.1  # a side that is longer than a multiple by at most this, in strides, is scaled down
-ONE_OBJECT_IOU = 0.9  # boxes of different classes with a larger overlap are one object
-MAX_SUPPRESSED_BOXES = 3000  # largest number of boxes in the suppression, the best first
 
 
 @dataclass(frozen=True)
@@ -93,51 +90,3 @@ def letterboxed(image: Image, letterbox: Letterbox) -> Image:
 def yolox_cells(width: int, height: int) -> int:
     """Number of rows of a YOLOX output for a network's image of this size."""
     return sum((width // stride) * (height // stride) for stride in STRIDES)
-
-
-def best_boxes(
-    corners: Array,
-    scores: Array,
-    score: float,
-    nms: float,
-    class_mask: BoolArray | None = None,
-    *,
-    one_to_one: bool = False,
-) -> Boxes:
-    """Boxes after non-maximum suppression, best first. A box has the class with its highest score.
-
-    Only boxes of the wanted classes compete: a person's box never suppresses that of a car. The IoU limit of
-    the suppression is `nms` within a class and `ONE_OBJECT_IOU` between classes. Boxes with a score below
-    `score` or with numbers that are not finite are ignored.
-
-    Parameters
-    ----------
-    corners : (N, 4) x0, y0, x1, y1. scores : (N, C); `class_id` is the column.
-    class_mask : mask of the wanted classes, by column; classes beyond its end are not wanted. By default all.
-    one_to_one : the network already gives each object one box; only boxes of different classes are compared.
-    """
-    finite = np.isfinite(corners).all(axis=1)
-    corners = corners[finite]
-    scores = scores[finite]
-    kind = scores.argmax(axis=1)
-    best = scores[np.arange(len(scores)), kind]
-    sizes = corners[:, 2:] - corners[:, :2]
-    valid = (best >= score) & (sizes > 0).all(axis=1)
-    if class_mask is not None:
-        wanted = np.zeros(max(scores.shape[1], len(class_mask)), np.bool_)
-        wanted[: len(class_mask)] = class_mask
-        valid &= wanted[kind]
-    index = np.flatnonzero(valid)
-    index = index[np.argsort(-best[index], kind="stable")][:MAX_SUPPRESSED_BOXES]
-    if not len(index):
-        return no_boxes()
-    boxes = np.concatenate([corners[:, :2], sizes], axis=1)
-    if not one_to_one:
-        rows = cv2.dnn.NMSBoxesBatched(
-            boxes[index].tolist(), best[index].tolist(), kind[index].tolist(), 0.0, float(nms)
-        )
-        index = index[np.sort(np.asarray(rows, np.intp).ravel())]
-    # One object may have boxes of two classes: a van is a car and a truck.
-    rows = cv2.dnn.NMSBoxes(boxes[index].tolist(), best[index].tolist(), 0.0, ONE_OBJECT_IOU)
-    index = index[np.sort(np.asarray(rows, np.intp).ravel())]
-    return Boxes(corners[index], kind[index].astype(np.int64), np.clip(best[index], 0.0, 1.0))
