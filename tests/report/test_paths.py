@@ -42,6 +42,13 @@ def numbers(capsys: pytest.CaptureFixture[str], *words: Path | str) -> dict[str,
     return {each["name"]: each for each in sequence["systems"]}
 
 
+def json_of(capsys: pytest.CaptureFixture[str], *words: Path | str) -> str:
+    """The JSON of `vo evaluate`."""
+    capsys.readouterr()
+    assert main(["evaluate", *map(str, words), "--json"]) == 0
+    return capsys.readouterr().out
+
+
 def refused(capsys: pytest.CaptureFixture[str], *words: Path | str) -> str:
     """The error text of a refused `vo evaluate`."""
     assert main(["evaluate", *map(str, words)]) == 2
@@ -445,17 +452,212 @@ def test_paths_without_truth_start_at_the_same_pose(
     (tmp_path / "b.tum").write_text(format_tum(times[10:] + 0.002, TURNED @ scaled(road, 1.1)[10:]))
     sequence = alone(capsys, tmp_path / "a.tum", tmp_path / "b.tum")
     a, b = sequence["systems"]
-    assert (a["frames"], b["frames"]) == (140, 140)  # both begin where the second one begins
-    assert b["path"]["length_m"] == pytest.approx(1.1 * a["path"]["length_m"])
-    assert a["path"]["duration_s"] == pytest.approx(13.9)
+    # What is said of one path comes from all its poses and its own times.
+    assert (a["frames"], b["frames"]) == (150, 140)
+    assert a["path"]["length_m"] == pytest.approx(149 * 1.07)
+    assert b["path"]["length_m"] == pytest.approx(1.1 * 139 * 1.07)
+    assert a["path"]["duration_s"] == pytest.approx(14.9)
+    assert b["path"]["duration_s"] == pytest.approx(13.9)
+    assert a["path"]["end_m"] == pytest.approx(road[-1, :3, 3], abs=1e-6)
     end = np.linalg.inv(road[10]) @ road[-1]
-    assert a["path"]["end_m"] == pytest.approx(end[:3, 3], abs=1e-6)
+    assert b["path"]["end_m"] == pytest.approx(1.1 * end[:3, 3], abs=1e-6)
+    # What compares them comes from the common poses, and begins where the second path begins.
+    assert sequence["compared_frames"] == 140
     (pair,) = sequence["differences"]
     assert pair["paths"] == ["a", "b"]
     # Equal orientations, and every step 10 % longer.
     assert pair["end_m"] == pytest.approx(0.1 * np.linalg.norm(end[:3, 3]), abs=1e-6)
     assert pair["max_m"] >= pair["end_m"]
     assert "the 140 poses at times that all paths have" in " ".join(sequence["notes"])
+    text = printed(capsys, tmp_path / "a.tum", tmp_path / "b.tum")
+    assert "│ a │ 150 │ 159.43 │ 14.90 │ 10.70 │" in text
+    assert "Each row is about all poses of its path, with the path's own times." in text
+    assert "Distances between the paths, at only the 140 poses that all paths have" in text
+    assert "warning" not in text
+
+
+def test_a_file_without_times_gets_no_duration_from_another_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    road = winding_road(150, 0.03, 1.07)
+    (tmp_path / "a.tum").write_text(format_tum(0.1 * np.arange(150.0), road))
+    (tmp_path / "b.csv").write_text(
+        "tx,ty,tz,qw,qx,qy,qz\n"
+        + "".join(f"{z},0,{z},1,0,0,0\n" for z in np.linspace(0.0, 110.0, 150).round(6))
+    )
+    write_kitti_poses(tmp_path / "c.txt", scaled(road, 1.02))
+    for names in (("a.tum", "b.csv", "c.txt"), ("c.txt", "b.csv", "a.tum")):
+        files = [tmp_path / name for name in names]
+        facts = {each["name"]: each["path"] for each in alone(capsys, *files)["systems"]}
+        assert facts["a"]["duration_s"] == pytest.approx(14.9)
+        for name in ("b", "c"):
+            assert facts[name]["duration_s"] is None
+            assert facts[name]["mean_speed_m_s"] is None
+        text = printed(capsys, *files)
+        untimed = " and ".join(name[0] for name in names if name[0] != "a")
+        assert f"No duration and no speed of {untimed}: their files have no times." in text
+        assert f"c.txt: has no times, so row k is compared with row k of {tmp_path / 'a.tum'}." in text
+    # With a truth file, its times are no times of the path either.
+    truth: list[Path | str] = ["--truth", tmp_path / "a.tum"]
+    assert numbers(capsys, tmp_path / "c.txt", *truth)["c"]["path"]["duration_s"] is None
+
+
+def offset_pair(folder: Path, first: int, last: int, shift: float) -> list[Path]:
+    """A path of 150 frames, ten a second, and its frames first … last - 1 by a clock `shift` s ahead."""
+    road, times = winding_road(150, 0.03, 1.07), 100.0 + 0.1 * np.arange(150.0)
+    (folder / "a.tum").write_text(format_tum(times, road))
+    (folder / "b.tum").write_text(format_tum(times[first:last] + shift, road[first:last]))
+    return [folder / "a.tum", folder / "b.tum"]
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "shift", "matches"),
+    [(0, 150, 7.0, 80), (0, 150, -0.1, 149), (3, 150, 2.004, 127), (0, 150, 9.0, 60)],
+)
+def test_clocks_that_may_differ_cause_a_warning(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    first: int,
+    last: int,
+    shift: float,
+    matches: int,
+) -> None:
+    a, b = offset_pair(tmp_path, first, last, shift)
+    counts = f"{b}: only {matches} of {last - first} poses have one of the 150 poses of"
+    (warning,) = [note for note in alone(capsys, a, b)["notes"] if note.startswith("warning: ")]
+    assert counts in warning
+    assert "those of a.tum 100 to 114.9" in warning
+    assert ("its clock may differ" in warning) is (matches > 75)
+    notes = json.loads(json_of(capsys, b, "--truth", a))["sequences"][0]["notes"]
+    assert any(note.startswith(f"warning: {counts}") for note in notes)
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "shift", "matches"), [(0, 150, 13.0, 20), (0, 150, -12.5, 25), (100, 150, 10.0, 0)]
+)
+def test_paths_with_few_common_times_are_refused(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    first: int,
+    last: int,
+    shift: float,
+    matches: int,
+) -> None:
+    a, b = offset_pair(tmp_path, first, last, shift)
+    for message in (refused(capsys, a, b), refused(capsys, b, "--truth", a)):
+        assert str(b) in message
+        if matches:
+            assert f"only {matches} of {last - first} poses have one of the 150 poses of" in message
+        assert "write the times of one clock in both files" in message
+
+
+def test_two_cameras_without_synchronisation_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    road = winding_road(300, 0.03, 1.07)
+    (tmp_path / "a.tum").write_text(format_tum(0.1 * np.arange(300.0), road))
+    (tmp_path / "b.tum").write_text(format_tum(0.0983 * np.arange(300.0), road))
+    message = refused(capsys, tmp_path / "a.tum", tmp_path / "b.tum")
+    assert "if not, give a larger --t-max-diff" in message
+    # The remedy.
+    assert alone(capsys, tmp_path / "a.tum", tmp_path / "b.tum", "--t-max-diff", "0.05")["compared_frames"]
+
+
+def test_key_frames_and_parts_of_a_path_cause_no_warning(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for first, last in ((0, 150), (20, 150), (0, 120), (30, 90)):
+        assert "warning" not in printed(capsys, *offset_pair(tmp_path, first, last, 0.003))
+    road, times = winding_road(150, 0.03, 1.07), 100.0 + 0.1 * np.arange(150.0)
+    (tmp_path / "key.tum").write_text(format_tum(times[::10], road[::10]))
+    assert "warning" not in printed(capsys, tmp_path / "key.tum", tmp_path / "a.tum")
+
+
+def test_files_with_few_times_common_to_all_are_not_compared(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    road, times = winding_road(150, 0.03, 1.07), 0.1 * np.arange(150.0)
+    for name, part in {"a": slice(0, 150), "b": slice(0, 80), "c": slice(70, 150)}.items():
+        (tmp_path / f"{name}.tum").write_text(format_tum(times[part], road[part]))
+    a, b, c = (tmp_path / f"{name}.tum" for name in "abc")
+    for words in ((a, b, c), (b, c, "--truth", a)):
+        message = refused(capsys, *words)
+        assert "only 10 poses are at times that all files have" in message
+        assert message.endswith("evaluate fewer files at once")
+    (tmp_path / "c.tum").write_text(format_tum(times[50:], road[50:]))
+    text = printed(capsys, a, b, c)
+    assert "warning: only 30 poses are at times that all files have" in text
+    assert "of 80 poses in the shortest" in text
+
+
+ROBOT = rigid(np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.zeros(3))
+
+
+def test_paths_in_other_axes_than_a_camera_are_noticed_without_truth(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`ROBOT` leads from the axes of a camera to those of a robot, x forward, y left and z up."""
+    road, times = winding_road(150, 0.03, 1.07), 0.1 * np.arange(150.0)
+    standing = np.concatenate([np.repeat(road[:1], 200, axis=0), road])
+    sideways = winding_road(150, 0.0, 1.0)
+    sideways[:, 0, 3] = np.linspace(0.0, 20.0, 150)
+    to_and_fro = np.concatenate([road, road[::-1]])
+    paths = {
+        "camera": (road, ""),
+        "standing": (standing, ""),
+        "gently_sideways": (sideways, ""),
+        "to_and_fro": (to_and_fro, ""),
+        "robot": (ROBOT @ road @ np.linalg.inv(ROBOT), "+x"),
+        "robot_moved": (TURNED @ ROBOT @ standing @ np.linalg.inv(ROBOT), "+x"),
+        "robot_to_and_fro": (ROBOT @ to_and_fro @ np.linalg.inv(ROBOT), "x"),
+        "robot_backwards": (ROBOT @ road[::-1] @ np.linalg.inv(ROBOT), "-x"),
+        "backwards": (road[::-1], "-z"),
+        "inverted": (np.linalg.inv(road), "-z"),
+    }
+    for name, (poses, axis) in paths.items():
+        file = tmp_path / f"{name}.tum"
+        file.write_text(format_tum(0.1 * np.arange(float(len(poses))), poses))
+        text = printed(capsys, file)
+        assert alone(capsys, file)["warnings"] == [] or axis, name
+        if axis:
+            assert f"warning: {name}: the poses move along their own {axis} axis rather than along +z" in text
+            way = "backwards" if axis == "-z" else "sideways"
+            assert f"Unless the camera really moved {way}" in text
+    robots = [tmp_path / "robot.tum", tmp_path / "twin.tum"]
+    robots[1].write_text(format_tum(times, scaled(paths["robot"][0], 1.02)))
+    (warning,) = alone(capsys, *robots)["warnings"]
+    assert warning.startswith("warning: robot and twin: the poses move along their own +x axis")
+
+
+def test_a_truth_in_other_axes_than_a_camera_is_noticed_beside_its_picture(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    road = winding_road(150, 0.03, 1.07)
+    for name, poses in (("camera", road), ("robot", ROBOT @ road @ np.linalg.inv(ROBOT))):
+        write_kitti_poses(tmp_path / f"{name}.txt", poses)
+        words: list[Path | str] = [tmp_path / f"{name}.txt", "--truth", tmp_path / f"{name}.txt"]
+        text = printed(capsys, *words, "--out", tmp_path / name)
+        assert ("robot: the true poses move along their own +x axis" in text) is (name == "robot")
+        assert "warning" not in printed(capsys, *words)  # the errors are the same in all axes
+
+
+def test_runs_of_two_sequences_with_one_name_are_not_compared(
+    untrue: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(untrue / "viso2", tmp_path / "other")
+    config = json.loads((tmp_path / "other" / "config.json").read_text(encoding="utf-8"))
+    (tmp_path / "other" / "config.json").write_text(
+        json.dumps(config | {"images": "0" * 16}), encoding="utf-8"
+    )
+    message = refused(capsys, untrue / "mesvo_f", tmp_path / "other")
+    assert "two sequences have the name street, frames 0-5: evaluate them separately" in message
+
+
+def test_a_run_that_moves_to_the_side_is_no_file_in_other_axes(
+    untrue: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert alone(capsys, untrue / "viso2", untrue / "mesvo_f")["warnings"] == []
+    assert alone(capsys, untrue / "viso2" / "poses.txt")["warnings"] != []
 
 
 def test_evaluate_without_truth_names_what_the_paths_do_not_say(
@@ -467,6 +669,10 @@ def test_evaluate_without_truth_names_what_the_paths_do_not_say(
     assert "No duration and no speed: no file has times." in printed(capsys, tmp_path / "plain.txt")
     (tmp_path / "numbers.tum").write_text(format_tum(np.arange(150.0), road))
     text = printed(capsys, tmp_path / "numbers.tum")
+    assert "if these are numbers of frames, durations and speeds are wrong" in text
+    (tmp_path / "some.tum").write_text(format_tum(3.0 + 2.0 * np.arange(150.0), road))
+    text = printed(capsys, tmp_path / "some.tum", "--truth", tmp_path / "some.tum")
+    assert "warning: " in text
     assert "if these are numbers of frames, durations and speeds are wrong" in text
     write_kitti_poses(tmp_path / "mono.txt", scaled(road, 0.1))
     imu = road.copy()
@@ -492,6 +698,7 @@ def test_files_belong_to_the_only_sequence_of_the_runs(
     sequence = alone(capsys, untrue / "mesvo_f", tmp_path / "theirs.txt")
     assert [system["name"] for system in sequence["systems"]] == ["mesvo_f", "theirs"]
     assert sequence["systems"][1]["path"]["duration_s"] == pytest.approx(0.5)
+    assert any(note.endswith("and gets the times of street, frames 0-5.") for note in sequence["notes"])
     shutil.copytree(untrue / "viso2", tmp_path / "other")
     config = tmp_path / "other" / "config.json"
     config.write_text(

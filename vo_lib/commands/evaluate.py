@@ -85,11 +85,10 @@ class _Evaluated:
     def numbers(self) -> dict[str, Any]:
         """The results for JSON."""
         paths = self.paths
-        times = None if paths.times is None else paths.times[paths.frames]
         about: dict[str, Any] = {"sequence": paths.name, "notes": list(paths.notes), "ground_truth": True}
         results = about | self.errors.to_dict("systems")
-        for system, poses in zip(results["systems"], paths.estimates.values(), strict=True):
-            system["path"] = path_facts(poses, times).to_dict()
+        for system, whole in zip(results["systems"], paths.wholes.values(), strict=True):
+            system["path"] = path_facts(whole.poses, whole.times).to_dict()
         return results
 
     def tables(self) -> list[ReportTable]:

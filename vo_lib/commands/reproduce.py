@@ -18,7 +18,7 @@ from ..report.blocks import Axes, make_blocks, parse_axes
 from ..report.film import FILM_ENDING, Film, film_frames
 from ..report.page import ReportTable
 from ..report.path_tables import tables_without_truth
-from ..report.paths import PathsWithoutTruth
+from ..report.paths import PathsWithoutTruth, WholePath
 from ..report.record import RECORD, reproduction_record
 from ..report.table1 import (
     PROPOSAL,
@@ -169,7 +169,8 @@ def _tables_without_truth(result: Reproduction, cells: list[Cell]) -> list[Repor
     for (block, name), (truth, paths) in result.paths.items():
         if truth is None:
             title = f"{name}, {block_words(block.variant, block.words)}, first seed"
-            tables += tables_without_truth(PathsWithoutTruth(title, times[name], paths))
+            wholes = {method: WholePath(poses, times[name]) for method, poses in paths.items()}
+            tables += tables_without_truth(PathsWithoutTruth(title, wholes, paths))
     return tables
 
 

@@ -19,6 +19,7 @@ TOO_SMALL = (1e3, 1e6, 1e9)  # seconds under a header with ms, us or ns are smal
 _FACTORS = {1e-3: "1e3", 1e-6: "1e6", 1e-9: "1e9"}
 # Numbers of seconds since 1970 in the years 1973 to 5138; in another unit they are as many times larger.
 EPOCH_SECONDS = 1e8, 1e11
+SAME_SHIFT = 0.1  # relative difference of two shifts that may be one
 MIN_COMMON_TIME = 0.1  # of the time of both paths together
 
 
@@ -75,8 +76,23 @@ def refuse_intervals(times: Array, path: str | Path, as_column: bool = False) ->
 
 
 def are_frame_numbers(times: Array) -> bool:
-    """Whether times (N,) are 0, 1, 2, … or 1, 2, 3, …"""
-    return bool(times[0] in (0.0, 1.0) and (np.diff(times) == 1.0).all())
+    """Whether times (N,) are whole numbers, such as 0, 1, 2, … or 10, 12, 17, …, but not since 1970."""
+    return bool(times[0] >= 0 and times[-1] < EPOCH_SECONDS[0] and (times == np.rint(times)).all())
+
+
+def clock_shift(times: Array, others: Array) -> float | None:
+    """Seconds by which `times` (N,) begin and end later than `others` (M,), if by about the same; else None.
+
+    Then both may be the same frames by two clocks, or one path begins later and the other ends later. None
+    also for a shift of less than an interval.
+    """
+    starts = float(times[0] - others[0])
+    ends = float(times[-1] - others[-1])
+    shift = min(starts, ends, key=abs)
+    intervals = [median_interval(each) or 0.0 for each in (times, others)]
+    if starts * ends <= 0 or abs(shift) < (1 - SAME_SHIFT) * max(intervals):
+        return None
+    return shift if abs(starts - ends) <= SAME_SHIFT * abs(shift) + max(intervals) else None
 
 
 def time_ranges(times: Array, true_times: Array, truth_name: str) -> str:

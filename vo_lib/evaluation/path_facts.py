@@ -16,6 +16,11 @@ from ..geometry.types import Array
 from .ate_rpe import Alignment, align, rmse
 from .kitti_errors import trajectory_distances
 
+MOVES = 0.1  # a step counts as motion if it is longer than this share of a usual step
+ONE_WAY = 0.3  # length of the mean of unit vectors from which on they have a common direction
+ONE_LINE = 0.6  # share of their squares along one line from which on they have a common line
+CAMERA_CONE_DEG = 45.0  # a camera that drives forward moves nearer than this to its z axis
+
 
 @dataclass(frozen=True, eq=False)
 class PathFacts:
@@ -41,6 +46,7 @@ class PathFacts:
     def to_dict(self) -> dict[str, Any]:
         """The facts for JSON."""
         return {
+            "poses": self.poses,
             "length_m": self.length,
             "duration_s": self.duration,
             "mean_speed_m_s": self.speed,
@@ -56,6 +62,48 @@ def path_facts(poses: Array, times: Array | None) -> PathFacts:
         duration=None if times is None else float(times[-1] - times[0]),
         end=np.asarray(np.linalg.inv(poses[0]) @ poses[-1])[:3, 3],
     )
+
+
+def unusual_axis(poses: Array) -> str:
+    """The own axis, such as "+x", along which a path (N, 4, 4) moves, if a camera would rarely move along it.
+
+    A camera in a vehicle looks ahead, so from pose to pose it moves along its own z axis. Empty for a path of
+    which the mean direction of motion, the mean of the unit vectors of inverse(T_i) T_i+1, is nearer to +z
+    than `CAMERA_CONE_DEG`. A path that moves to and fro has no mean direction: then the line counts along
+    which it moves, and its axis is named without a sign. Empty as well for a path that moves in all
+    directions, or not at all.
+    """
+    steps = np.asarray(np.linalg.inv(poses[:-1]) @ poses[1:])[:, :3, 3]
+    lengths = np.linalg.norm(steps, axis=1)
+    if not lengths.sum() > 0:
+        return ""
+    moving = lengths > MOVES * _usual_step(lengths)
+    directions = steps[moving] / lengths[moving, None]
+    mean = directions.mean(axis=0)
+    length = float(np.linalg.norm(mean))
+    nearest_to_z = np.cos(np.radians(CAMERA_CONE_DEG))
+    if length > ONE_WAY:
+        forward = mean[2] / length
+        if forward > nearest_to_z:
+            return ""
+        sizes = np.array([abs(mean[0]), abs(mean[1]), max(-mean[2], 0.0)])  # +z is not the unusual one
+        axis = int(np.argmax(sizes))
+        return f"{'-' if mean[axis] < 0 else '+'}{'xyz'[axis]}"
+    shares, lines = np.linalg.eigh(directions.T @ directions / len(directions))
+    line = np.abs(lines[:, -1])  # along which the directions have the largest share
+    if shares[-1] < ONE_LINE or line[2] > nearest_to_z:
+        return ""
+    return "xy"[int(np.argmax(line[:2]))]
+
+
+def _usual_step(lengths: Array) -> float:
+    """The length of a step of which the longer ones, and it, are half of a path, from all lengths (M,).
+
+    Neither a long standstill nor a leap that is shorter than half of the path makes it useless.
+    """
+    descending = np.sort(lengths)[::-1]
+    total = np.cumsum(descending)
+    return float(descending[np.searchsorted(total, 0.5 * total[-1])])
 
 
 @dataclass(frozen=True)

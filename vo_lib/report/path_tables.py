@@ -12,17 +12,24 @@ from ..data.poses import from_first
 from ..evaluation.ate_rpe import align, orientations_disagree, quaternions_disagree, rmse
 from ..evaluation.kitti_errors import FEW_SUBSEQUENCES, KITTI_PROTOCOL, SHORT_PROTOCOL, count_words
 from ..evaluation.path_errors import Evaluation, PathErrors
-from ..evaluation.path_facts import path_differences, path_facts
+from ..evaluation.path_facts import path_differences, path_facts, unusual_axis
 from ..files import write_atomic
 from ..geometry.types import Array
 from .page import COUNT_COLUMN, ReportTable, format_number, without_empty_columns
-from .paths import ComparedPaths, PathsWithoutTruth
+from .paths import ComparedPaths, PathsWithoutTruth, WholePath
 from .plots import error_curves_figure, png, trajectories_figure
 from .table1 import ERROR_KINDS, slug
 
 # Smallest number of points of a curve: the devkit's speed bins overlap, so one speed falls into two or three.
 MIN_CURVE_POINTS = {"length": 2, "speed": 4}
 USUAL_LENGTH_RATIOS = 0.5, 2.0  # of a path and its truth
+# By the axis along which poses move: how a camera would do so, and what else would be the reason.
+ROBOT_AXES = "other axes (in those of a robot or an IMU, x is often forward and z up)"
+OTHER_MOTIONS = {
+    "x": ("sideways", ROBOT_AXES),
+    "y": ("up or down", ROBOT_AXES),
+    "z": ("backwards", "other axes, or inverted poses (world to camera)"),
+}
 
 
 def evaluation_tables(name: str, result: Evaluation, of_run: bool = False) -> list[ReportTable]:
@@ -106,8 +113,8 @@ def spread_table(result: Evaluation) -> ReportTable:
 def tables_without_truth(paths: PathsWithoutTruth) -> list[ReportTable]:
     """A table of the length, duration, speed and end of each path, and one of the distances of each pair."""
     rows = []
-    for name, poses in paths.estimates.items():
-        facts = path_facts(poses, paths.times)
+    for name, path in paths.wholes.items():
+        facts = path_facts(path.poses, path.times)
         end = ", ".join(format_number(value, 1) for value in facts.end)
         rows.append(
             [
@@ -122,32 +129,72 @@ def tables_without_truth(paths: PathsWithoutTruth) -> list[ReportTable]:
     title = f"{paths.name}: no ground truth, so these numbers are no errors"
     columns = ["path", "poses", "length m", "time s", "m/s", "end x, y, z m"]
     notes = ["End: position of the last pose in the axes of the first, x right, y down, z forward."]
-    if paths.times is None:
+    if not paths.is_all_common:
+        notes.insert(0, "Each row is about all poses of its path, with the path's own times.")
+    untimed = [name for name, path in paths.wholes.items() if path.times is None]
+    if len(untimed) == len(paths.wholes):
         notes.append("No duration and no speed: no file has times.")
-    tables = [ReportTable(title, columns, rows, notes, _doubts_between(paths.estimates))]
-    pairs = path_differences(paths.estimates)
+    elif untimed:
+        whose = "its file has" if len(untimed) == 1 else "their files have"
+        notes.append(f"No duration and no speed of {' and '.join(untimed)}: {whose} no times.")
+    tables = [ReportTable(title, columns, rows, notes, warnings_without_truth(paths))]
+    pairs = path_differences(paths.common)
     if pairs:
         rows = []
         for pair in pairs:
             distances = (pair.end, pair.largest, pair.rmse)
             rows.append([f"{pair.first} – {pair.second}", *(format_number(each) for each in distances)])
         columns = ["two paths from the same start", "at the end m", "largest m", "rmse m"]
+        which = "all" if paths.is_all_common else "only the"
+        title = f"Distances between the paths, at {which} {paths.compared} poses that all paths have"
         notes = [
-            "Distances between positions of the same frame: they tell how far the paths differ, not which"
+            "Distances between positions of the same frame: they tell how far the paths differ, not which "
+            "one is right."
         ]
-        notes[-1] += " one is right."
-        tables.append(ReportTable("Distances between the paths", columns, rows, notes))
+        if not paths.is_all_common:
+            notes.append("Start and end are the first and the last of these common poses.")
+        tables.append(ReportTable(title, columns, rows, notes))
     return tables
 
 
 def facts_without_truth(paths: PathsWithoutTruth) -> dict[str, Any]:
-    """The numbers of `tables_without_truth` for JSON."""
+    """The numbers and warnings of `tables_without_truth` for JSON."""
     systems = []
-    for name, poses in paths.estimates.items():
-        facts = path_facts(poses, paths.times)
+    for name, path in paths.wholes.items():
+        facts = path_facts(path.poses, path.times)
         systems.append({"name": name, "frames": facts.poses, "path": facts.to_dict()})
-    differences = [pair.to_dict() for pair in path_differences(paths.estimates)]
-    return {"ground_truth": False, "systems": systems, "differences": differences}
+    differences = [pair.to_dict() for pair in path_differences(paths.common)]
+    return {
+        "ground_truth": False,
+        "warnings": warnings_without_truth(paths),
+        "systems": systems,
+        "compared_frames": paths.compared,
+        "differences": differences,
+    }
+
+
+def warnings_without_truth(paths: PathsWithoutTruth) -> list[str]:
+    """Warnings about paths that are probably in other units or axes than the first one, or than a camera."""
+    return _doubts_between(paths.common) + _doubts_about_axes(paths.wholes)
+
+
+def _doubts_about_axes(paths: Mapping[str, WholePath]) -> list[str]:
+    """Warnings about paths from outside that do not move in the direction in which a camera looks."""
+    moved = dict[str, list[str]]()
+    for name, path in paths.items():
+        axis = unusual_axis(path.poses) if path.from_outside else ""
+        if axis:
+            moved.setdefault(axis, []).append(name)
+    doubts = []
+    for axis, names in moved.items():
+        way, other = OTHER_MOTIONS[axis[-1]]
+        doubts.append(
+            f"warning: {' and '.join(names)}: the poses move along their own {axis} axis rather than along "
+            f"+z, in which a camera looks. Unless the camera really moved {way}, the file has {other}, and "
+            "then the end and the picture are in other axes than they say: write poses of the left camera, "
+            "with x right, y down and z forward."
+        )
+    return doubts
 
 
 def _doubts_between(paths: Mapping[str, Array]) -> list[str]:
@@ -233,7 +280,8 @@ def _doubts(system: PathErrors, of_run: bool) -> list[str]:
 def write_pictures(folder: Path, paths: ComparedPaths, result: Evaluation) -> list[str]:
     """Write figures of the paths and the truth, aligned as for the ATE, and figures of error curves.
 
-    Returns a sentence if there are too few points for a figure of curves.
+    Returns sentences if there are too few points for a figure of curves, and if the truth moves in another
+    direction than that in which a camera looks.
     """
     file = slug(paths.name)
     alignment = result.paths[0].ate.alignment
@@ -252,12 +300,22 @@ def write_pictures(folder: Path, paths: ComparedPaths, result: Evaluation) -> li
         write_atomic(folder / f"errors_{file}_by_{by}.png", png(error_curves_figure(paths.name, by, curves)))
     names = " and ".join(missing)
     reason = f"{paths.name}: no figure of errors by {names}, since too few sub-sequences differ in {names}."
-    return [reason] if missing else []
+    sentences = [reason] if missing else []
+    axis = unusual_axis(paths.truth) if paths.truth_from_outside else ""
+    if axis:
+        sentences.append(
+            f"warning: {paths.name}: the true poses move along their own {axis} axis rather than along +z, "
+            f"in which a camera looks: unless the camera moved {OTHER_MOTIONS[axis[-1]][0]}, the picture of "
+            "the paths is in other axes than it says."
+        )
+    return sentences
 
 
 def write_picture_without_truth(folder: Path, paths: PathsWithoutTruth) -> None:
-    """Write a figure of the paths from above, which all begin at the same pose."""
-    from_start = {name: from_first(poses) for name, poses in paths.estimates.items()}
+    """Write a figure of the paths from above at their common frames, all from the same first pose."""
+    from_start = {name: from_first(poses) for name, poses in paths.common.items()}
     title = f"{paths.name}\nno ground truth; all paths begin at the same pose"
+    if not paths.is_all_common:
+        title += f"\nonly the {paths.compared} poses that all paths have"
     figure = trajectories_figure({title: (None, from_start)})
     write_atomic(folder / f"trajectory_{slug(paths.name)}.png", png(figure))

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import functools
 import shlex
+from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,7 +14,14 @@ import numpy as np
 
 from ..config import preset
 from ..data.catalogue import open_sequence
-from ..data.pose_times import are_frame_numbers, interval_fault, refuse_intervals, time_mismatch, time_ranges
+from ..data.pose_times import (
+    are_frame_numbers,
+    clock_shift,
+    interval_fault,
+    refuse_intervals,
+    time_mismatch,
+    time_ranges,
+)
 from ..data.poses import TIME_TOLERANCE_S, TUM_ROW, PoseFile, match_times, read_path
 from ..errors import DataError
 from ..geometry.types import Array, Index
@@ -22,9 +30,28 @@ from .blocks import differences, settings_words
 
 COMMON_STEMS = ("poses", "poses_tum", "data")  # file names in many folders, useless as labels
 NEAREST_RUNS = 3  # number of run folders that a message names
-USUAL_MATCHES = 0.5  # share of the poses of the shorter file that have a partner; fewer are told
+# Shares of the poses of the shorter of two files that have a partner in the other. Two unsynchronised cameras
+# with 10 frames a second have a fifth by chance: their frames are 0.1 s apart, and a partner may be 0.01 s
+# earlier or later. So fewer than a quarter tell nothing, and up to a half cause a warning.
+FEWEST_MATCHES = 0.25
+USUAL_MATCHES = 0.5
 GIVE_TRUTH = "give its ground truth with --truth FILE"
 UNNAMED = "paths"  # the name of pose files that no run gives a sequence
+
+
+@dataclass(frozen=True, eq=False)
+class WholePath:
+    """All poses of one path, of which a comparison with others may use only a part.
+
+    Attributes
+    ----------
+    poses : (N, 4, 4). times : (N,) seconds, its own or those of its sequence for exactly these frames, or
+    None. from_outside : whether it comes from a file of another system, so that its axes are not known.
+    """
+
+    poses: Array
+    times: Array | None
+    from_outside: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +66,8 @@ class ComparedPaths:
     frames : (M,) numbers of the true poses that have an estimate in every path.
     is_part : whether the truth is only a part of that of a sequence.
     notes : sentences on how files were read, and on poses that are not compared.
+    wholes : the estimates with all their poses, by label.
+    truth_from_outside : whether the truth is a file that was named, so that its axes are not known.
     """
 
     name: str
@@ -48,6 +77,8 @@ class ComparedPaths:
     frames: Index
     is_part: bool = False
     notes: tuple[str, ...] = ()
+    wholes: dict[str, WholePath] = field(default_factory=dict)
+    truth_from_outside: bool = False
 
     @property
     def compared_truth(self) -> Array:
@@ -57,20 +88,30 @@ class ComparedPaths:
 
 @dataclass(frozen=True, eq=False)
 class PathsWithoutTruth:
-    """Paths (M, 4, 4) of the same frames by label, of which no truth is known.
+    """Paths of which no truth is known, by label: each as it is, and their poses at common frames.
 
     Attributes
     ----------
     name : name of the sequence, or `UNNAMED`.
-    times : (M,) seconds, or None if unknown.
-    estimates : paths (M, 4, 4) by label.
+    wholes : all poses of each path, for what is said of one path alone.
+    common : of each path, the poses (M, 4, 4) of the frames that all paths have, for what compares paths.
     notes : sentences on why there is no truth, on how files were read, and on poses that are not compared.
     """
 
     name: str
-    times: Array | None
-    estimates: dict[str, Array]
+    wholes: dict[str, WholePath]
+    common: dict[str, Array]
     notes: tuple[str, ...] = ()
+
+    @property
+    def compared(self) -> int:
+        """Number of frames that all paths have."""
+        return len(next(iter(self.common.values())))
+
+    @property
+    def is_all_common(self) -> bool:
+        """Whether every path consists of the compared poses alone."""
+        return all(len(path.poses) == self.compared for path in self.wholes.values())
 
 
 class _NoTruth(DataError):
@@ -110,7 +151,9 @@ def read_paths(
     else:
         file = read_path(truth_file)
         name = _names(truth_file.absolute(), None)[0]
-        file_truth = _truth_alone(name, file.poses, file.times, notes=file.notes)
+        file_truth = replace(
+            _truth_alone(name, file.poses, file.times, notes=file.notes), truth_from_outside=True
+        )
         truths = dict.fromkeys(sources, file_truth)
     by_name: dict[str, ComparedPaths] = {}
     for truth in truths.values():
@@ -124,12 +167,15 @@ def read_paths(
         members = [source for source in sources if truths.get(source, truth).name == name]
         # A truth file with times needs paths with times.
         run_file = POSES if truth_file is None or truth.times is None else POSES_TUM
-        files = [source / run_file if source in configs else source for source in members]
-        labels = [_names(source, configs.get(source)) for source in members]
-        each = _compared(truth, files, labels, tolerance, f"the truth of {name}")
+        files = [_member(source, configs.get(source), run_file) for source in members]
+        frame_times = truth.times if truth_file is None else None
+        each = _compared(truth, files, tolerance, f"the truth of {name}", frame_times)
         if len(each.frames) < len(truth.truth):
             matched = f"Matched {len(each.frames)} of {len(truth.truth)} true poses."
             each = replace(each, notes=(*each.notes, matched))
+        if truth_file is not None:
+            timed = {truth_file: truth.times} | {file.file: read_path(file.file).times for file in files}
+            each = replace(each, notes=(*each.notes, *_whole_times(timed)))
         compared.append(each)
     if truth_file is not None and file_truth.times is not None:
         refuse_intervals(file_truth.times, truth_file, as_column=True)
@@ -155,27 +201,61 @@ def _read_without_truth(
             )
         groups.setdefault(names.get(source, files_are_of), []).append(source)
     result = []
-    for name, members in groups.items():
-        files = [source / POSES_TUM if source in configs else source for source in members]
-        labels = [_names(source, configs.get(source)) for source in members]
-        reference = next((file for file in files if read_path(file).times is not None), files[0])
-        read = read_path(reference)
-        # The reference takes the place of the truth only to find the frames of all paths.
-        alone = _truth_alone(name, read.poses, read.times)
-        each = _compared(alone, files, labels, tolerance, str(reference))
-        why = dict.fromkeys(str(reasons[source]) for source in members if source in reasons)
-        notes = [f"No ground truth: {reason}." for reason in why]
-        notes += each.notes
-        if len(each.frames) < len(read.poses):
-            notes.append(f"Compared: the {len(each.frames)} poses at times that all paths have.")
-        times = None if read.times is None else read.times[each.frames]
-        if read.times is not None and are_frame_numbers(read.times):
-            notes.append(
-                f"{reference}: the times are 0, 1, 2, …: if these are numbers of frames, durations and "
-                "speeds are wrong."
-            )
-        result.append(PathsWithoutTruth(name, times, each.estimates, tuple(notes)))
+    for name, group in groups.items():
+        runs = [configs[source] for source in group if source in configs]
+        if any(config["images"] != runs[0]["images"] for config in runs):
+            raise DataError(f"two sequences have the name {name}: evaluate them separately")
+        members = [_member(source, configs.get(source), POSES_TUM) for source in group]
+        why = dict.fromkeys(str(reasons[source]) for source in group if source in reasons)
+        result.append(_group_without_truth(name, members, tuple(why), tolerance))
     return result
+
+
+def _group_without_truth(
+    name: str, members: list[_Member], reasons: tuple[str, ...], tolerance: float
+) -> PathsWithoutTruth:
+    """Paths without truth of the same frames; `name` : of their sequence, `reasons` : why it has no truth."""
+    read = {member.file: read_path(member.file) for member in members}
+    # The reference takes the place of the truth only to find the frames of all paths. A run is the best one,
+    # since it has a pose and a time for every frame.
+    timed = [member for member in members if read[member.file].times is not None]
+    reference = next((member for member in timed if member.is_run), timed[0] if timed else members[0])
+    of_reference = read[reference.file]
+    alone = _truth_alone(
+        name if reference.is_run else reference.file.name, of_reference.poses, of_reference.times
+    )
+    frame_times = of_reference.times if reference.is_run else None
+    each = _compared(alone, members, tolerance, str(reference.file), frame_times)
+    notes = [f"No ground truth: {reason}." for reason in reasons]
+    notes += each.notes
+    for member in members:
+        file = read[member.file]
+        if file.times is None and of_reference.times is not None:
+            words = f"{member.file}: has no times, so row k is compared with row k of {reference.file}"
+            if frame_times is not None:
+                words += f", and gets the times of {name}"
+            notes.append(f"{words}.")
+    notes += _whole_times({path: file.times for path, file in read.items()})
+    paths = PathsWithoutTruth(name, each.wholes, each.estimates, tuple(notes))
+    if paths.is_all_common:
+        return paths
+    return replace(
+        paths, notes=(*notes, f"Compared: the {paths.compared} poses at times that all paths have.")
+    )
+
+
+def _whole_times(files: Mapping[Path, Array | None]) -> list[str]:
+    """A warning if the times of compared files may be numbers of frames; `files` : times (N,) by file.
+
+    If one of them has fractions, it has seconds, and so has a file with poses at the same times.
+    """
+    timed = {path: times for path, times in files.items() if times is not None}
+    if not timed or not all(are_frame_numbers(times) for times in timed.values()):
+        return []
+    return [
+        f"warning: the times of {' and '.join(map(str, timed))} are whole numbers: if these are numbers of "
+        "frames, durations and speeds are wrong."
+    ]
 
 
 def _frames_name(config: dict[str, Any]) -> str:
@@ -225,6 +305,20 @@ def _truth_of_run(config: dict[str, Any]) -> ComparedPaths:
     return _truth_alone(name, sequence.truth, sequence.times, sequence.is_part, notes)
 
 
+class _Member(NamedTuple):
+    """A path to compare: its pose file, possible labels, the shortest first, and whether it is a run's."""
+
+    file: Path
+    names: list[str]
+    is_run: bool
+
+
+def _member(source: Path, config: dict[str, Any] | None, run_file: str) -> _Member:
+    """A run, if there is its configuration, with its pose file `run_file`, or else a pose file."""
+    is_run = config is not None
+    return _Member(source / run_file if is_run else source, _names(source, config), is_run)
+
+
 def _names(source: Path, config: dict[str, Any] | None) -> list[str]:
     """Possible labels of a run or a pose file, the shortest first."""
     if config is None:
@@ -247,23 +341,29 @@ def _names(source: Path, config: dict[str, Any] | None) -> list[str]:
 
 
 def _compared(
-    truth: ComparedPaths, files: list[Path], names: list[list[str]], tolerance: float, what: str
+    truth: ComparedPaths, members: list[_Member], tolerance: float, what: str, frame_times: Array | None
 ) -> ComparedPaths:
-    """The paths at their common frames, with the shortest distinct labels; `what` names the truth."""
-    matched = [_matched(file, truth, tolerance, what) for file in files]
+    """The paths at their common frames, with the shortest distinct labels; `what` names the truth.
+
+    frame_times : times of the frames of the truth, for paths without times, if their sequence has them.
+    """
+    matched = [_matched(member.file, truth, tolerance, what) for member in members]
     common = functools.reduce(np.intersect1d, [each.rows for each in matched])
-    if len(common) < 2:
-        condition = f"at the times of the other paths and of {what}, within --t-max-diff {tolerance:g} s"
-        raise DataError(f"has fewer than two poses {condition}", files[-1])
-    estimates = {}
-    for labels, each in zip(names, matched, strict=True):
-        others = {name for other in names if other is not labels for name in other}
-        label = next(name for name in labels if name not in others)
-        estimates[label] = each.poses[np.searchsorted(each.rows, common)]
     notes = list(truth.notes)
     for each in matched:
         notes += each.notes
-    return replace(truth, estimates=estimates, frames=common, notes=tuple(notes))
+    notes += _notes_on_common(common, truth, members, matched, tolerance)
+    estimates = {}
+    wholes = {}
+    for member, each in zip(members, matched, strict=True):
+        others = {name for other in members if other is not member for name in other.names}
+        label = next(name for name in member.names if name not in others)
+        estimates[label] = each.poses[np.searchsorted(each.rows, common)]
+        times = each.file.times
+        if times is None and frame_times is not None and len(frame_times) == len(each.file.poses):
+            times = frame_times
+        wholes[label] = WholePath(each.file.poses, times, from_outside=not member.is_run)
+    return replace(truth, estimates=estimates, frames=common, notes=tuple(notes), wholes=wholes)
 
 
 class _MatchedFile(NamedTuple):
@@ -271,13 +371,36 @@ class _MatchedFile(NamedTuple):
 
     rows: Index
     poses: Array
+    file: PoseFile
     notes: list[str]
+
+
+def _notes_on_common(
+    common: Index, truth: ComparedPaths, members: list[_Member], matched: list[_MatchedFile], tolerance: float
+) -> list[str]:
+    """A warning if few frames are `common` to several paths, each of which shares more with the truth.
+
+    Raises `DataError` if they are too few to compare the paths.
+    """
+    shortest = min(len(truth.truth), *(len(each.file.poses) for each in matched))
+    if len(common) >= 2 and len(common) >= USUAL_MATCHES * shortest:
+        return []
+    if len(common) == min(len(each.rows) for each in matched):
+        return []  # the file with the fewest matches has its own warning
+    files = ", ".join(str(member.file) for member in members)
+    words = (
+        f"only {len(common)} poses are at times that all files have, within --t-max-diff {tolerance:g} s, of "
+        f"{shortest} poses in the shortest of {files}"
+    )
+    if len(common) < 2 or len(common) < FEWEST_MATCHES * shortest:
+        raise DataError(f"{words}: evaluate fewer files at once")
+    return [f"warning: {words}."]
 
 
 def _matched(path: Path, truth: ComparedPaths, tolerance: float, what: str) -> _MatchedFile:
     """The poses of a file that belong to true poses: those of equal times or, without times, all.
 
-    `what` : the truth in words.
+    `what` : the truth in words. Raises `DataError` if fewer poses than `FEWEST_MATCHES` have equal times.
     """
     file = read_path(path)
     if len(file.poses) < 2:
@@ -287,17 +410,33 @@ def _matched(path: Path, truth: ComparedPaths, tolerance: float, what: str) -> _
         if file.times is not None:
             refuse_intervals(file.times, path, as_column=True)
         _require_same_frames(file, truth, path, what)
-        return _MatchedFile(np.arange(len(file.poses)), file.poses, notes)
+        return _MatchedFile(np.arange(len(file.poses)), file.poses, file, notes)
     rows, pose_rows = match_times(truth.times, file.times, tolerance)
     if len(rows) < min(2, len(truth.truth)):
         raise DataError(time_mismatch(file.times, truth.times, truth.name, tolerance), path)
     refuse_intervals(file.times, path, as_column=True)
-    if len(rows) < USUAL_MATCHES * min(len(file.poses), len(truth.truth)):
-        ranges = time_ranges(file.times, truth.times, truth.name)
-        if are_frame_numbers(file.times):
-            raise DataError(f"the times are frame numbers, expected seconds: {ranges}", path)
-        notes.append(f"{path}: only {len(rows)} of {len(file.poses)} poses have a pose of {what}: {ranges}.")
-    return _MatchedFile(rows, file.poses[pose_rows], notes)
+    shorter = min(len(file.poses), len(truth.truth))
+    ranges = time_ranges(file.times, truth.times, truth.name)
+    counts = f"only {len(rows)} of {len(file.poses)} poses have one of the {len(truth.truth)} poses of {what}"
+    counts += f" within --t-max-diff {tolerance:g} s: {ranges}"
+    shift = clock_shift(file.times, truth.times)
+    if len(rows) < USUAL_MATCHES * shorter and are_frame_numbers(file.times):
+        raise DataError(f"the times are frame numbers, expected seconds: {ranges}", path)
+    if len(rows) < FEWEST_MATCHES * shorter:
+        raise DataError(
+            f"{counts}. If their clocks differ, write the times of one clock in both files; if not, give a "
+            "larger --t-max-diff, or leave out the poses at times that only one file has",
+            path,
+        )
+    if len(rows) < USUAL_MATCHES * shorter:
+        notes.append(f"warning: {path}: {counts}; with two clocks, these would be matches by chance.")
+    elif shift is not None and len(rows) < shorter:
+        notes.append(
+            f"warning: {path}: {counts}. Its first and its last time are both about {abs(shift):.3g} s "
+            f"{'later' if shift > 0 else 'earlier'}, so its clock may differ by this, and then every pose is "
+            "compared with that of another frame."
+        )
+    return _MatchedFile(rows, file.poses[pose_rows], file, notes)
 
 
 def _require_same_frames(file: PoseFile, truth: ComparedPaths, path: Path, what: str) -> None:
