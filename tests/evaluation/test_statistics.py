@@ -10,6 +10,7 @@ import pytest
 
 from vo_lib.evaluation.statistics import (
     change_limit,
+    changes_needed,
     mean_and_deviation,
     mean_half_width,
     mean_interval,
@@ -131,6 +132,24 @@ def test_intervals_hold_as_often_as_they_say(seeds: int) -> None:
     next_run = np.mean([prediction_interval(sample[:-1]).contains(sample[-1]) for sample in samples])
     # Four standard deviations of a share over so many repetitions.
     assert [mean, next_run] == pytest.approx([0.95, 0.95], abs=4 * math.sqrt(0.95 * 0.05 / repetitions))
+
+
+@pytest.mark.parametrize("mean", [-0.47, 0.8, 0.3])
+def test_a_t_test_finds_a_change_in_four_of_five_sets_of_the_size_that_is_needed(mean: float) -> None:
+    count = changes_needed(mean, 1.0)
+    assert count is not None
+    rng = np.random.default_rng(0)
+    for size, low, high in ((count, 0.79, 0.835), (2 * count, 0.95, 1.0), (count // 2, 0.3, 0.6)):
+        changes = rng.normal(mean, 1.0, (20_000, size))
+        t = changes.mean(axis=1) * math.sqrt(size) / changes.std(axis=1, ddof=1)
+        assert low < np.mean(np.abs(t) > t_quantile(0.975, size - 1)) < high
+
+
+def test_no_number_of_changes_shows_what_is_not_there() -> None:
+    for mean, deviation in ((0.0, 1.0), (math.nan, 1.0), (1.0, math.nan), (1e-3, 1.0), (1e-320, 1.0)):
+        assert changes_needed(mean, deviation) is None
+    assert changes_needed(0.1, 0.0) == 2
+    assert changes_needed(-0.074, 0.157) == changes_needed(74.0, 157.0) == 38
 
 
 def test_sign_flips_are_counted() -> None:

@@ -6,7 +6,7 @@ Two questions are asked of a change, and they have different answers:
   the seeds, and 2 % of the error: `one_run_shows`. Tables and reports answer this question.
 - *Is the mean change chance?* The mean over n seeds is more certain than one run, by √n. The change is paired
   over the seeds, and its mean has a confidence interval: `paired_change`. `sign_flip_share` answers the same
-  question without the assumption of a normal distribution.
+  question for changes that need not be normal, only symmetric about 0 if they are chance.
 
 A third question is whether a single number, such as one that the paper prints, could be one more run of ours:
 `prediction_interval`.
@@ -36,6 +36,8 @@ COUNTED = (
     f"{100 * SHARE:.0f} %."
 )
 CONFIDENCE = 0.95  # of the intervals
+POWER = 0.8  # probability with which a test should find a change that is there
+MOST_NEEDED = 1000  # changes, up to which `changes_needed` gives a number
 MAX_EXACT_FLIPS = 16  # number of changes up to which all 2ⁿ choices of signs are tried
 RANDOM_FLIPS = 100_000  # number of random choices of signs for more changes
 
@@ -189,6 +191,30 @@ def prediction_interval(values: ArrayLike, probability: float = CONFIDENCE) -> I
     return Interval(mean, deviation, mean - half, mean + half)
 
 
+def changes_needed(mean: float, deviation: float, power: float = POWER) -> int | None:
+    """The number of changes with which a paired t test would find their mean with probability `power`.
+
+    mean, deviation : of the changes, deviation over n - 1. The number is the least n with |mean| √n / s at
+    least t(97.5 %) + t(power), both with n - 1 degrees of freedom; from about eight changes on, this is as
+    good as the exact number. None without a change, if a number is not finite, or above `MOST_NEEDED`.
+    """
+    if not (math.isfinite(mean) and math.isfinite(deviation)) or mean == 0.0:
+        return None
+    level = 0.5 + 0.5 * CONFIDENCE
+    # Student's quantiles are larger than those of a normal distribution, which need no count.
+    normal = t_quantile(level, math.inf) + t_quantile(power, math.inf)
+    root = normal * deviation / abs(mean)
+    if root > math.sqrt(MOST_NEEDED):
+        return None
+    count = max(2, math.ceil(root**2))
+    while count <= MOST_NEEDED:
+        t = t_quantile(level, count - 1) + t_quantile(power, count - 1)
+        if abs(mean) * math.sqrt(count) >= t * deviation:
+            return count
+        count += 1
+    return None
+
+
 def means_without_each(values: ArrayLike) -> Array:
     """For each of n values, the mean of the others, (n,); NaN for a single value.
 
@@ -203,7 +229,8 @@ def means_without_each(values: ArrayLike) -> Array:
 def sign_flip_share(changes: ArrayLike) -> float:
     """Share of the choices of signs that give a mean change at least as far from 0 (two-sided).
 
-    If the changes were chance, each could as well have the other sign. All 2ⁿ choices are tried for up to
+    If the changes were chance, and as likely up as down by the same amount (distributed symmetrically about
+    0; not necessarily normal), each could as well have the other sign. All 2ⁿ choices are tried for up to
     `MAX_EXACT_FLIPS` changes, else random choices, the same in every call. A small share speaks against
     chance; with n changes it is 2 / 2ⁿ or more. NaN without changes, and if a change is not a number.
     """
