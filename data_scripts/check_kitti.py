@@ -15,7 +15,7 @@ import argparse
 from pathlib import Path
 
 from fetch.kitti_check import SequenceReport, check_tree, parse_numbers
-from vo_lib.commands.console import print_lines, reporting, typed
+from vo_lib.commands.console import print_lines, print_wrapped, reporting, typed
 from vo_lib.data.catalogue import kitti_root
 from vo_lib.errors import DataError
 
@@ -53,13 +53,13 @@ def run(options: argparse.Namespace) -> int:
 
 def show_sequences(root: Path, reports: list[SequenceReport]) -> None:
     """Print the sequences with their complete files and their first problems."""
-    print_lines(str(root))
+    print_wrapped(str(root))
     for report in reports:
         total = "" if report.expected is None else f" of {report.expected}"
         state = "incomplete" if report.problems else "complete"
         lines = [*report.complete, *report.problems[:MAX_PROBLEMS_SHOWN]]
         if (more := len(report.problems) - MAX_PROBLEMS_SHOWN) > 0:
             lines.append(f"and {more} more")
-        print_lines(
+        print_wrapped(
             f"  {report.name}: {report.pairs}{total} pairs, {state}", *(f"    {line}" for line in lines)
         )

@@ -18,7 +18,7 @@ import argparse
 from fetch.download import format_bytes
 from vo_lib.commands.cache_contents import cache_items, clean_cache
 from vo_lib.commands.common import add_cache
-from vo_lib.commands.console import print_lines
+from vo_lib.commands.console import print_wrapped
 from vo_lib.data.drawn import cache_folder
 
 
@@ -34,5 +34,5 @@ def run(options: argparse.Namespace) -> int:
     deleted = clean_cache(options.cache, options.everything)
     remain = sum(item.size for item in cache_items(options.cache))
     folder = options.cache or cache_folder().parent
-    print_lines(f"{folder}: {format_bytes(deleted)} deleted, {format_bytes(remain)} remain")
+    print_wrapped(f"{folder}: {format_bytes(deleted)} deleted, {format_bytes(remain)} remain")
     return 0

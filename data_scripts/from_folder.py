@@ -38,7 +38,7 @@ from fetch.kitti_raw import read_raw_drive
 from fetch.stereo_calibration import UNITS, Rig, centre_warning, rig_from_numbers
 from fetch.stereo_import import check_source, require_new, write_sequence
 from fetch.stereo_sources import MAX_DELAY_S, Drive, FolderSource, Source, VideoSource, pair_images
-from vo_lib.commands.console import print_lines, reporting, typed
+from vo_lib.commands.console import print_lines, print_wrapped, reporting, typed
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.imports import remember_import
 from vo_lib.data.kitti import read_times
@@ -122,8 +122,8 @@ def run(options: argparse.Namespace) -> int:
         rig, more = rig_of(source, options)
         notes += more
     if notes:
-        print_lines(*notes)
-    print_lines(*check_source(source, rig, options.anyway, outdoors=not isinstance(source, Drive)))
+        print_wrapped(*notes)
+    print_wrapped(*check_source(source, rig, options.anyway, outdoors=not isinstance(source, Drive)))
     if options.times is not None:
         times = read_times(options.times)
         refuse_intervals(times, options.times)
@@ -131,7 +131,7 @@ def run(options: argparse.Namespace) -> int:
         times = None
     elif times is None and not rate:
         rate = DEFAULT_FPS
-        print_lines(f"note: {rate:g} pairs per second are assumed; give the times by --fps or --times")
+        print_wrapped(f"note: {rate:g} pairs per second are assumed; give the times by --fps or --times")
     if options.poses is not None:
         poses = read_kitti_poses(options.poses)
     if isinstance(source, FolderSource):

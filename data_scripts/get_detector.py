@@ -51,7 +51,7 @@ def run(options: argparse.Namespace) -> int:
         show_detectors(folder)
     elif options.source is not None:
         path = register_detector(options.name, options.source, folder)
-        print_lines(f"registered as {path}", describe_classes(YoloDetector(path)))
+        print_wrapped(f"registered as {path}", describe_classes(YoloDetector(path)))
     elif options.name in FETCHABLE:
         return fetch(FETCHABLE[options.name], folder, options.yes)
     elif (path := Path(options.name)).is_file():
@@ -81,7 +81,7 @@ def show_detectors(folder: Path) -> None:
         for name, path in local.items()
         if name not in FETCHABLE
     ]
-    print_lines(f"detectors in {folder}")
+    print_wrapped(f"detectors in {folder}")
     show_table(["name", "size", "about", "state"], rows, numbers=False)
     print_wrapped(
         f"`{typed(f'vo data get_detector {PAPERS_DETECTOR}')}` says how to export YOLOv8; the same goes for "
@@ -110,15 +110,15 @@ def describe_classes(detector: YoloDetector) -> str:
 
 def fetch(detector: Detector, folder: Path, yes: bool) -> int:
     """Describe the detector, ask for confirmation, then download and verify the file."""
-    print_lines(
+    print_wrapped(
         f"{detector.name}: {format_bytes(detector.size)}, licence {LICENCE}, {detector.about}",
         f"from {detector.url}",
         f"SHA-256 {detector.sha256}",
     )
     if detector.name not in list_detectors(folder) and not confirm(f"Download to {folder}?", yes):
-        print_lines("nothing was downloaded")
+        print_wrapped("nothing was downloaded")
         return 1
     with reporting(detector.name, in_bytes=True) as report:
         path = fetch_detector(detector, folder, report)
-    print_lines(f"verified: {path}")
+    print_wrapped(f"verified: {path}")
     return 0

@@ -29,7 +29,7 @@ from fetch.kitti_check import parse_numbers
 from fetch.kitti_part import drive_archives, parse_drive, select_frames, write_drive_tables
 from fetch.zip_archives import Archives
 from vo_lib.commands.common import parse_frames, parse_whole
-from vo_lib.commands.console import print_lines, reporting, typed
+from vo_lib.commands.console import print_lines, print_wrapped, reporting, typed
 from vo_lib.data.catalogue import kitti_root
 from vo_lib.data.kitti import EXPECTED_FRAMES, PART
 from vo_lib.errors import DataError
@@ -75,7 +75,7 @@ def run(options: argparse.Namespace) -> int:
     if options.link is not None:
         if options.frames != ALL:
             raise DataError("--frames with --link: only whole sequences can be linked")
-        print_lines(f"linked into {root}: {', '.join(link_tree(options.link, root, names))}")
+        print_wrapped(f"linked into {root}: {', '.join(link_tree(options.link, root, names))}")
         return 0
     if linked and (options.sequences or options.raw) is not None:
         raise DataError("is a link to another folder; nothing is written", root / "sequences" / linked[0])
@@ -102,14 +102,14 @@ def fetch_missing(root: Path, sequences: set[str], options: argparse.Namespace) 
             todo = absent(members, root, report)
         packed = sum(m.info.compress_size for m in todo)
         size = sum(m.info.file_size for m in todo)
-        print_lines(f"{len(members) - len(todo)} of {len(members)} files are already complete in {root}")
+        print_wrapped(f"{len(members) - len(todo)} of {len(members)} files are already complete in {root}")
         if todo:
             require_space(root, size)
-            print_lines(*LICENCE)
+            print_wrapped(" ".join(LICENCE))
             verb = "to unpack" if options.from_zip else "to download"
-            print_lines(f"{verb}: {len(todo)} files, {format_bytes(packed)}, {format_bytes(size)} on disk")
+            print_wrapped(f"{verb}: {len(todo)} files, {format_bytes(packed)}, {format_bytes(size)} on disk")
             if not confirm("Continue?", options.yes):
-                print_lines("nothing was written")
+                print_wrapped("nothing was written")
                 return 1
         for folder, mark in marks.items():
             if mark:
@@ -121,6 +121,6 @@ def fetch_missing(root: Path, sequences: set[str], options: argparse.Namespace) 
                 fetch(archives, todo, root, options.jobs, report)
         for folder in marks if options.raw is not None else ():
             if note := write_drive_tables(folder):
-                print_lines(f"note: {note}")
+                print_wrapped(f"note: {note}")
         print_lines("done; to check the files: " + typed(f"vo data check_kitti --root {root}"))
         return 0

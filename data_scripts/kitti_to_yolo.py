@@ -18,7 +18,7 @@ from pathlib import Path
 
 from training.kitti_set import NAMES, check_origin, read_object_set, split, write_set
 from vo_lib.commands.common import parse_whole
-from vo_lib.commands.console import print_lines, reporting
+from vo_lib.commands.console import print_wrapped, reporting
 from vo_lib.errors import DataError
 
 
@@ -48,8 +48,8 @@ def run(options: argparse.Namespace) -> int:
     kinds = [kind for image in allowed for kind in image.boxes.class_id.tolist()]
     counts = ", ".join(f"{kinds.count(k)} {name}" for k, name in enumerate(NAMES))
     sizes = f"{len(parts['train'])} images for training, {len(parts['valid'])} for validation"
-    print_lines(f"{options.out}: {sizes}; {counts}")
-    print_lines(f"{len(images) - len(allowed)} images of evaluated odometry sequences were skipped")
+    print_wrapped(f"{options.out}: {sizes}; {counts}")
+    print_wrapped(f"{len(images) - len(allowed)} images of evaluated odometry sequences were skipped")
     return 0
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from training.street_set import DetectionSetConfig, write_street_set
 from vo_lib.commands.common import parse_jobs
-from vo_lib.commands.console import add_settings, from_options, print_lines, reporting
+from vo_lib.commands.console import add_settings, from_options, print_wrapped, reporting
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -32,5 +32,5 @@ def run(options: argparse.Namespace) -> int:
     config = from_options(options, DetectionSetConfig)
     with reporting("drawing streets") as report:
         write_street_set(options.folder, config, parse_jobs(options.jobs), report)
-    print_lines(f"written to {options.folder}")
+    print_wrapped(f"written to {options.folder}")
     return 0

@@ -29,7 +29,7 @@ from measure.axes import axes_rotation, fit_axes, is_raw_drive, turn_axes
 from measure.disturbances import disturbed_drives
 from measure_results import add_inputs, open_all
 from vo_lib.commands.common import parse_jobs, parse_whole
-from vo_lib.commands.console import print_lines, reporting
+from vo_lib.commands.console import print_lines, print_wrapped, reporting
 from vo_lib.data.catalogue import SYNTHETIC, parse_sequences
 from vo_lib.data.sequence import Sequence
 from vo_lib.errors import DataError
@@ -185,5 +185,5 @@ def run(options: argparse.Namespace) -> int:
     rows += [row for row in old if (row.idea, row.method, row.sequence) not in new]
     write_atomic(out, csv_text([COLUMNS, *(row.cells for row in rows)]))
     print_lines("\n\n".join(map(markdown, tables(Ablation(rows)))))
-    print_lines(f"written to {out}")
+    print_wrapped(f"written to {out}")
     return 0

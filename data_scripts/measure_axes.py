@@ -18,7 +18,7 @@ from pathlib import Path
 
 from measure.axes import fit_axes, fit_of_halves
 from vo_lib.commands.common import parse_lengths, parse_whole
-from vo_lib.commands.console import print_lines, print_wrapped, show_table
+from vo_lib.commands.console import print_wrapped, show_table
 from vo_lib.data.poses import read_kitti_poses
 from vo_lib.errors import DataError
 from vo_lib.evaluation.kitti_errors import KITTI_LENGTHS, KITTI_STEP, count_words, kitti_errors
@@ -60,7 +60,7 @@ def run(options: argparse.Namespace) -> int:
             format_number(turned.kitti.re),
         ],
     ]
-    print_lines(f"{count_words(len(measured))}; angles up to {turned.limit:g} deg")
+    print_wrapped(f"{count_words(len(measured))}; angles up to {turned.limit:g} deg")
     show_table(["", "pitch deg", "yaw deg", "TE %", "RE deg/100 m"], rows)
     if turned.at_limit:
         print_wrapped(f"note: {turned.limit_words}")

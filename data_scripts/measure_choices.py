@@ -29,7 +29,7 @@ import numpy as np
 from measure.axes import te_and_re
 from measure_results import add_inputs, open_all
 from vo_lib.commands.common import parse_jobs
-from vo_lib.commands.console import print_lines, reporting
+from vo_lib.commands.console import print_wrapped, reporting
 from vo_lib.config import change, preset
 from vo_lib.data.catalogue import SYNTHETIC
 from vo_lib.data.sequence import Sequence
@@ -296,5 +296,5 @@ def run(options: argparse.Namespace) -> int:
             rows.append(row_of(alternative, results, published))
             report(len(rows) - 1, len(alternatives))
     write_atomic(options.out, csv_text(rows))
-    print_lines(f"written to {options.out}")
+    print_wrapped(f"written to {options.out}")
     return 0

@@ -22,7 +22,7 @@ from threadpoolctl import threadpool_limits
 
 from measure.miniature import EXPERIMENTS, SEEDS, Experiment, judged, row_head
 from vo_lib.commands.common import parse_whole
-from vo_lib.commands.console import print_lines, reporting
+from vo_lib.commands.console import print_wrapped, reporting
 from vo_lib.errors import DataError
 from vo_lib.files import csv_text, read_csv, write_atomic
 
@@ -72,7 +72,7 @@ def run(options: argparse.Namespace) -> int:
             ordered = sorted(rows.values(), key=lambda row: (names.index(row[0]), int(row[1])))
             write_atomic(Path(options.out), csv_text([head, *ordered]))
             report(number, len(missing))
-    print_lines(f"written to {options.out}")
+    print_wrapped(f"written to {options.out}")
     return 0
 
 

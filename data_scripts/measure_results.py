@@ -20,7 +20,7 @@ from measure import ablation
 from measure.axes import MAX_ANGLE_DEG, NARROW_DEG
 from measure.result_tables import Key, cells_of_systems, claim_table, jobs_of, result_tables
 from vo_lib.commands.common import add_cache, open_with_bar, parse_jobs
-from vo_lib.commands.console import print_lines, reporting, show_report_table
+from vo_lib.commands.console import print_wrapped, reporting, show_report_table
 from vo_lib.data.catalogue import SYNTHETIC, parse_sequences
 from vo_lib.data.label_remarks import missing_labels
 from vo_lib.data.scenes import TABLE_SCENES
@@ -84,7 +84,7 @@ def run(options: argparse.Namespace) -> int:
         tables += ablation.tables(changes)
     write_atomic(out, _page(tables, options))
     show_report_table(claim_table(systems["published"]))
-    print_lines(f"written to {out}")
+    print_wrapped(f"written to {out}")
     return 0
 
 

@@ -15,7 +15,7 @@ import time
 from typing import Any
 
 from vo_lib.commands.common import add_cache, add_variant, open_with_bar, parse_whole
-from vo_lib.commands.console import print_lines, reporting, show_table
+from vo_lib.commands.console import print_wrapped, reporting, show_table
 from vo_lib.config import preset
 from vo_lib.data.catalogue import SYNTHETIC
 from vo_lib.data.sequence import Sequence
@@ -47,7 +47,7 @@ def run(options: argparse.Namespace) -> int:
         figures = measure(sequence, config, report)
     machine = describe_machine()
     camera = sequence.camera
-    print_lines(", ".join(f"{name} {value}" for name, value in machine.items()))
+    print_wrapped(", ".join(f"{name} {value}" for name, value in machine.items()))
     decoding = figures["decoding_ms_a_frame"]
     rows = [[name, f"{ms:.2f} ms"] for name, ms in figures["stages_ms_a_frame"].items()]
     rows.append(["decoding the images in one thread", f"{decoding:.2f} ms"])
@@ -55,7 +55,7 @@ def run(options: argparse.Namespace) -> int:
         ms = figures[f"{name}_ms_a_frame"]
         rows.append([f"whole run, {name} time", f"{ms:.2f} ms, {ms / decoding:.1f} times the decoding"])
     size = f"{camera.width}×{camera.height} px"
-    print_lines(f"{sequence.name}, {len(sequence)} frames, {size}, {METHOD}, {config.variant}")
+    print_wrapped(f"{sequence.name}, {len(sequence)} frames, {size}, {METHOD}, {config.variant}")
     show_table(["stage", "time per frame"], rows)
     return 0
 

@@ -28,7 +28,7 @@ from fetch.detectors import register_detector
 from training.dataset import SPLITS, DetectionSet, open_set
 from training.evaluated import refuse_evaluated
 from vo_lib.commands.common import parse_whole
-from vo_lib.commands.console import install, print_lines
+from vo_lib.commands.console import install, print_lines, print_wrapped
 from vo_lib.detection.model_files import copy_model
 from vo_lib.detection.models import detector_folder, list_detectors
 from vo_lib.detection.yolo import YoloDetector
@@ -67,7 +67,7 @@ def run(options: argparse.Namespace) -> int:
     seed = parse_whole("--seed", options.seed, least=0)
     data = open_set(options.data)
     for folder in data.outside():
-        print_lines(f"note: images outside the folder of data.yaml: {folder}")
+        print_wrapped(f"note: images outside the folder of data.yaml: {folder}")
     if not options.allow_evaluated:
         refuse_evaluated(path for part in data.images.values() for path in part)
     if options.weights is not None and not options.weights.is_file():
@@ -83,7 +83,7 @@ def run(options: argparse.Namespace) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     _describe(data, options.one_class, described)
     last = options.out / "train" / "weights" / "last.pt"
-    print_lines(f"Ultralytics and the trained models are under {LICENCE}.")
+    print_wrapped(f"Ultralytics and the trained models are under {LICENCE}.")
     try:
         if last.is_file() and not (last.parent / "finished").is_file():
             network = YOLO(str(last))
@@ -106,7 +106,7 @@ def run(options: argparse.Namespace) -> int:
     copy_model(exported, model)
     YoloDetector(model)  # raises `DataError` if the copy does not work
     (last.parent / "finished").touch()
-    print_lines(f"{model}: mAP50 {result.box.map50:.3f}, mAP50-95 {result.box.map:.3f} on {split}")
+    print_wrapped(f"{model}: mAP50 {result.box.map50:.3f}, mAP50-95 {result.box.map:.3f} on {split}")
     if options.register is not None:
         register(options.register, model, result.box.map50)
     return 0

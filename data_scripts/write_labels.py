@@ -23,7 +23,7 @@ from vo_lib.commands.console import (
     continues_when_repeated,
     from_options,
     option_values,
-    print_lines,
+    print_wrapped,
     reporting,
 )
 from vo_lib.commands.vehicle_boxes import naming_classes, warn_without_vehicles
@@ -73,7 +73,7 @@ def run(options: argparse.Namespace) -> int:
             progress=report,
         )
     warn_without_vehicles(dataclasses.replace(sequence, labels=folder))
-    print_lines(
+    print_wrapped(
         f"{folder}: {len(sequence)} frames, {count} of them new; {DETECTOR_RECORD} describes the model"
     )
     return 0

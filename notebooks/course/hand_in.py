@@ -19,7 +19,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from vo_lib.commands.console import ENDINGS, OneLineParser, exit_code, print_lines, print_wrapped
+from vo_lib.commands.console import ENDINGS, OneLineParser, exit_code, print_wrapped
 from vo_lib.errors import DataError
 from vo_lib.files import read_bytes, write_atomic
 
@@ -68,7 +68,7 @@ def write_hand_in(folder: Path, target: Path) -> None:
     }
     files[MARKS] = (json.dumps(summary, indent=1) + "\n").encode()
     write_atomic(target, _zipped(files))
-    print_lines(f"written: {target}")
+    print_wrapped(f"written: {target}")
     print_wrapped(f"It contains {', '.join(files)}, as last saved.")
     print_wrapped(f"{len(passed)} of {len(marks)} exercises pass: {' '.join(passed) or 'none'}")
     print_wrapped(*(f"note: {remark}" for remark in remarks))

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 import pytest
 from conftest import HEIGHT, WIDTH, write_bands
+from terminal import shown_in_terminal
 from tiny_onnx import write_answering
 
 from vo_lib import settings
@@ -161,9 +162,17 @@ def test_run_without_truth_has_no_errors(bands: Path, done: Callable[..., str]) 
     assert read_json(bands.parent / "out" / "metrics.json").keys() == {"path"}
     assert "no ground truth" in printed
     assert "lost" not in printed
+    # In a pipe, a sentence is one line, where grep finds it.
+    assert "so feature_selection is equal to solution_selection. For boxes, add `--detector" in printed
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a terminal of POSIX")
+def test_a_run_fits_into_a_terminal(bands: Path) -> None:
+    (bands / "poses.txt").unlink()
+    lines = shown_in_terminal(["run", str(bands), "--out", str(bands.parent / "out"), *SMALL["published"]])
     # A path stays whole, and that of the temporary folder depends on the machine.
-    without_path = printed.replace(str(bands.parent), "")
-    assert max(map(len, without_path.splitlines())) <= 80
+    assert max(len(line.replace(str(bands.parent), "")) for line in lines) <= 80
+    assert "so feature_selection is equal to solution_selection." in " ".join(" ".join(lines).split())
 
 
 def test_a_run_without_motion_gets_no_advice_on_options_that_it_has_not(

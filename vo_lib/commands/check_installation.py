@@ -13,7 +13,7 @@ from ..data.kitti import count_pairs, wanted_frames
 from ..detection.models import detector_folder, list_detectors
 from ..runs.identity import library_versions
 from .cache_contents import KINDS, CacheItem, cache_items
-from .console import install, print_lines, print_wrapped, show_table, steps
+from .console import install, print_wrapped, show_table, steps
 
 # Subject, state, facts and remedy; the state is "ok", "note" (an optional part is missing) or "problem".
 Finding = tuple[str, str, str, str]
@@ -31,7 +31,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 def _check(options: argparse.Namespace) -> int:
     findings = [_packages(), _kitti(), _detectors(), _cache()]
     show_table(["subject", "state", "facts"], [[*finding[:3]] for finding in findings], numbers=False)
-    print_lines(*(f"{subject}: {remedy}" for subject, _, _, remedy in findings if remedy))
+    print_wrapped(*(f"{subject}: {remedy}" for subject, _, _, remedy in findings if remedy))
     if checkout_folder() is None:
         print_wrapped(f"note: the commands `vo data …` do not work here: {missing_folder('data_scripts')}")
     return int(any(state == "problem" for _, state, _, _ in findings))

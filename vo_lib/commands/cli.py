@@ -13,7 +13,7 @@ from importlib import metadata
 from typing import Any
 
 from ..errors import DataError, did_you_mean
-from .console import ENDINGS, OneLineParser, exit_code
+from .console import ENDINGS, OneLineParser, as_shown, exit_code
 
 # Module and help line of each command. Only the module of the command in use is imported: all imports
 # together take two seconds.
@@ -54,7 +54,8 @@ def main(words: Items[str] | None = None) -> int:
         except ENDINGS as error:
             return exit_code("vo", error, words)
     for warning in raised:
-        print(f"vo: warning: {warning.message} ({warning.filename}:{warning.lineno})", file=sys.stderr)
+        line = f"vo: warning: {warning.message} ({warning.filename}:{warning.lineno})"
+        print(as_shown(line, sys.stderr), file=sys.stderr)
     return code
 
 

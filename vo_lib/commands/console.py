@@ -13,14 +13,16 @@ import re
 import shlex
 import shutil
 import sys
+import textwrap
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Any, NoReturn, TextIO, TypeVar
 
 from ..errors import MAX_TYPED, DataError, did_you_mean, shorten
 from ..settings import Setting, as_typed, declared
+from .table_layout import GLUE, fitting_parts, glued
 
 # Rich is imported where something is printed: its import takes 0.1 s, which `vo --help` does not need.
 if TYPE_CHECKING:
@@ -45,6 +47,8 @@ REMEDIES = {
 }
 LOG_PERIOD_S = 60.0  # period of the progress lines without a terminal
 SPEED_PERIOD_S = 180.0  # time over which a progress bar averages the speed
+USUAL_WIDTH = 80  # characters of a line where there is no terminal
+INDENT = "  "  # of the second and further lines of a wrapped sentence
 
 Config = TypeVar("Config")
 OptionGroup = argparse._ActionsContainer  # a parser, or a group of its options
@@ -80,7 +84,8 @@ class OneLineParser(argparse.ArgumentParser):
         if not hint:
             hint = self._comma_hint(message)
         text = one_line(message, self._words)
-        self.exit(2, f"{self.prog}: error: {text}{hint} (see {self.prog} {page})\n")
+        line = f"{self.prog}: error: {text}{hint} (see {self.prog} {page})"
+        self.exit(2, f"{as_shown(line, sys.stderr)}\n")
 
     def _comma_hint(self, message: str) -> str:
         """For values that are separated by blanks instead of commas: how to type them; otherwise ""."""
@@ -125,13 +130,14 @@ def exit_code(program: str, error: BaseException, words: Iterable[str] = ()) -> 
     if isinstance(error, DataError):
         text += REMEDIES.get(error.remedy, "")
     if isinstance(error, KeyboardInterrupt):
-        print(f"{program}: interrupted" + (f"; {text}" if text else ""), file=sys.stderr)
+        line = f"{program}: interrupted" + (f"; {text}" if text else "")
+        print(as_shown(line, sys.stderr), file=sys.stderr)
         return 130
     if isinstance(error, OSError):
         text = ": ".join(str(part) for part in (error.filename, error.strerror or error) if part is not None)
     if isinstance(error, MemoryError):
         text = "out of memory"
-    print(f"{program}: error: {one_line(text, words)}", file=sys.stderr)
+    print(as_shown(f"{program}: error: {one_line(text, words)}", sys.stderr), file=sys.stderr)
     return 2
 
 
@@ -198,10 +204,10 @@ def from_options(options: argparse.Namespace, cls: type[Config], prefix: str = "
     return cls(**{name.removeprefix(prefix): value for name, value in values.items()})
 
 
-def _console(stderr: bool = False) -> Console:
+def _console(stderr: bool = False, width: int | None = None) -> Console:
     from rich.console import Console
 
-    return Console(stderr=stderr)
+    return Console(stderr=stderr, width=width)
 
 
 @contextmanager
@@ -232,46 +238,83 @@ def reporting(label: str, in_bytes: bool = False) -> Iterator[Progress]:
 
 
 def print_lines(*lines: str) -> None:
-    """Print lines unchanged: without colours and markup, and without breaks inside a path."""
-    _console().print("\n".join(lines), soft_wrap=True, highlight=False, markup=False)
+    """Print lines unchanged, for what is copied: a path or a command is not broken."""
+    print("\n".join(lines))
 
 
 def print_wrapped(*sentences: str) -> None:
-    """Print sentences, each wrapped at the terminal's width."""
+    """Print sentences as `as_shown` breaks them."""
     for sentence in sentences:
-        _console().print(sentence, highlight=False, markup=False)
+        print(as_shown(sentence, sys.stdout))
 
 
 def print_above_bar(sentence: str) -> None:
     """Print a sentence while a progress bar may be shown: above the bar, not behind it."""
-    if hasattr(sys.stdout, "rich_proxied_file"):  # Rich's console would pass by the bar
-        print(sentence)
-    else:
-        print_wrapped(sentence)
+    print_wrapped(sentence)  # Rich replaces sys.stdout while it shows a bar
 
 
 def warn(sentence: str) -> None:
     """Print a warning to stderr, where it does not disturb an output for programs."""
-    print(f"warning: {sentence}", file=sys.stderr)
+    print(as_shown(f"warning: {sentence}", sys.stderr), file=sys.stderr)
 
 
-def show_table(columns: list[str], rows: list[list[str]], numbers: bool = True) -> None:
-    """Print a table; the first column has the names of the rows, and numbers are aligned to the right."""
+def as_shown(sentence: str, stream: TextIO) -> str:
+    """A sentence as it is printed: wrapped in a terminal, one line in a file or a pipe, where grep finds it.
+
+    It is wrapped at blanks, with an indent from the second line on. A longer word, such as a path, is not
+    broken.
+    """
+    if not stream.isatty():
+        return sentence
+    width = terminal_width(stream)
+    lines = []
+    for line in glued(sentence).split("\n"):
+        indent = line[: len(line) - len(line.lstrip(" "))] + INDENT
+        lines += textwrap.wrap(
+            line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+        ) or [""]
+    return "\n".join(lines).replace(GLUE, " ")
+
+
+def terminal_width(stream: TextIO) -> int:
+    """The width of the terminal that shows a stream, in characters; `USUAL_WIDTH` elsewhere.
+
+    The environment variable COLUMNS goes before, as with other programs.
+    """
+    columns = os.environ.get("COLUMNS", "")
+    if columns.isdecimal() and int(columns):
+        return int(columns)
+    try:
+        return os.get_terminal_size(stream.fileno()).columns or USUAL_WIDTH
+    except (OSError, ValueError):  # no terminal, or no file at all
+        return USUAL_WIDTH
+
+
+def show_table(columns: list[str], rows: list[list[str]], numbers: bool = True, names: int = 1) -> None:
+    """Print a table, or several if it is too wide (`table_layout`); numbers are aligned to the right.
+
+    names : number of columns, from the first one, that name the rows.
+    """
+    from rich.cells import cell_len
     from rich.table import Table
     from rich.text import Text
 
-    table = Table()
-    for place, name in enumerate(columns):
-        justify: JustifyMethod = "right" if numbers and place else "left"
-        words = name.replace(".", "\n.")  # "selection.sets" is not broken within a word
-        table.add_column(Text(words), justify=justify, overflow="fold")
-    for row in rows:
-        table.add_row(*map(Text, row))  # `Text` has no markup: a name may contain brackets
-    _console().print(table)
+    width = terminal_width(sys.stdout)
+    for part in fitting_parts(columns, rows, width, cell_len, names, numbers):
+        # Lines between the rows, where a name would not show at which line it begins.
+        several_lines = any("\n" in name for row in part.rows for name in row[: part.names])
+        table = Table(show_lines=several_lines)
+        for place, name in enumerate(part.columns):
+            justify: JustifyMethod = "right" if numbers and place >= part.names else "left"
+            table.add_column(Text(name), justify=justify, no_wrap=True)
+        for row in part.rows:
+            table.add_row(*map(Text, row))  # `Text` has no markup: a name may contain brackets
+        # The layout has broken the lines: Rich must not break them again.
+        _console(width=max(width, part.width(cell_len))).print(table, soft_wrap=True)
 
 
 def show_report_table(table: ReportTable) -> None:
     """Print a table of a report with its title, introduction and notes, after a blank line."""
     print_wrapped("", table.title, *table.head)
-    show_table(table.columns, table.rows)
+    show_table(table.columns, table.rows, names=table.names)
     print_wrapped(*table.notes)

@@ -13,7 +13,7 @@ from types import ModuleType
 from ..checkout import folder_of_checkout
 from ..errors import DataError, did_you_mean
 from ..files import read_text
-from .console import ENDINGS, OneLineParser, exit_code, print_lines, show_table
+from .console import ENDINGS, OneLineParser, exit_code, print_wrapped, show_table
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -30,7 +30,7 @@ def _data(options: argparse.Namespace) -> int:
     purposes = scripts()
     if options.name is None:
         show_table(["script", "purpose"], [[*row] for row in purposes.items()], numbers=False)
-        print_lines("vo data NAME --help: options and examples of a script")
+        print_wrapped("vo data NAME --help: options and examples of a script")
         return 0
     if options.name not in purposes:
         near = did_you_mean(options.name, purposes)

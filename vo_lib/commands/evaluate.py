@@ -28,7 +28,7 @@ from ..report.path_tables import (
 from ..report.paths import GIVE_TRUTH, ComparedPaths, PathsWithoutTruth, read_paths
 from ..runs.folder import POSES, POSES_TUM, changed_files, run_folder
 from .common import changed_words, parse_delta, parse_lengths, parse_whole, require_drawing
-from .console import print_lines, print_wrapped, show_report_table, warn
+from .console import print_wrapped, show_report_table, warn
 
 EVALUATION = "evaluation.json"
 DEFAULT_ALIGNMENT = "se3"
@@ -191,5 +191,5 @@ def _evaluate(options: argparse.Namespace) -> int:
         print_wrapped(f"For errors, {GIVE_TRUTH}.")
     if options.out is not None:
         print_wrapped(*missing)
-        print_lines(f"written to {options.out}")
+        print_wrapped(f"written to {options.out}")
     return 0

@@ -99,7 +99,9 @@ def _lab(options: argparse.Namespace) -> int:
     _refuse_root(options.jupyter)
     from jupyterlab.labapp import LabApp  # type: ignore[import-untyped]
 
-    print_lines(f"The course is in {folder}. JupyterLab opens {FIRST_NOTEBOOK}; press Ctrl-C twice to quit.")
+    print_wrapped(
+        f"The course is in {folder}. JupyterLab opens {FIRST_NOTEBOOK}; press Ctrl-C twice to quit."
+    )
     with suppress(OSError, ValueError):  # settings that cannot be read or written: it opens as usual
         _collapse_sidebar()
     LabApp.serverapp_config = {"tornado_settings": {"page_config_hook": _without_news}}

@@ -15,7 +15,7 @@ from ..errors import DataError
 from ..evaluation.kitti_errors import trajectory_distances
 from ..files import folder_size
 from ..report.page import NO_NUMBER
-from .console import print_lines, print_wrapped, show_table
+from .console import print_wrapped, show_table
 
 COLUMNS = ["name", "frames", "length m", "truth", "boxes", "image px", "MB"]
 
@@ -37,8 +37,8 @@ def _list(options: argparse.Namespace) -> int:
             rows.append([name, *[NO_NUMBER] * (len(COLUMNS) - 1)])
             problems.append(f"{name} is not usable: {error}")
     show_table(COLUMNS, rows)
-    print_lines("A scene without a size in MB is drawn on first use.", f"drawn scenes: {cache_folder()}")
-    print_lines(*(f"KITTI: {root / 'sequences'}" for root in kitti_roots()), *problems)
+    print_wrapped("A scene without a size in MB is drawn on first use.", f"drawn scenes: {cache_folder()}")
+    print_wrapped(*(f"KITTI: {root / 'sequences'}" for root in kitti_roots()), *problems)
     if not any(name.startswith(KITTI) for name, *_ in rows):
         print_wrapped(
             f"no KITTI sequences in {kitti_places()}; `vo check` lists the commands that download them"

@@ -51,7 +51,7 @@ from ..runs.folder import has_runs, read_run, run_folder
 from ..runs.jobs import Job
 from ..runs.match_cache import CachedMatches
 from . import close_loops, common, vehicle_boxes
-from .console import print_lines, print_wrapped, reporting, show_report_table
+from .console import print_wrapped, reporting, show_report_table
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -156,9 +156,9 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
     print_wrapped("", *result.problems, *conclusions)
     common.note_repeated_runs(outcomes)
     print_wrapped(*kitti_duration(jobs, durations))
-    print_lines(f"Report with figures: {folder / REPORT}")
+    print_wrapped(f"Report with figures: {folder / REPORT}")
     if any(entry.is_whole for entry in result.entries):
-        print_lines(f"Record for chapter 7 and for others: {folder / RECORD}")
+        print_wrapped(f"Record for chapter 7 and for others: {folder / RECORD}")
     return int(bool(result.failed or (missing and options.missing != "ok")))
 
 

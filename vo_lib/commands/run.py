@@ -44,7 +44,6 @@ from .console import (
     SETTINGS_PAGE,
     add_option,
     from_options,
-    print_lines,
     print_wrapped,
     reporting,
     show_report_table,
@@ -139,14 +138,14 @@ def _run(options: argparse.Namespace) -> int:
         write_atomic(folder / PICTURE, png(picture))
     _print_result(result, method, paths)
     if closure is not None:
-        print_lines(f"loops closed: {len(loop_pairs)} (not in the paper); see {LOOPS_POSES} and {LOOPS}")
-    print_lines(f"written to {folder}")
+        print_wrapped(f"loops closed: {len(loop_pairs)} (not in the paper); see {LOOPS_POSES} and {LOOPS}")
+    print_wrapped(f"written to {folder}")
     if options.video is not None:
         film = Film(options.video, result, label, loop_pairs, method)
         common.draw_with_bar(film, film_frames(result, matches, calibration))
-        print_lines(f"film: {options.video}")
+        print_wrapped(f"film: {options.video}")
     if read_back:
-        print_lines("The folder contains this run already; --fresh repeats the run.")
+        print_wrapped("The folder contains this run already; --fresh repeats the run.")
     elif changed:
         print_wrapped(f"note: {common.changed_words(changed)} in {folder}, so the run was computed again")
     return 0

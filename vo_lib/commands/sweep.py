@@ -28,7 +28,7 @@ from ..runs.durations import Durations
 from ..runs.folder import has_runs, run_folder
 from ..runs.jobs import Job, Outcome
 from . import common, vehicle_boxes
-from .console import print_lines, reporting, show_report_table
+from .console import print_wrapped, reporting, show_report_table
 
 TABLE = "sweep.csv"
 
@@ -115,7 +115,7 @@ def _sweep(options: argparse.Namespace) -> int:
     for sweep in sweeps:
         show_report_table(sweep_table(sweep))
         common.note_repeated_runs(sweep.outcomes)
-    print_lines(f"written to {folder}: {', '.join([TABLE, *drawn])}")
+    print_wrapped(f"written to {folder}: {', '.join([TABLE, *drawn])}")
     return int(any(record["failed"] for sweep in sweeps for record in sweep.records))
 
 

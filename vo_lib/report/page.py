@@ -20,7 +20,7 @@ FEW_NOTE = f"few: fewer than {FEW_SUBSEQUENCES} sub-sequences, so a single place
 
 @dataclass(frozen=True)
 class ReportTable:
-    """A table of formatted cells, some with a line break; the first column has the rows' names.
+    """A table of formatted cells, some with a line break; the first `names` columns name the rows.
 
     `head` : sentences above the table; `notes` : sentences below the table.
     """
@@ -30,6 +30,7 @@ class ReportTable:
     rows: list[list[str]]
     notes: list[str]
     head: list[str] = field(default_factory=list)
+    names: int = 1
 
 
 def without_empty_columns(table: ReportTable) -> ReportTable:

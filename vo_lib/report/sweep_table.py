@@ -297,7 +297,8 @@ def sweep_table(sweep: Sweep) -> ReportTable:
         )
     elif not sweep.has_numbers:
         notes.append("No errors and no heat map: the path is shorter than every sub-sequence.")
-    return without_empty_columns(ReportTable(sweep.title, columns, rows, [*notes, *sweep.notes]))
+    table = ReportTable(sweep.title, columns, rows, [*notes, *sweep.notes], names=len(sweep.axes))
+    return without_empty_columns(table)
 
 
 def heat_map(sweep: Sweep) -> bytes:

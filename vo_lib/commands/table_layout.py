@@ -1,0 +1,194 @@
+"""Tables that fit into a terminal: where cells may break, and where a table is split into several.
+
+A number is never broken, nor parted from its ±. A heading breaks only at blanks. The names of the rows break
+at blanks and, if they must, behind a comma, a slash or the like. What is still too wide is split: each of
+the tables then has the names of the rows and some of the other columns.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+GLUE = "\N{NO-BREAK SPACE}"
+BORDERS = 3  # characters of a column that are not text: a line, and a blank on each side
+LONGEST_NUMBER = 30  # characters; a longer cell is a text, which may break at blanks
+LEAST_NAME = 24  # characters of a name beside which no other break is found
+JOINED = "settings"  # heading of the names of the rows in one column, "name=value" below each other
+_PIECE = re.compile(r"[^,;/=_.+-]*[,;/=_.+-]*")
+
+Width = Callable[[str], int]  # of a text in the terminal: some letters take two columns
+
+
+@dataclass(frozen=True)
+class TablePart:
+    """A table whose cells are broken into lines that are short enough.
+
+    `names` : number of columns, from the first one, that name the rows.
+    """
+
+    columns: list[str]
+    rows: list[list[str]]
+    names: int
+
+    def width(self, width_of: Width) -> int:
+        """The width of the table with its borders."""
+        widths = []
+        for place, heading in enumerate(self.columns):
+            cells = [heading, *(row[place] for row in self.rows)]
+            widths.append(max(width_of(line) for cell in cells for line in cell.split("\n")))
+        return _total(widths)
+
+
+def glued(text: str) -> str:
+    """A text in which a number and its deviation, and a command between backquotes, have no usual blanks."""
+    text = re.sub(r" ?± ?", lambda found: found[0].replace(" ", GLUE), text)
+    return re.sub(r"`[^`\n]{1,60}`", lambda found: found[0].replace(" ", GLUE), text)
+
+
+def fitting_parts(
+    columns: list[str],
+    rows: list[list[str]],
+    width: int,
+    width_of: Width,
+    names: int = 1,
+    numbers: bool = True,
+) -> list[TablePart]:
+    """A table as one or several that have at most `width` columns of the terminal, as far as possible.
+
+    Parameters
+    ----------
+    columns, rows : headings and cells; a cell may have several lines.
+    names : number of columns, from the first one, that name the rows.
+    numbers : whether the other columns have numbers, which are not broken, or texts.
+    """
+    table = TablePart([glued(name) for name in columns], [list(map(glued, row)) for row in rows], names)
+    candidates = [table]
+    if names > 1:
+        candidates.append(_with_one_name(table))
+    for least_name in (None, LEAST_NAME):
+        for candidate in candidates:
+            measured = _Measured.of(candidate, width_of, numbers, least_name)
+            if _total(measured.least) <= width:
+                return [_broken(candidate, measured.widths(width), width_of)]
+    split = [_split(candidate, width, width_of, numbers) for candidate in candidates]
+    return min(split, key=len)
+
+
+@dataclass(frozen=True)
+class _Measured:
+    """Widths of the columns of a table: the least ones, and those without any break."""
+
+    least: list[int]
+    whole: list[int]
+
+    @classmethod
+    def of(cls, table: TablePart, width_of: Width, numbers: bool, least_name: int | None) -> _Measured:
+        """The widths of a table; with `least_name`, longer names may break within words."""
+        least = []
+        whole = []
+        for place, heading in enumerate(table.columns):
+            cells = [line for row in table.rows for line in row[place].split("\n")]
+            longest = max(map(width_of, cells), default=0)
+            is_name = place < table.names
+            if numbers and not is_name and longest <= LONGEST_NUMBER:
+                of_cells = longest
+            else:
+                of_cells = max((width_of(word) for cell in cells for word in cell.split(" ")), default=0)
+                if is_name or not numbers:
+                    of_cells = min(of_cells, least_name or of_cells)
+            of_heading = max(width_of(word) for word in heading.split(" "))
+            least.append(max(of_cells, of_heading))
+            whole.append(max(longest, width_of(heading)))
+        return cls(least, whole)
+
+    def widths(self, width: int) -> list[int]:
+        """Widths from `least` to `whole` within `width`; the columns that lack least are filled first."""
+        widths = list(self.least)
+        rest = width - _total(widths)
+        for place in sorted(range(len(widths)), key=lambda place: self.whole[place] - self.least[place]):
+            more = min(rest, self.whole[place] - widths[place])
+            widths[place] += more
+            rest -= more
+        return widths
+
+
+def _total(widths: Iterable[int]) -> int:
+    """The width of a table with its borders."""
+    return 1 + sum(width + BORDERS for width in widths)
+
+
+def _with_one_name(table: TablePart) -> TablePart:
+    """The table with all names of a row in one column, a line for each."""
+    headings = table.columns[: table.names]
+    rows = []
+    for row in table.rows:
+        lines = [f"{heading}={name}" for heading, name in zip(headings, row, strict=False)]
+        rows.append(["\n".join(lines), *row[table.names :]])
+    return TablePart([JOINED, *table.columns[table.names :]], rows, 1)
+
+
+def _split(table: TablePart, width: int, width_of: Width, numbers: bool) -> list[TablePart]:
+    """Tables with the names of the rows and as many of the other columns as there is room for."""
+    measured = _Measured.of(table, width_of, numbers, LEAST_NAME)
+    of_names = list(range(table.names))
+    groups: list[list[int]] = []
+    for place in range(table.names, len(table.columns)):
+        if groups and _total(measured.least[k] for k in [*of_names, *groups[-1], place]) <= width:
+            groups[-1].append(place)
+        else:
+            groups.append([place])
+    parts = []
+    for group in groups or [[]]:
+        chosen = [*of_names, *group]
+        part = TablePart(
+            [table.columns[k] for k in chosen], [[row[k] for k in chosen] for row in table.rows], table.names
+        )
+        of_part = _Measured([measured.least[k] for k in chosen], [measured.whole[k] for k in chosen])
+        parts.append(_broken(part, of_part.widths(width), width_of))
+    return parts
+
+
+def _broken(table: TablePart, widths: list[int], width_of: Width) -> TablePart:
+    """The table with the lines of its headings and cells broken to these widths."""
+    headings = [broken(name, width, width_of) for name, width in zip(table.columns, widths, strict=True)]
+    rows = []
+    for row in table.rows:
+        rows.append([broken(cell, width, width_of) for cell, width in zip(row, widths, strict=True)])
+    return TablePart(headings, rows, table.names)
+
+
+def broken(text: str, width: int, width_of: Width) -> str:
+    """A text in lines of at most `width`, broken at blanks or, in a longer word, behind punctuation."""
+    lines = []
+    for line in text.split("\n"):
+        current = ""
+        for word in line.split(" "):
+            if current and width_of(current) + 1 + width_of(word) <= width:
+                current += f" {word}"
+                continue
+            if current:
+                lines.append(current)
+            *full, current = _broken_word(word, width, width_of)
+            lines += full
+        lines.append(current)
+    return "\n".join(lines).replace(GLUE, " ")
+
+
+def _broken_word(word: str, width: int, width_of: Width) -> list[str]:
+    """A word in pieces of at most `width`: behind punctuation, or anywhere in a piece without it."""
+    if width_of(word) <= width:
+        return [word]
+    lines = [""]
+    for piece in _PIECE.findall(word):
+        if width_of(lines[-1] + piece) <= width:
+            lines[-1] += piece
+            continue
+        if lines[-1]:
+            lines.append("")
+        for letter in piece:
+            if lines[-1] and width_of(lines[-1] + letter) > width:
+                lines.append("")
+            lines[-1] += letter
+    return lines
