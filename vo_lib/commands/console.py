@@ -41,6 +41,7 @@ ENDINGS = (
 # How to type the parameter that a `DataError` names as its remedy.
 REMEDIES = {
     "fresh": ", or replace the run with --fresh",
+    "fresh runs": " with --out, or replace the runs with --fresh",
     "replace": ", or add --replace",
     "variant kit": ": add --variant kit",
     "variant published": ": add --variant published",

@@ -48,7 +48,7 @@ from ..report.table1_page import (
 )
 from ..runs.durations import Durations
 from ..runs.folder import has_runs, read_run, run_folder
-from ..runs.jobs import Job
+from ..runs.jobs import Job, refuse_other_runs
 from ..runs.match_cache import CachedMatches
 from . import close_loops, common, vehicle_boxes
 from .console import print_wrapped, reporting, show_report_table
@@ -118,6 +118,9 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
         refuse_foreign(folder, table_files(blocks, [sequence.name for sequence in opened]), own)
         stack.enter_context(only_process(folder))
         opener = vehicle_boxes.Opener(opened, options, durations)
+        if not options.fresh:  # another detector is refused before it detects
+            planned = plan_cells(blocks, methods, opener.names, seeds, folder, opener.undetected)
+            refuse_other_runs(jobs_of(planned), opener.detector_of)
         cells = plan_cells(blocks, methods, opener.names, seeds, folder, opener)
         jobs = jobs_of(cells)
         workers = common.parse_jobs(options.jobs, len(jobs))

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from .. import settings
 from ..config import SETTINGS, change, preset
+from ..detection.label_folders import detection_record
 from ..detection.settings import DetectorConfig
 from ..errors import DataError
 from ..evaluation.kitti_errors import suitable_protocol
@@ -37,7 +38,8 @@ from ..runs.folder import (
     run_folder,
     warnings_of,
 )
-from ..runs.jobs import run_once
+from ..runs.identity import run_identity
+from ..runs.jobs import refuse_another, run_once
 from ..runs.match_cache import CachedMatches
 from . import close_loops, common, vehicle_boxes
 from .console import (
@@ -119,6 +121,12 @@ def _run(options: argparse.Namespace) -> int:
     label = f"{sequence.name}, {method}, {config.variant}"
     with run_folder(options.out) as folder:
         changed = _check_folder(folder, options)
+        if options.detector is not None and not options.fresh and is_finished(folder):
+            identity = run_identity(sequence, config, method, calibration)
+            detector = detection_record(
+                options.detector, detector_config, config.filter.classes, options.provider
+            )
+            refuse_another(folder, identity, detector)  # before it detects
         sequence = _with_boxes(sequence, options, method, config, detector_config)
         matches = CachedMatches(sequence, config, options.cache) if options.keep_matches else None
         with reporting(label) as report:

@@ -19,6 +19,7 @@ from ..report.sweep_table import (
     DEFAULT_SETTINGS,
     Sweep,
     heat_map,
+    planned_jobs,
     refuse_unused,
     run_sweep,
     sweep_table,
@@ -26,7 +27,7 @@ from ..report.sweep_table import (
 from ..report.table1 import is_own_table, slug
 from ..runs.durations import Durations
 from ..runs.folder import has_runs, run_folder
-from ..runs.jobs import Job, Outcome
+from ..runs.jobs import Job, Outcome, refuse_other_runs
 from . import common, vehicle_boxes
 from .console import print_wrapped, reporting, show_report_table
 
@@ -85,18 +86,21 @@ def _sweep(options: argparse.Namespace) -> int:
     if len({sequence.name for sequence in opened}) < len(opened):
         raise DataError("two sequences have the same name: sweep them separately")
     opener = vehicle_boxes.Opener(opened, options, durations)
-    runs = []
-    for config in bases.values():
-        for changes in combinations(axes):
-            of_cell = changed(config, changes)
-            runs += [(opener(name, of_cell), of_cell) for name in opener.names]
-    vehicle_boxes.warn_without_boxes(runs)
-    vehicle_boxes.note_label_remarks(runs, vehicle_boxes.TYPED_SET_CLASSES)
     maps = [_map_name(name, opener.names) for name in opener.names]
     with ExitStack() as stack:
         folder = stack.enter_context(run_folder(options.out))
         own = is_own_table(folder / TABLE) or has_runs(folder / CELLS)
         refuse_foreign(folder, (TABLE, *maps), own)  # before the lock, which marks the folder as the kit's
+        if not options.fresh:  # another detector is refused before it detects
+            planned = planned_jobs(opener.names, bases, axes, seeds, folder, opener.undetected)
+            refuse_other_runs(planned, opener.detector_of)
+        runs = []
+        for config in bases.values():
+            for changes in combinations(axes):
+                of_cell = changed(config, changes)
+                runs += [(opener(name, of_cell), of_cell) for name in opener.names]
+        vehicle_boxes.warn_without_boxes(runs)
+        vehicle_boxes.note_label_remarks(runs, vehicle_boxes.TYPED_SET_CLASSES)
         stack.enter_context(only_process(folder))
         with reporting(f"{', '.join(opener.names)}; {', '.join(methods)}") as report:
 

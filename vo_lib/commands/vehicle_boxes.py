@@ -8,18 +8,20 @@ import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from ..data.catalogue import SYNTHETIC
 from ..data.class_names import ClassesError
 from ..data.label_remarks import label_remarks, missing_labels
 from ..data.sequence import Sequence
-from ..detection.label_folders import labelled_sequence
+from ..detection.label_folders import detection_record, labelled_sequence
 from ..detection.settings import DetectorConfig
 from ..detection.yolo import PROVIDERS
 from ..errors import DataError
 from ..geometry.boxes import VEHICLES
 from ..paper.settings import MethodConfig
 from ..runs.durations import DETECTION, Durations, Task
+from ..runs.jobs import Job
 from .console import continues_when_repeated, print_wrapped, reporting
 
 DETECT = "For boxes, add `--detector MODEL`, an ONNX file or a model of `vo data get_detector`."
@@ -64,19 +66,38 @@ class Opener:
         self._options = options
         self._boxed: dict[tuple[str, tuple[str, ...]], Sequence] = {}
         self._durations = durations
+        self._missing: dict[str, int] = {}
+
+    def undetected(self, name: str, config: MethodConfig) -> Sequence:
+        """The sequence as it was opened, without the boxes of --detector."""
+        return self._sequences[name]
+
+    def detector_of(self, job: Job) -> dict[str, Any] | None:
+        """The record of --detector if it is to detect the boxes of a job; otherwise None."""
+        if self._options.detector is None or not self._missing_labels(job.sequence):
+            return None
+        return detection_record(
+            self._options.detector, DetectorConfig(), job.config.filter.classes, self._options.provider
+        )
 
     def __call__(self, name: str, config: MethodConfig) -> Sequence:
         """The sequence with its labels if every image has a label file, else with the boxes of --detector."""
         sequence = self._sequences[name]
-        if self._options.detector is None or not missing_labels(sequence):
+        if self._options.detector is None or not self._missing_labels(sequence):
             return sequence
         key = (name, config.filter.classes)
         if key not in self._boxed:
             self._boxed[key] = self._detected(sequence, config)
         return self._boxed[key]
 
+    def _missing_labels(self, sequence: Sequence) -> int:
+        """The number of images without a label file, which is counted once."""
+        if sequence.name not in self._missing:
+            self._missing[sequence.name] = len(missing_labels(sequence))
+        return self._missing[sequence.name]
+
     def _detected(self, sequence: Sequence, config: MethodConfig) -> Sequence:
-        missing = len(missing_labels(sequence))
+        missing = self._missing_labels(sequence)
         if sequence.labels is not None:
             print_wrapped(
                 f"note: {sequence.name}: {missing} of {len(sequence)} images have no label file, so the "

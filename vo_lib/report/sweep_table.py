@@ -127,19 +127,8 @@ def run_sweep(
     A sweep for each sequence.
     """
     refuse_unused(bases, axes)
-    cells = list[_SweepCell]()
-    defaults: dict[tuple[str, str], _SweepCell] = {}
-    for name, (method, base) in itertools.product(sequences, bases.items()):
-        of_method = [
-            _make_cell(opened, name, method, base, changes, seeds, folder) for changes in combinations(axes)
-        ]
-        cells += of_method
-        if of_method[0].sequence.truth is None:
-            same = [cell for cell in of_method if cell.config == base]
-            default = same[0] if same else _make_cell(opened, name, method, base, (), seeds, folder)
-            defaults[name, method] = default
-    jobs = [job for cell in [*cells, *defaults.values()] for job in cell.jobs]
-    outcomes = run(list({job.folder: job for job in jobs}.values()))
+    cells, defaults = _plan(sequences, bases, axes, seeds, folder, opened)
+    outcomes = run(_jobs_of(cells, defaults))
     errors = {outcome.job.folder: outcome.error for outcome in outcomes}
     sweeps = []
     for name in sequences:
@@ -160,6 +149,47 @@ def run_sweep(
         has_truth = sequence.truth is not None
         sweeps.append(Sweep(title, table_axes, records, done, has_truth, tuple(notes), reference))
     return sweeps
+
+
+def planned_jobs(
+    sequences: list[str],
+    bases: Mapping[str, MethodConfig],
+    axes: Axes,
+    seeds: int,
+    folder: Path,
+    opened: Callable[[str, MethodConfig], Sequence],
+) -> list[Job]:
+    """The jobs that `run_sweep` does with these parameters."""
+    return _jobs_of(*_plan(sequences, bases, axes, seeds, folder, opened))
+
+
+def _plan(
+    sequences: list[str],
+    bases: Mapping[str, MethodConfig],
+    axes: Axes,
+    seeds: int,
+    folder: Path,
+    opened: Callable[[str, MethodConfig], Sequence],
+) -> tuple[list[_SweepCell], dict[tuple[str, str], _SweepCell]]:
+    """The cells of a sweep, and those of `bases` by sequence without truth and method."""
+    cells = list[_SweepCell]()
+    defaults: dict[tuple[str, str], _SweepCell] = {}
+    for name, (method, base) in itertools.product(sequences, bases.items()):
+        of_method = [
+            _make_cell(opened, name, method, base, changes, seeds, folder) for changes in combinations(axes)
+        ]
+        cells += of_method
+        if of_method[0].sequence.truth is None:
+            same = [cell for cell in of_method if cell.config == base]
+            default = same[0] if same else _make_cell(opened, name, method, base, (), seeds, folder)
+            defaults[name, method] = default
+    return cells, defaults
+
+
+def _jobs_of(cells: list[_SweepCell], defaults: Mapping[tuple[str, str], _SweepCell]) -> list[Job]:
+    """The jobs of cells, each once."""
+    jobs = [job for cell in [*cells, *defaults.values()] for job in cell.jobs]
+    return list({job.folder: job for job in jobs}.values())
 
 
 def _make_cell(

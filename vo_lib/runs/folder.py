@@ -16,6 +16,7 @@ import numpy as np
 from .. import settings
 from ..config import config_class
 from ..data.kitti import has_images
+from ..data.label_names import DETECTOR_RECORD
 from ..data.pose_times import FRAME_INTERVALS_S
 from ..data.poses import format_kitti_poses, format_tum, read_kitti_poses
 from ..data.sequence import Sequence
@@ -48,6 +49,8 @@ POSES = "poses.txt"
 POSES_TUM = "poses_tum.txt"
 CALIBRATION = "calibration.json"
 PICTURE = "trajectory.png"
+DETECTOR_OF_BOXES = "detector_of_boxes"  # in config.json: which detector, if it was one
+DETECTOR_INPUTS = ("model", "sha256", "provider", "settings", "classes")  # of the record that are kept there
 MAX_CONTRADICTED_SHARE = 0.1  # of the frames; a run with more is told that its path is probably wrong
 # Only after the closing of loops.
 LOOPS = "loops.csv"
@@ -175,10 +178,20 @@ def write_run(folder: Path, result: Run, identity: dict[str, Any]) -> None:
             write_atomic(draft / CALIBRATION, result.calibration.to_json())
         write_atomic(draft / METRICS, _json(metrics))
         digests = {path.name: file_sha256(path) for path in sorted(draft.iterdir())}
-        about = {"timing": timing(result), "machine_info": machine_info(), "files": digests}
+        about: dict[str, Any] = {"timing": timing(result), "machine_info": machine_info(), "files": digests}
+        about[DETECTOR_OF_BOXES] = _detector_of_boxes(result)
         write_atomic(
             draft / (CONFIG + DRAFT), _json(identity | about | {"folder": str(sequence.folder.resolve())})
         )
+
+
+def _detector_of_boxes(result: Run) -> dict[str, Any] | None:
+    """The record of the detector that wrote the run's boxes; None for other labels, or without boxes."""
+    labels = result.sequence.labels
+    if labels is None or not result.config.filter.uses_boxes or not (labels / DETECTOR_RECORD).is_file():
+        return None
+    record = read_mapping(labels / DETECTOR_RECORD, "the record of a detector")
+    return {name: record[name] for name in DETECTOR_INPUTS if name in record}
 
 
 def path_lost(result: Run) -> bool:

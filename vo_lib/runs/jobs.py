@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 import time
 import traceback
@@ -23,6 +24,7 @@ from ..parallel import local_pool
 from .drive import Run, run_methods, single_threaded
 from .durations import Durations, Task
 from .folder import (
+    DETECTOR_OF_BOXES,
     changed_files,
     delete_unfinished,
     has_runs,
@@ -34,7 +36,7 @@ from .folder import (
     write_run,
 )
 from .front_end import TimedMatches
-from .identity import images_digest, run_identity
+from .identity import NOT_USED, images_digest, run_identity
 from .match_cache import CachedMatches
 
 if TYPE_CHECKING:
@@ -74,7 +76,7 @@ def run_once(
     identity = run_identity(sequence, config, method, calibration)
     with only_process(folder):
         if is_finished(folder) and not fresh:
-            _refuse_another(folder, identity)
+            refuse_another(folder, identity)
             if not changed_files(folder):
                 return read_run(folder, sequence), True
         delete_unfinished(folder)
@@ -83,19 +85,23 @@ def run_once(
     return result, False
 
 
-def _refuse_another(folder: Path, identity: dict[str, Any]) -> None:
-    """Raise `DataError` with the differences if the folder contains a run with another identity."""
-    stored = dict(_flat(read_config(folder)))
-    expected = dict(_flat(identity))
-    del expected["sequence"]  # the name may change
-    if differences := [name for name, value in expected.items() if stored.get(name) != value]:
-        more = f" and {len(differences) - 3} more" if len(differences) > 3 else ""
+def refuse_another(folder: Path, identity: dict[str, Any], detector: dict[str, Any] | None = None) -> None:
+    """Raise `DataError` with the differences if the folder contains a run with another identity.
+
+    detector : as in `inputs_that_differ`.
+    """
+    if differing := inputs_that_differ(folder, identity, detector):
         raise DataError(
-            f"the folder contains another run, which differs in {', '.join(differences[:3])}{more}; "
-            "choose another folder",
+            f"the folder contains another run, which differs in {_few_of(differing)}; choose another folder",
             folder,
             remedy="fresh",
         )
+
+
+def _few_of(names: list[str]) -> str:
+    """The first of some names, and how many there are more."""
+    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+    return f"{', '.join(names[:3])}{more}"
 
 
 def _flat(mapping: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -129,6 +135,69 @@ class Job:
     def name(self) -> str:
         """Sequence, method, settings and seed, for messages."""
         return f"{self.sequence.name}, {self.system}, seed {self.config.seed}"
+
+
+def refuse_other_runs(
+    jobs: Iterable[Job], detector_of: Callable[[Job], dict[str, Any] | None] = lambda job: None
+) -> None:
+    """Raise one `DataError` if folders of the jobs contain finished runs with other inputs.
+
+    detector_of : the record of the detector (`label_folders.detection_record`) whose boxes a job will get, or
+        None for a job that has its boxes. So a table with another detector is refused before it detects.
+    """
+    refused: dict[Path, list[str]] = {}
+    identities: dict[tuple[int, MethodConfig, str], dict[str, Any]] = {}
+    for job in jobs:
+        if not is_finished(job.folder):
+            continue
+        key = (id(job.sequence), replace(job.config, seed=0), job.method)
+        if key not in identities:  # the seeds share all that has to be read
+            identities[key] = run_identity(job.sequence, job.config, job.method)
+        identity = identities[key] | {"settings": identities[key]["settings"] | {"seed": job.config.seed}}
+        if differing := inputs_that_differ(job.folder, identity, detector_of(job)):
+            refused[job.folder] = differing
+    if not refused:
+        return
+    names = list(dict.fromkeys(name for differing in refused.values() for name in differing))
+    count = len(refused)
+    start = "a finished run here differs" if count == 1 else f"{count} finished runs here differ"
+    raise DataError(
+        f"{start} in {_few_of(names)} from the runs to do, so nothing was computed; choose another folder",
+        os.path.commonpath(refused),
+        remedy="fresh runs",
+    )
+
+
+def inputs_that_differ(
+    folder: Path, identity: dict[str, Any], detector: dict[str, Any] | None = None
+) -> list[str]:
+    """Names of the inputs of a finished run in a folder that are not those of an identity.
+
+    detector : the record of the detector whose boxes a run of this identity will get, instead of its labels.
+    """
+    stored = dict(_flat(read_config(folder)))
+    expected = dict(_flat(identity))
+    del expected["sequence"]  # the name may change
+    has_other_detector = False
+    if detector is not None and expected["labels"] != NOT_USED:
+        del expected["labels"]
+        has_other_detector = _has_other_detector(folder, detector)
+    differing = [name for name, value in expected.items() if stored.get(name) != value]
+    return ["detector", *differing] if has_other_detector else differing
+
+
+def _has_other_detector(folder: Path, detector: dict[str, Any]) -> bool:
+    """Whether the boxes of a finished run are certainly not those of a detector with this record.
+
+    A run of an earlier version has no record of its detector: then the boxes decide, when they are there.
+    """
+    stored = read_config(folder)
+    if DETECTOR_OF_BOXES not in stored:
+        return False
+    record = stored[DETECTOR_OF_BOXES]
+    if not isinstance(record, dict):
+        return True  # labels of another origin, or no boxes at all
+    return any(record.get(name) != value for name, value in detector.items() if name != "model")
 
 
 @dataclass(frozen=True)
@@ -172,12 +241,15 @@ def run_jobs(
     -------
     An outcome for each job, in order; a failure does not stop the other jobs.
 
-    Raises `DataError` if two jobs share a folder, the scheduler cannot be reached, or a worker process is
-    killed; a second call then does the unfinished runs.
+    Raises `DataError` if two jobs share a folder, if a folder contains a finished run with other inputs, if
+    the scheduler cannot be reached, or if a worker process is killed; a second call then does the unfinished
+    runs.
     """
     jobs = [replace(job, folder=job.folder.resolve()) for job in jobs]
     if len({job.folder for job in jobs}) < len(jobs):
         raise DataError("two jobs share a folder")
+    if not fresh:
+        refuse_other_runs(jobs)
     cache = None if cache is None else cache.resolve()
     durations = Durations() if durations is None else durations
     changed = {job.folder: () if fresh else tuple(changed_files(job.folder)) for job in jobs}

@@ -1,0 +1,108 @@
+"""A folder with the runs of other inputs is refused in one line, before anything is detected or matched."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from conftest import HEIGHT, WIDTH, write_bands
+from tiny_onnx import write_answering
+
+from vo_lib.commands.cli import main
+from vo_lib.detection.network_image import yolox_cells
+from vo_lib.runs.folder import DETECTOR_OF_BOXES
+
+SMALL = ["--methods", "mesvo_f,feature_selection", "--variant", "published", "--seeds", "2"]
+COMMANDS = {
+    "reproduce": ["reproduce", *SMALL, "--sequences"],
+    "sweep": ["sweep", *SMALL, "--set", "selection.sets=10,20", "--sequence"],
+    "run": ["run"],
+}
+
+
+@pytest.fixture
+def street(tmp_path: Path) -> Path:
+    """A folder with a sequence, two detectors of the same kind, a mask and two folders of labels."""
+    bands = write_bands(tmp_path / "street")
+    for name, score in (("a", 0.0), ("b", 0.001)):  # both find nothing, in different files
+        answer = np.full((1, 5, yolox_cells(64, 64)), score, np.float32)
+        write_answering(tmp_path / f"{name}.onnx", answer, names="['car']")
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "000002.txt").write_text(f"2 0.5 0.5 0.4 0.{4 if name == 'a' else 5} 0.9\n")
+    cv2.imwrite(str(tmp_path / "mask.png"), np.eye(HEIGHT, WIDTH, dtype=np.uint8))
+    return bands
+
+
+def change_images(bands: Path) -> None:
+    image = cv2.imread(str(bands / "image_0" / "000002.png"), cv2.IMREAD_GRAYSCALE)
+    assert image is not None
+    cv2.imwrite(str(bands / "image_0" / "000002.png"), 255 - image)
+
+
+def change_calibration(bands: Path) -> None:
+    path = bands / "calib.txt"
+    path.write_text(path.read_text(encoding="utf-8").replace("-150.0", "-160.0"), encoding="utf-8")
+
+
+def nothing(bands: Path) -> None:
+    pass
+
+
+CHANGES: dict[str, tuple[str, str, Callable[[Path], None]]] = {
+    "detector": ("--detector a.onnx", "--detector b.onnx", nothing),
+    "detector ": ("", "--detector b.onnx", nothing),
+    "detector  ": ("--labels a", "--detector b.onnx", nothing),
+    "labels": ("--labels a", "--labels b", nothing),
+    "labels ": ("--detector a.onnx", "", nothing),
+    "masks": ("", "--masks mask.png", nothing),
+    "images": ("--detector a.onnx", "--detector a.onnx", change_images),
+    "camera.baseline": ("--detector a.onnx", "--detector a.onnx", change_calibration),
+}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("what", CHANGES)
+def test_other_inputs_are_refused_before_the_work(
+    street: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], command: str, what: str
+) -> None:
+    first, second, change = CHANGES[what]
+    monkeypatch.chdir(street.parent)
+    words = [*COMMANDS[command], str(street), "--out", "out", "--cache", "cache"]
+    assert main([*words, *first.split()]) == 0
+    before = sorted(str(path) for path in Path("cache").rglob("*"))
+    change(street)
+    capsys.readouterr()
+    assert main([*words, *second.split()]) == 2
+    error = capsys.readouterr().err
+    assert len(error.splitlines()) == 1
+    assert f"in {what.strip()}" in error
+    assert "--fresh" in error
+    assert "choose another folder" in error
+    assert re.match(r"vo: error: (\S*/)?out[:/]", error)
+    assert sorted(str(path) for path in Path("cache").rglob("*")) == before
+    if what == "detector":  # the same inputs as before are no others
+        assert main([*words, *first.split()]) == 0
+        assert main([*words, *second.split(), "--fresh"]) == 0
+
+
+def test_the_boxes_decide_about_a_run_without_a_record_of_its_detector(
+    street: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(street.parent)
+    words = [*COMMANDS["reproduce"], str(street), "--out", "out", "--cache", "cache"]
+    assert main([*words, "--detector", "a.onnx"]) == 0
+    for path in Path("out").rglob("config.json"):
+        config = json.loads(path.read_text(encoding="utf-8"))
+        del config[DETECTOR_OF_BOXES]
+        path.write_text(json.dumps(config), encoding="utf-8")
+    shutil.rmtree("cache")
+    assert main([*words, "--detector", "b.onnx"]) == 0  # it finds the same boxes: none
+    capsys.readouterr()
+    assert main([*words, "--labels", "a"]) == 2
+    assert "in labels" in capsys.readouterr().err
