@@ -152,12 +152,17 @@ _hints = functools.cache(typing.get_type_hints)  # a call takes a millisecond; e
 
 def declared(cls: type, prefix: str = "") -> tuple[Setting, ...]:
     """All settings of a settings class, depth first, in the order of declaration."""
+    return _declared(cls, prefix)
+
+
+@functools.cache  # a picture of a panel asks fifty times
+def _declared(cls: type, prefix: str) -> tuple[Setting, ...]:
     hints = _hints(cls)
     items = list[Setting]()
     for field in dataclasses.fields(cls):
         kind = hints[field.name]
         if dataclasses.is_dataclass(kind):
-            items += declared(typing.cast(type, kind), f"{prefix}{field.name}.")
+            items += _declared(typing.cast(type, kind), f"{prefix}{field.name}.")
         elif field.metadata:
             items.append(Setting(prefix + field.name, kind, field.default, **field.metadata))
     return tuple(items)

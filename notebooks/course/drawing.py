@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,7 +15,7 @@ from IPython.display import Image as Shown
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullLocator
+from matplotlib.ticker import FixedLocator, LogLocator, NullLocator
 
 from vo_lib.geometry.types import Array, Image
 
@@ -27,10 +27,10 @@ PHOTO_HEIGHT = 298  # of a photo of this width
 HALF_HEIGHT = 150  # of a photo of half this width
 DPI = 100
 # Margins of an axis for its numbers and names, pixels.
-LEFT = 58
-RIGHT = 18
+LEFT = 60
+RIGHT = 22  # half of the number 10000 at the end of an axis
 ABOVE = 26
-BELOW = 42
+BELOW = 43
 
 FONT_SIZE = 9.5
 TITLE_SIZE = 10.0
@@ -99,6 +99,14 @@ def log_axis(axis: Axis, low: float, high: float, steps: tuple[float, ...] = (1.
     axis.set_major_locator(LogLocator(subs=steps, numticks=20))
     axis.set_major_formatter("{x:g}")
     axis.set_minor_locator(NullLocator())
+
+
+def numbers_at(axis: Axis, places: Iterable[float]) -> None:
+    """Put the numbers of an axis at the given places.
+
+    Unlike `set_ticks`, it makes no object for each number, which would take a quarter of the time of a chart.
+    """
+    axis.set_major_locator(FixedLocator(list(places)))
 
 
 def room(value: float, *, steps: tuple[float, ...] = FINE, least: float = 0.0) -> float:

@@ -90,7 +90,7 @@ WORKING = '<i class="vo-late">working …</i>'
 UNFINISHED = "<i>unfinished picture …</i>"
 FEWEST_FRAMES = 2  # of a sequence: each picture is about a step between two
 # Processor time of the steps before the first picture of a drag, and before a further unfinished picture.
-FIRST_STEPS_S = 0.03
+FIRST_STEPS_S = 0.02
 MORE_STEPS_S = 0.2
 FRAME_MS = 700  # interval of frames that play; slower panels skip frames
 STYLE = Path(__file__).with_name("panel.html").read_text(encoding="utf-8")

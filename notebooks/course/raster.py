@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg, RendererAgg
 from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
 from vo_lib.geometry.types import Image
@@ -21,8 +22,9 @@ from vo_lib.geometry.types import Image
 from .memory import Memory
 
 LAYERS = 200  # that are kept, each a strip of about 50 kB
-TEXTS = 200  # that are kept for each size of figures, each of about 5 kB
+TEXTS = 400  # that are kept for each size of figures, each of about 5 kB
 SIZES = 12  # of figures
+WHITE = 0xFFFFFFFF  # a pixel of RGBA bytes as one number
 # Settings of a style sheet that change the look of texts and of an axis.
 FONTS = ("font.family", "font.sans-serif")
 STYLE = (
@@ -61,17 +63,19 @@ class _Renderer(RendererAgg):
     def __init__(self, width: float, height: float, dpi: float):
         super().__init__(width, height, dpi)  # type: ignore[no-untyped-call]
         self._words: Memory[Words] = Memory(TEXTS)
+        self._sheet = RendererAgg(width, height, dpi)  # type: ignore[no-untyped-call]
+        self._empty = _whole(self._sheet)[0, 0]
 
     # A function of the base class, which is without types.
     def draw_text(  # type: ignore[no-untyped-def]
         self, gc, x, y, s, prop, angle, ismath=False, mtext=None
     ) -> None:
         def draw() -> Words:
-            alone = RendererAgg(self.width, self.height, self.dpi)  # type: ignore[no-untyped-call]
-            alone.draw_text(gc, x, y, s, prop, angle, ismath, mtext)  # type: ignore[no-untyped-call]
-            pixels = np.asarray(alone.buffer_rgba())  # type: ignore[no-untyped-call]
-            rows = _extent(pixels[:, :, 3].max(axis=1) > 0)
-            columns = _extent(pixels[:, :, 3].max(axis=0) > 0)
+            sheet = self._sheet
+            sheet.clear()  # type: ignore[no-untyped-call]
+            sheet.draw_text(gc, x, y, s, prop, angle, ismath, mtext)  # type: ignore[no-untyped-call]
+            rows, columns = _extent(_whole(sheet) != self._empty)
+            pixels = np.asarray(sheet.buffer_rgba())  # type: ignore[no-untyped-call]
             return Words(columns.start, int(self.height) - rows.stop, pixels[rows, columns][::-1].copy())
 
         if gc.get_clip_rectangle() is not None or gc.get_clip_path()[0] is not None:
@@ -156,17 +160,53 @@ def _layer(renderer: _Renderer, side: Axis) -> Layer:
     """One side of an axis as pixels, from memory if it was drawn before."""
 
     def draw() -> Layer:
-        # Without a memory of texts: these are kept with the layer.
-        plain = RendererAgg(renderer.width, renderer.height, renderer.dpi)  # type: ignore[no-untyped-call]
-        pixels = np.asarray(plain.buffer_rgba())  # type: ignore[no-untyped-call]
+        pixels = np.asarray(renderer.buffer_rgba())  # type: ignore[no-untyped-call]
         pixels[...] = 255
-        side.draw(plain)
-        dark = pixels.min(axis=2) < 255
-        rows = _extent(dark.any(axis=1))
-        columns = _extent(dark.any(axis=0))
+        _draw_side(renderer, side)
+        rows, columns = _extent(_whole(renderer) != WHITE)
         return Layer(rows, columns, pixels[rows, columns].copy())
 
     return _layers.get(_look(side), draw)
+
+
+def _draw_side(renderer: _Renderer, side: Axis) -> None:
+    """Draw one side of an axis as `side.draw` does, in a third of the time.
+
+    Matplotlib makes a tick for each number, and lays out each number three times. Here, one tick moves from
+    number to number. It cannot do all that ticks can: then matplotlib draws the side.
+    """
+    axes = side.axes
+    inner = "bottom" if side is axes.xaxis else "left"
+    (tick,) = side.get_major_ticks(1)
+    places = np.ravel(side.get_majorticklocs())
+    formatter = side.get_major_formatter()
+    numbers = formatter.format_ticks(places.tolist())
+    has_one_tick = len(side.majorTicks) == 1 and len(np.ravel(side.get_minorticklocs())) == 0
+    has_one_row = tick.label1.get_visible() and not tick.label2.get_visible()
+    is_usual = side.get_visible() and side.get_label_position() == inner and not formatter.get_offset()
+    if not (has_one_tick and has_one_row and is_usual):
+        side.draw(renderer)
+        return
+    scale = side.get_transform()
+    low, high = sorted(scale.transform(np.array(side.get_view_interval())).tolist())
+    tolerance = 1e-10 * (high - low)  # as in matplotlib
+    boxes = []
+    for place, number, at in zip(places.tolist(), numbers, scale.transform(places).tolist(), strict=True):
+        if low - tolerance <= at <= high + tolerance:
+            tick.update_position(place)
+            tick.label1.set_text(number)
+            tick.draw(renderer)
+            boxes.append(tick.label1.get_window_extent(renderer))
+    # The numbers are farther out than the marks, whose extent takes long.
+    numbers_box = Bbox.union(boxes or [axes.spines[inner].get_window_extent()])
+    pad = side.labelpad * axes.figure.figure.dpi / 72
+    label = side.get_label()
+    x, y = label.get_position()
+    if inner == "bottom":
+        label.set_position((x, numbers_box.y0 - pad))
+    else:
+        label.set_position((numbers_box.x0 - pad, y))
+    label.draw(renderer)
 
 
 def _look(side: Axis) -> Hashable:
@@ -194,7 +234,18 @@ def _style(names: tuple[str, ...]) -> list[str]:
     return [str(style[name]) for name in names]
 
 
-def _extent(marked: NDArray[np.bool_]) -> slice:
+def _whole(renderer: RendererAgg) -> NDArray[np.uint32]:
+    """A renderer's pixels (H, W), each as one number: four times faster to search than its bytes."""
+    pixels = np.asarray(renderer.buffer_rgba())  # type: ignore[no-untyped-call]
+    return pixels.view(np.uint32)[:, :, 0]
+
+
+def _extent(marked: NDArray[np.bool_]) -> tuple[slice, slice]:
+    """The rows and the columns of the smallest rectangle with all True of (H, W)."""
+    return _range(np.asarray(marked.any(axis=1))), _range(np.asarray(marked.any(axis=0)))
+
+
+def _range(marked: NDArray[np.bool_]) -> slice:
     """From the first to the last True."""
     places = np.flatnonzero(marked)
     return slice(int(places[0]), int(places[-1]) + 1) if len(places) else slice(0)

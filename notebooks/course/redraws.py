@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 
 # A slider that still moves has sent its next value within this time: then there is nothing to finish.
-PAUSE_S = 0.03
+PAUSE_S = 0.01
 
 
 class Redraws:

@@ -618,6 +618,40 @@ def test_sliders_show_the_value_that_runs(panel: Panel) -> None:
             assert slider.continuous_update
 
 
+@pytest.fixture
+def drawn_charts(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
+    """The charts that panels draw from now on."""
+    charts: list[Figure] = []
+
+    def keep(chart: Figure) -> Image:
+        charts.append(chart)
+        return fast_raster(chart)
+
+    monkeypatch.setattr("course.drawing.fast_raster", keep)
+    return charts
+
+
+def test_an_axis_needs_no_object_for_each_of_its_numbers(panel: Panel, drawn_charts: list[Figure]) -> None:
+    """They took most of the time of a picture with new limits."""
+    forget_layers()
+    panel.set(frame=21)
+    for chart in drawn_charts:
+        for axes in chart.axes:
+            for side in (axes.xaxis, axes.yaxis):
+                assert len(side.majorTicks) == 1, axes.get_title("left")
+
+
+def test_no_word_of_a_chart_is_cut(panel: Panel, drawn_charts: list[Figure]) -> None:
+    """A word that is cut has pixels at the edge of the picture."""
+    for frame in (1, 22, panel.frame.max):
+        panel.set(frame=frame)
+    for chart in drawn_charts:
+        pixels = raster(chart)
+        edge = np.concatenate([pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]])
+        titles = [axes.get_title("left") for axes in chart.axes]
+        assert (edge == 255).all(), titles
+
+
 def test_axes_from_memory_are_those_that_matplotlib_draws(
     panel: Panel, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -9,8 +9,11 @@ import pytest
 
 from course.ch03 import SelectionPanel
 from course.ch03 import exercises as ch03
+from course.ch03.panel import previous_vector
 from course.ch06.panel import EvaluationPanel
+from vo_lib.config import change, preset
 from vo_lib.data.poses import format_tum, read_kitti_poses
+from vo_lib.data.sequence import Sequence
 
 NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
 LONG = 300.0  # seconds; a safeguard
@@ -50,3 +53,14 @@ def test_without_truth_no_error_of_a_rotation_is_stated(bands: Path) -> None:
     assert np.isnan([panel.facts["error by consensus"], panel.facts["error by selection"]]).all()
     assert "no ground truth" in panel._text.value
     assert "no ground truth" in ch03.consensus_fooled(panel.facts).message
+
+
+def test_the_number_of_sets_does_not_change_the_vector_of_the_frame_before(street: Sequence) -> None:
+    """It is estimated once, else each move of the slider would take a third longer."""
+    vectors = [
+        previous_vector(street, 45, change(preset("solution_selection"), name, value))
+        for name, value in (("selection.sets", 1000), ("selection.sets", 10), ("selection.top_k", 7))
+    ]
+    assert vectors[0] is vectors[1] is vectors[2]
+    other = previous_vector(street, 45, change(preset("solution_selection"), "selection.threshold", 3.0))
+    assert other is not vectors[0]

@@ -14,7 +14,19 @@ from vo_lib.geometry.types import Array, BoolArray, Image
 from vo_lib.paper.features import DESCRIPTOR_OFFSETS
 
 from ..colours import BAD, CYCLE, DARK, FIFTH, FOURTH, GOOD, PALE, THIRD, bgr
-from ..drawing import PHOTO_HEIGHT, SMALL_SIZE, WIDTH, caption, figure, finish, log_axis, photo, raster, room
+from ..drawing import (
+    PHOTO_HEIGHT,
+    SMALL_SIZE,
+    WIDTH,
+    caption,
+    figure,
+    finish,
+    log_axis,
+    numbers_at,
+    photo,
+    raster,
+    room,
+)
 from ..drawn_matches import draw_dots, draw_flow
 from ..frames import stereo
 from .errors import RIGHT, Measure
@@ -340,5 +352,5 @@ def errors_chart(
     height = axis.bbox.height
     band = min(LEGEND_EDGE + LEGEND_LINE * len(errors), 0.6 * height)
     axis.set_ylim(0, 102 * height / (height - band))
-    axis.set_yticks([0, 25, 50, 75, 100])
+    numbers_at(axis.yaxis, (0, 25, 50, 75, 100))
     finish(axis, title, measured, "share of matches [%]", "upper left")

@@ -30,7 +30,7 @@ from vo_lib.paper.five_point import (
 from vo_lib.paper.real_roots import DEGREE, real_roots
 
 from ..colours import BAD, CYCLE, DARK, FOURTH, GOOD, PALE, bgr
-from ..drawing import FONT_SIZE, caption, figure, finish, log_axis, photo, room
+from ..drawing import FONT_SIZE, caption, figure, finish, log_axis, numbers_at, photo, room
 from ..drawn_matches import draw_dots, draw_flow
 from ..frames import Points
 from ..view3d import Shape
@@ -147,7 +147,9 @@ def polynomial_chart(axis: Axes, coefficients: Array, roots: Array) -> None:
     height = np.arcsinh(values / (COMPRESSED * largest))
     axis.plot(np.degrees(theta), height, color=DARK, linewidth=1)
     axis.plot(roots, np.zeros(len(roots)), "o", color=BAD, markersize=5)
-    axis.set(xlim=(-5, 185), ylim=(-TOP, TOP), xticks=(0, 45, 90, 135, 180), yticks=())
+    axis.set(xlim=(-5, 185), ylim=(-TOP, TOP))
+    numbers_at(axis.xaxis, (0, 45, 90, 135, 180))
+    numbers_at(axis.yaxis, ())
     title = f"polynomial of degree 10: {len(roots)} real roots"
     finish(axis, title, "direction of (z, w) [deg]", "det C, compressed")
 

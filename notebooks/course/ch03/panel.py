@@ -25,6 +25,7 @@ from ..panel import Control, Drawing, Fact, Panel, State
 from .figures import Field, features_picture, field_figure
 
 CHART_HEIGHT = 252
+PRIOR_SETS = 200  # for the essential vector of the previous frame
 WALL = np.array([0.35, -0.2, 1.0])  # its normal: WALL · X = 12 m
 # Motion of the bus from frame to frame: the bus turns into the street of the camera.
 STEP = np.array([0.5, 0.0, 0.3])
@@ -101,15 +102,17 @@ def previous_vector(sequence: Sequence, frame: int, config: MethodConfig) -> Arr
     """The previous frame's essential vector, by consensus; None for the first pair."""
     if frame < 2:
         return None
+    # Whatever the panel has: it must not estimate this vector again when the number of sets moves.
+    selection = replace(config.selection, sets=PRIOR_SETS, top_k=1, prior=False)
 
     def estimate() -> Array:
         points = frame_points(sequence, frame - 1, config)
         focal = sequence.camera.f
-        candidates = candidates_of(points, 200, 0)
-        field = field_of(candidates, points, None, None, config.selection, focal)
-        return motion_of(candidates.E[field.selected], points, config.selection, focal)[1]
+        candidates = candidates_of(points, selection.sets, 0)
+        field = field_of(candidates, points, None, None, selection, focal)
+        return motion_of(candidates.E[field.selected], points, selection, focal)[1]
 
-    key = (*key_of(sequence, frame - 1), config.features, config.matching, config.buckets, config.selection)
+    key = (*key_of(sequence, frame - 1), config.features, config.matching, config.buckets, selection)
     return _priors.get(key, estimate)
 
 

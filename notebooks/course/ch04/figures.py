@@ -13,7 +13,7 @@ from matplotlib.patches import Ellipse, Rectangle
 from vo_lib.geometry.types import Array
 
 from ..colours import BAD, DARK, FIFTH, GOOD, PALE, WHITE
-from ..drawing import COARSE, FONT_SIZE, SMALL_SIZE, figure, finish, log_axis, room, round_limits
+from ..drawing import COARSE, FONT_SIZE, SMALL_SIZE, figure, finish, log_axis, numbers_at, room, round_limits
 
 DEPTHS = (2.0, 200.0)  # metres shown
 DISTANCES = (1e-3, 100.0)  # metres shown
@@ -239,7 +239,8 @@ def ellipse_chart(
     ticks = [-half, -half / 2, 0, half / 2, half]
     axis.set(xlim=(-half, half), ylim=(-half, half))
     for side in (axis.xaxis, axis.yaxis):
-        side.set_ticks(ticks, labels=[f"{tick:g}" for tick in ticks])
+        numbers_at(side, ticks)
+        side.set_major_formatter("{x:g}")
     finish(axis, "t_cp relative to the cross, from above", "x, right [mm]", "z, forward [mm]", boxed=True)
 
 

@@ -15,7 +15,7 @@ from vo_lib.geometry.types import Array
 from vo_lib.report.table1 import PAPER_METHODS
 
 from ..colours import BAD, CYCLE, DARK, FIFTH, GOOD, PALE, THIRD
-from ..drawing import SMALL_SIZE, figure, finish, room, round_limits, write_instead
+from ..drawing import SMALL_SIZE, figure, finish, numbers_at, room, round_limits, write_instead
 
 
 def paths_chart(
@@ -75,7 +75,7 @@ def length_chart(axis: Axes, errors: KittiErrors, others: Mapping[str, KittiErro
     axis.set_ylim(0, room(1.05 * highest, least=1e-3))
     if not lengths:
         write_instead(axis, "the path is too short for these lengths")
-    axis.set_xticks(lengths[:8])
+    numbers_at(axis.xaxis, lengths[:8])
     kind, unit = ("rotation", "RE [deg/100 m]") if rotation else ("translation", "TE [%]")
     finish(axis, f"{kind} error by length", "length [m]", unit)
 
