@@ -70,6 +70,7 @@ def test_straight_drive_shows_the_error_to_the_side() -> None:
     np.testing.assert_allclose(lines["feature_selection"][1], np.linspace(0.0, 1.0, 50), atol=1e-9)
     np.testing.assert_allclose(lines["ground truth"][1], 0.0, atol=1e-9)
     np.testing.assert_allclose(sideways_from_truth(mine, start @ truth), np.linspace(0.0, 1.0, 50), atol=1e-9)
+    assert "sideways is magnified" in figure.axes[0].get_xlabel()
 
 
 def test_straight_drive_without_truth_is_seen_from_the_side_of_its_own_line() -> None:

@@ -204,7 +204,8 @@ def test_a_path_without_sub_sequences_has_a_sentence_and_no_row() -> None:
         "pooled viso2",
     ]
     assert Reproduction([], {}, [short, long]).problems == [
-        "Shorter than every sub-sequence, so no errors: a."
+        "Shorter than every sub-sequence, so no errors: a (its path has 4.0 m, the shortest sub-sequence 100 "
+        "m). The option --lengths chooses shorter ones."
     ]
 
 
@@ -307,6 +308,66 @@ def test_a_straight_drive_without_truth_has_no_errors_in_its_caption(tree: Path)
         report.split()
     )
     assert "errors to the side" not in report
+
+
+def test_lengths_without_effect_are_told(tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    remark = "--lengths has no effect on kitti/11, which has no ground truth"
+    assert reproduce(tree, "--sequences", "02,11", "--variant", "published", "--seeds", "1") == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert 0 <= printed.index(f"note: {remark}") < printed.index(f" {remark}.")
+    assert f"{remark}." in (tree / "out" / "report.html").read_text(encoding="utf-8")
+    assert "kitti/02 will have no errors" not in printed
+
+
+@pytest.mark.parametrize("lengths", [["--lengths", "50,30"], []])
+def test_a_path_shorter_than_every_sub_sequence_names_both_lengths_and_the_option(
+    tree: Path, capsys: pytest.CaptureFixture[str], lengths: list[str]
+) -> None:
+    words = ["reproduce", "--sequences", "02", "--methods", "viso2", "--variant", "published", "--seeds", "1"]
+    assert main([*words, *lengths, "--out", str(tree / "out"), "--cache", str(tree / "cache")]) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    both = f"its path has 2.5 m, the shortest sub-sequence {30 if lengths else 20} m"
+    assert f"note: kitti/02 will have no errors, since {both}; --lengths chooses shorter ones" in printed
+    assert f"so no errors: kitti/02 ({both}). The option --lengths chooses shorter ones." in printed
+
+
+@pytest.mark.parametrize(
+    ("sequences", "note"),
+    [
+        ("02,kitti/02", "note: kitti/02 is named 2 times, but used once"),
+        ("02-03,02,kitti/02", "note: kitti/02 is named 3 times, but used once"),
+        ("FOLDER,02", "note: FOLDER and kitti/02 are the same sequence, so it is used once, as kitti/02"),
+        (
+            "kitti/02,FOLDER",
+            "note: kitti/02 and FOLDER are the same sequence, so it is used once, as kitti/02",
+        ),
+        ("02,LINK", "note: kitti/02 and LINK are the same sequence, so it is used once, as kitti/02"),
+        ("FOLDER,LINK", "note: FOLDER and LINK are the same sequence, so it is used once, as FOLDER"),
+    ],
+)
+def test_a_sequence_that_is_named_twice_counts_once(
+    tree: Path, capsys: pytest.CaptureFixture[str], sequences: str, note: str
+) -> None:
+    (tree / "link").symlink_to(tree / "kitti" / "sequences" / "02")
+    for name, place in {"FOLDER": tree / "kitti" / "sequences" / "02", "LINK": tree / "link"}.items():
+        sequences = sequences.replace(name, str(place))
+        note = note.replace(name, str(place))
+    words = ["--cache", str(tree / "cache"), "--seeds", "1"]
+    table = ["reproduce", "--variant", "published", "--methods", "viso2", "--missing", "ok"]
+    capsys.readouterr()
+    assert main([*table, "--sequences", sequences, "--out", str(tree / "out"), *words]) == 0
+    printed = capsys.readouterr().out
+    assert "".join(note.split()) in "".join(printed.split())
+    record = json.loads((tree / "out" / "reproduction.json").read_text(encoding="utf-8"))
+    assert len(record["rows"]) == 1
+    if "03" in sequences:  # which is missing, and `vo sweep` accepts no missing sequence
+        assert "1 of 2 sequences are not on this machine" in " ".join(printed.split())
+        return
+    grid = ["sweep", "--method", "mesvo_f", "--set", "selection.sets=5", "--set", "min_matches=6"]
+    assert main([*grid, "--sequences", sequences, "--out", str(tree / "grid"), *words]) == 0
+    assert "".join(note.split()) in "".join(capsys.readouterr().out.split())
+    rows = (tree / "grid" / "sweep.csv").read_text(encoding="utf-8").splitlines()
+    assert len(rows) == 2  # with the heading
 
 
 def test_report_embeds_a_film(tree: Path) -> None:

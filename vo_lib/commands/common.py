@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..config import METHODS, VARIANTS, preset
-from ..data.catalogue import SYNTHETIC, open_sequence
+from ..data.catalogue import SYNTHETIC, known_folder, open_sequence
 from ..data.drawn import cache_folder
 from ..data.poses import MAX_COORDINATE_M
 from ..data.sequence import Sequence
@@ -115,6 +115,25 @@ def add_many(parser: argparse.ArgumentParser) -> None:
         "--fresh", action="store_true", help="compute finished runs again instead of reading them"
     )
     add_cache(parser)
+
+
+def distinct_sequences(names: list[str], cache: Path | None) -> list[str]:
+    """The sequences of names and paths, each once; a note says which of them were named again.
+
+    Of a name and a path of the same sequence, the name stays, since errors are compared by names.
+    """
+    chosen: dict[Path | str, str] = {}
+    for name in names:
+        key = known_folder(name, cache) or name
+        first = chosen.setdefault(key, name)
+        if first == name:
+            continue
+        if Path(first).is_dir() and not Path(name).is_dir():
+            chosen[key] = name
+        print_wrapped(f"note: {first} and {name} are the same sequence, so it is used once, as {chosen[key]}")
+    for name in dict.fromkeys(name for name in names if names.count(name) > 1):
+        print_wrapped(f"note: {name} is named {names.count(name)} times, but used once")
+    return list(chosen.values())
 
 
 def open_with_bar(name: str, cache: Path | None, part: argparse.Namespace | None = None) -> Sequence:

@@ -9,9 +9,10 @@ from pathlib import Path
 
 from ..config import config_class
 from ..data.catalogue import parse_sequences
+from ..data.sequence import Sequence
 from ..detection.models import find_model
 from ..errors import DataError
-from ..evaluation.kitti_errors import SubsequenceProtocol
+from ..evaluation.kitti_errors import SubsequenceProtocol, suitable_protocol
 from ..files import only_process, refuse_foreign
 from ..loops.settings import LoopConfig
 from ..report.blocks import Axes, make_blocks, parse_axes
@@ -34,6 +35,7 @@ from ..report.table1 import (
     plan_cells,
     read_paper_table,
     split_missing,
+    too_short_words,
 )
 from ..report.table1_page import (
     REPORT,
@@ -106,7 +108,7 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
     if options.detector is not None:
         find_model(options.detector)
     candidates = default_sequences() if options.sequences is None else parse_sequences(options.sequences)
-    names, missing = split_missing(candidates)
+    names, missing = split_missing(common.distinct_sequences(candidates, options.cache))
     vehicle_boxes.refuse_labels_of_several(options, names)
     common.warn_missing(missing, len(names) + len(missing), accepted=options.missing == "ok")
     durations = Durations()
@@ -123,6 +125,7 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
             refuse_other_runs(jobs_of(planned), opener.detector_of)
         cells = plan_cells(blocks, methods, opener.names, seeds, folder, opener)
         jobs = jobs_of(cells)
+        remarks = (*remarks, *_note_lengths(opened, measure))
         workers = common.parse_jobs(options.jobs, len(jobs))
         runs = [(job.sequence, job.config) for job in jobs]
         remarks = (
@@ -163,6 +166,26 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
     if any(entry.is_whole for entry in result.entries):
         print_wrapped(f"Record for chapter 7 and for others: {folder / RECORD}")
     return int(bool(result.failed or (missing and options.missing != "ok")))
+
+
+def _note_lengths(sequences: list[Sequence], measure: SubsequenceProtocol | None) -> list[str]:
+    """Before the runs, say which sequences will have no errors; return what the result does not say itself.
+
+    measure : the sub-sequences of --lengths, or None.
+    """
+    for sequence in sequences:
+        if sequence.truth is not None:
+            chosen = suitable_protocol(sequence.truth) if measure is None else measure
+            if words := too_short_words(sequence.truth, chosen):
+                chooses = "--lengths chooses shorter ones"
+                print_wrapped(f"note: {sequence.name} will have no errors, since {words}; {chooses}")
+    without = [sequence.name for sequence in sequences if sequence.truth is None]
+    if measure is None or not without:
+        return []
+    which = "which has" if len(without) == 1 else "which have"
+    remark = f"--lengths has no effect on {' and '.join(without)}, {which} no ground truth"
+    print_wrapped(f"note: {remark}")
+    return [f"{remark}."]
 
 
 def _tables_without_truth(result: Reproduction, cells: list[Cell]) -> list[ReportTable]:

@@ -72,7 +72,7 @@ def _sweep(options: argparse.Namespace) -> int:
     refuse_unused(bases, axes)
     if options.detector is not None:
         find_model(options.detector)
-    names = _sequence_names(options.sequences)
+    names = common.distinct_sequences(_sequence_names(options.sequences), options.cache)
     if len(axes) > 1 and (len(names) > 1 or len(methods) > 1):
         raise DataError(
             "several sequences or methods need a single --set: for a grid of more settings, call the command "
@@ -125,7 +125,7 @@ def _sweep(options: argparse.Namespace) -> int:
 
 def _sequence_names(text: str) -> list[str]:
     """The sequences in a text; the path of a folder may have a comma."""
-    return [text] if Path(text).is_dir() else list(dict.fromkeys(parse_sequences(text)))
+    return [text] if Path(text).is_dir() else parse_sequences(text)
 
 
 def _map_name(sequence: str, names: list[str]) -> str:

@@ -73,6 +73,22 @@ def parse_sequences(text: str) -> list[str]:
     return names
 
 
+def known_folder(name: str, cache: Path | None = None) -> Path | None:
+    """Where the sequence of a name or a path is, without symbolic links, or where a scene will be drawn.
+
+    Two names with one folder are one sequence. None for a name that nothing here has. `cache` : folder of
+    drawn scenes; by default the user's cache folder.
+    """
+    scene = SCENES.get(name.removeprefix(SYNTHETIC))
+    if Path(name).is_dir():
+        folder: Path | None = Path(name)
+    elif name.startswith(SYNTHETIC) and scene is not None:
+        folder = scene_folder(scene, cache)
+    else:
+        folder = available().get(name)
+    return None if folder is None else folder.resolve()
+
+
 def _find_folder(name: str, cache: Path | None, progress: Progress | None) -> Path:
     """The folder of the sequence with this name; a scene that is not in the cache is drawn."""
     if name.startswith(SYNTHETIC):

@@ -69,6 +69,8 @@ def _table_of_systems(name: str, result: Evaluation, of_run: bool) -> ReportTabl
         head += _caveats(result)
     else:
         notes.append(f"No TE and RE: {shorter} than the shortest sub-sequence, {min(measure.lengths):g} m.")
+        if not of_run:
+            notes[-1] += " The option --lengths chooses shorter ones."
     if result.frame_step > 1:
         notes.append(
             f"The compared poses are {result.frame_step} frames of the truth apart; intervals and starts in "

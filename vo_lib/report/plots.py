@@ -45,6 +45,7 @@ LINE_WIDTHS = {PROPOSAL: 4.0, TRUTH: 0.9}  # points; other lines have widths bet
 TRUTH_EDGE = 0.6  # points, of the white edge on each side of the truth
 # Width of a path, divided by its length, below which a view from above with equal axes is nearly empty.
 STRAIGHT = 0.2
+MAGNIFIED = "(the axes have different scales: sideways is magnified)"
 STRAIGHT_HEIGHT = 2.6  # inches, of the chart of a straight drive
 
 
@@ -146,15 +147,14 @@ def draw_sideways(axis: Axes, title: str, truth: Array | None, estimates: Mappin
     """Draw how far estimates are beside the truth, in place of a view from above of a straight drive.
 
     Without a truth, it is how far they are beside the line from the start to the end of the first estimate.
-    The axes are not equal: a metre to the side is longer than a metre ahead. Without a truth, the labels
-    say so, since nothing else on the chart tells it from a view from above.
+    The axes are not equal: a metre to the side is longer than a metre ahead, and the label says so.
     """
     if truth is not None:
         along = trajectory_distances(truth)
         # The truth is the line of zeros, drawn last as everywhere.
         for _, poses, style in styled({**estimates, TRUTH: from_first(truth)}):
             axis.plot(along, sideways_from_truth(poses, truth), **style)
-        label_axis(axis, "along the path [m]", "to the right of the truth [m]")
+        label_axis(axis, f"along the path [m]\n{MAGNIFIED}", "to the right of the truth [m]")
     else:
         name, first = next(iter(estimates.items()))
         start, end = first[[0, -1]][:, [0, 2], 3]
@@ -164,7 +164,7 @@ def draw_sideways(axis: Axes, title: str, truth: Array | None, estimates: Mappin
             xz = poses[:, [0, 2], 3] - start
             axis.plot(xz @ ahead, xz @ right, **style)
         line = f"along the line from the start to the end of {shorten(name)} [m]"
-        label_axis(axis, f"{line}\n(the axes have different scales)", "to the right of this line [m]")
+        label_axis(axis, f"{line}\n{MAGNIFIED}", "to the right of this line [m]")
     axis.set_title(title)
     axis.margins(y=0.1)
 

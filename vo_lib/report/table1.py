@@ -22,7 +22,9 @@ from ..evaluation.kitti_errors import (
     KittiErrors,
     SubsequenceProtocol,
     is_as_kitti,
+    kitti_errors,
     suitable_protocol,
+    trajectory_distances,
 )
 from ..evaluation.path_errors import PathErrors, evaluate
 from ..evaluation.statistics import mean_and_deviation
@@ -219,6 +221,14 @@ def te_and_re(parts: Iterable[KittiErrors]) -> Array:
     return np.array([(part.te, part.re) for part in parts], float).reshape(-1, 2).T
 
 
+def too_short_words(truth: Array, measure: SubsequenceProtocol) -> str:
+    """The length of a true path (N, 4, 4), and of a sub-sequence, if it has none; "" otherwise."""
+    if len(kitti_errors(truth, truth, measure.lengths, measure.step)):
+        return ""
+    length = trajectory_distances(truth)[-1]
+    return f"its path has {length:.1f} m, the shortest sub-sequence {min(measure.lengths):g} m"
+
+
 def measure_runs(
     method: str,
     runs: list[Run],
@@ -305,9 +315,13 @@ class Reproduction:
                 f"No ground truth, so no errors: {', '.join(bare)}; the poses are in the folder runs."
             )
         without_errors = [entry for entry in self.entries if not np.isfinite(entry.errors).any()]
-        short = dict.fromkeys(entry.sequence for entry in without_errors)
+        short = {entry.sequence: too_short_words(entry.truth, entry.measure) for entry in without_errors}
         if short:
-            sentences.append(f"Shorter than every sub-sequence, so no errors: {', '.join(short)}.")
+            named = ", ".join(f"{name} ({words})" for name, words in short.items())
+            sentences.append(
+                f"Shorter than every sub-sequence, so no errors: {named}. The option --lengths chooses "
+                "shorter ones."
+            )
         for cause, (job, *others) in self.failed.items():
             more = f" and {len(others)} more" if others else ""
             sentences.append(f"Failed: {job}{more}: {cause}")

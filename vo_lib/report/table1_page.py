@@ -417,11 +417,11 @@ def _chart_words(truth: Array | None, estimates: Mapping[str, Array]) -> str:
     if not is_straight(truth, estimates):
         return "paths from above"
     if truth is not None:
-        return "errors to the side, since the drive is straight"
+        return "errors to the side, magnified, since the drive is straight"
     first = next(iter(estimates))
     return (
         "distances to the side of the line from the start to the end of the path of "
-        f"{first}, since the drive is straight"
+        f"{first}, magnified, since the drive is straight"
     )
 
 
