@@ -24,4 +24,5 @@ from .frames import real_pair as real_pair
 from .frames import stereo as stereo
 from .frames import truth as truth
 from .own_functions import apart as apart
+from .own_functions import chosen_apart as chosen_apart
 from .own_functions import own_or_library as own_or_library

@@ -80,13 +80,13 @@ def own_or_library(own: Any, library: Callable[..., Any]) -> OwnFunction:
 def apart(own: Any, library: Any, unit: str = "") -> str:
     """How far two results are apart, in a few words for `print`.
 
-    Masks and lists of indices: how many entries differ. Numbers and arrays: the largest difference, in `unit`.
-    Lists of different lengths: both lengths.
+    Masks and lists of indices: how many entries differ, each compared with the one at the same place. Numbers
+    and arrays: the largest difference, in `unit`. Lists of different lengths: both lengths.
     """
     mine = np.asarray(own)
     theirs = np.asarray(library)
-    if _is_list(mine) and _is_list(theirs):
-        return f"{len(np.setxor1d(mine, theirs))} of {len(np.union1d(mine, theirs))} differ"
+    if _is_list(mine) and _is_list(theirs) and len(mine) == len(theirs):
+        return f"{np.count_nonzero(mine != theirs)} of {len(theirs)} differ"
     if mine.shape != theirs.shape:
         return f"{_count(mine)} against {_count(theirs)}"
     if mine.dtype.kind == theirs.dtype.kind == "b":
@@ -100,6 +100,16 @@ def apart(own: Any, library: Any, unit: str = "") -> str:
     if largest <= EQUAL * max(1.0, float(np.abs(theirs).max(initial=0.0))):
         return f"equal, within {largest:.0e}"
     return f"apart by up to {shown(largest, 3)} {unit}".rstrip()
+
+
+def chosen_apart(own: Any, library: Any) -> str:
+    """How far two choices are apart, each a list of the indices of what is kept, in a few words for `print`.
+
+    The order is no part of a choice: what counts is how many indices are in only one of the lists.
+    """
+    mine = np.unique(np.asarray(own))
+    theirs = np.unique(np.asarray(library))
+    return f"{len(np.setxor1d(mine, theirs))} of {len(np.union1d(mine, theirs))} differ"
 
 
 def _is_list(values: Array) -> bool:

@@ -8,6 +8,7 @@ import inspect
 import re
 import sys
 import textwrap
+import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
@@ -90,14 +91,20 @@ def load_sections(path: Path) -> tuple[dict[str, Any], dict[str, str]]:
         try:
             exec(compile(above + part, path, "exec"), own)
         except ImportError as error:
-            faults[name] = f"{error}: compare its imports with those of the chapter"
+            faults[name] = f"{_line_of(error, path)}{error}: compare its imports with those of the chapter"
         except (Exception, SystemExit, KeyboardInterrupt) as error:
-            faults[name] = f"{type(error).__name__}: {error}"
+            faults[name] = f"{_line_of(error, path)}{type(error).__name__}: {error}"
         else:
             definitions |= own
             named |= {name: own[name]} if name in own else {}
         above += "\n" * (part.count("\n") + 1)
     return definitions | named, faults
+
+
+def _line_of(error: BaseException, path: Path) -> str:
+    """The line of a file that raised an error, as the begin of a message; "" if the message names it anyway."""
+    lines = [step.lineno for step in traceback.extract_tb(error.__traceback__) if step.filename == str(path)]
+    return f"line {lines[-1]}: " if lines else ""
 
 
 def _source(thing: Any) -> str:

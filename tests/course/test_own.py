@@ -95,13 +95,31 @@ def test_a_mixed_path_has_the_turns_of_one_and_the_steps_of_the_other() -> None:
 
 def test_a_stage_that_is_much_slower_than_the_librarys_is_reported() -> None:
     def slow_chain(motions: Any) -> Any:
-        time.sleep(0.3)
+        start = time.thread_time()
+        while time.thread_time() < start + 0.2:
+            pass
         return ch00.chain.right(motions)
 
     mine = own.join(chain=slow_chain)
     assert mine.whose["chain"] == "yours"
     assert list(mine.slow) == ["chain"]
     assert "times the library's time" in mine._repr_html_().replace("&#x27;", "'")
+
+
+def test_a_stage_that_waits_for_other_programs_is_not_called_slow() -> None:
+    def waits(r: Any, s: Any) -> Any:
+        time.sleep(0.3)  # as on a loaded computer
+        return 1 / (1 + (r / s) ** 2)
+
+    mine = own.join(weights=waits)
+    assert mine.whose["weights"] == "yours"
+    assert mine.slow == {}
+
+
+def test_a_check_that_fails_is_told_in_a_whole_sentence() -> None:
+    mine = own.join(chain=lambda motions: np.eye(4), weights=lambda r, s: 1 / 0)
+    assert "yours fails its check: the result has shape (4, 4)" in mine.whose["chain"]
+    assert "yours fails its check: the code stopped with ZeroDivisionError" in mine.whose["weights"]
 
 
 def test_a_run_becomes_a_page_in_three_dimensions(bands: Path) -> None:
@@ -137,7 +155,8 @@ MOVED = "from vo_lib.core.geometry import inverse"
     ("line", "words"),
     [
         ("import sys; sys.exit(0)", "SystemExit"),
-        ("1 / 0", "ZeroDivisionError"),
+        ("1 / 0", "line 1: ZeroDivisionError"),
+        ("\ndef half():\n    return 1 / 0\n\nhalf()", "line 3: ZeroDivisionError"),
         (MOVED, "compare its imports with those of the chapter"),
     ],
 )

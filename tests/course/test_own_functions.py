@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from course.own_functions import apart, own_or_library
+from course.own_functions import apart, chosen_apart, own_or_library
 
 
 def double(values: Any) -> Any:
@@ -118,7 +118,10 @@ def test_an_answer_cannot_change_the_data_of_the_cell() -> None:
         (VALUES + 1e-12, VALUES, "equal, within 1e-12"),
         (VALUES + 0.25, VALUES, "apart by up to 0.25 px"),
         (VALUES > 0, VALUES > 2, "1 of 3 differ"),
-        (np.array([1, 2, 5]), np.array([1, 2]), "1 of 3 differ"),
+        (np.array([1, 2, 5]), np.array([1, 2]), "3 results against 2 results"),
+        (np.array([0, 1, 2, 3, -1]), np.array([3, 2, 1, 0, -1]), "4 of 5 differ"),
+        (np.array([7, 7, 8]), np.array([7, 8, 8]), "1 of 3 differ"),
+        (np.array([-1, -1, 4]), np.array([-1, -1, 4]), "0 of 3 differ"),
         (np.zeros((2, 3, 3)), np.zeros((4, 3, 3)), "2 results against 4 results"),
         (np.zeros((1, 3)), np.zeros((4, 3)), "1 result against 4 results"),
         (VALUES * np.nan, VALUES, "3 of 3 numbers are not finite"),
@@ -126,3 +129,9 @@ def test_an_answer_cannot_change_the_data_of_the_cell() -> None:
 )
 def test_the_distance_between_two_results_is_stated_in_words(own: Any, library: Any, words: str) -> None:
     assert apart(own, library, "px") == words
+
+
+def test_two_choices_are_compared_without_their_order() -> None:
+    assert chosen_apart([4, 1, 2], [1, 2, 4]) == "0 of 3 differ"
+    assert chosen_apart([1, 2, 5], [1, 2]) == "1 of 3 differ"
+    assert chosen_apart([1, 2], [3, 4]) == "4 of 4 differ"

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -48,6 +50,33 @@ def endless_with_a_bare_except(*_: Any) -> None:
             time.sleep(0)
 
 
+def endless_with_a_short_handler(*_: Any) -> None:
+    while True:
+        try:
+            np.linalg.inv(np.eye(60))
+        except BaseException:
+            continue
+
+
+def endless_with_handlers_within_handlers(*_: Any) -> None:
+    while True:
+        try:
+            endless_with_a_short_handler()
+        except:  # noqa: E722
+            try:
+                sorted(range(100), key=lambda value: -value)
+            except:  # noqa: E722
+                continue
+        finally:
+            continue  # noqa: B012
+
+
+def endless_with_suppressed_errors(*_: Any) -> None:
+    while True:
+        with contextlib.suppress(BaseException):
+            sum(range(1000))
+
+
 @pytest.fixture(scope="module")
 def turning(street: Sequence) -> tuple[Sequence, list[TimedMatches]]:
     part = street.part(30, 36)
@@ -61,10 +90,15 @@ def with_stages(**functions: Any) -> own.StudentOdometry:
     return replace(library, functions={**library.functions, **functions}, whose=whose, limit_s=SHORT_S)
 
 
-@pytest.mark.parametrize("function", [endless, asleep, endless_with_a_bare_except])
+STUBBORN = endless_with_a_short_handler, endless_with_handlers_within_handlers, endless_with_suppressed_errors
+
+
+@pytest.mark.parametrize("function", [endless, asleep, endless_with_a_bare_except, *STUBBORN])
 def test_a_call_without_an_end_is_interrupted_on_any_thread(function: Callable[..., None]) -> None:
+    before = sys.gettrace()
     with pytest.raises(TooLong):
         within(SHORT_S, function)
+    assert sys.gettrace() is before
     if function is asleep:
         return  # another thread is interrupted before its next line of Python only
     found = list[str]()
@@ -79,6 +113,14 @@ def test_a_call_without_an_end_is_interrupted_on_any_thread(function: Callable[.
     thread.start()
     thread.join(60)
     assert found == ["interrupted"]
+    assert sys.gettrace() is before
+    assert within(SHORT_S, max, 3, 5) == 5  # and nothing is left behind that would interrupt this
+
+
+def test_a_handler_that_catches_the_interruption_is_told() -> None:
+    mine = own.join(limit_s=SHORT_S, weights=STUBBORN[0], chain=endless)
+    assert "its `except:` catches even the interruption" in mine.whose["weights"]
+    assert "is there a loop without an end?" in mine.whose["chain"]
 
 
 def test_a_call_within_its_time_returns_and_leaves_no_timer() -> None:
@@ -228,6 +270,43 @@ E_PREV = "        e_prev = E[winner].ravel() / np.linalg.norm(E[winner])\n"
             "(odometry.chain(motions))[:, ::-1]",
             "other poses than those of `chain`",
         ),
+        ("(odometry.chain(motions))", "(odometry.chain(motions))[::-1]", "it is in the opposite order"),
+        (
+            "(odometry.chain(motions))",
+            "(odometry.chain(motions[::-1]))",
+            "`chain` gets*in the opposite order",
+        ),
+        ("(odometry.chain(motions))", "(odometry.chain(motions[1:]))", "`chain` gets*first entry is missing"),
+        ("(odometry.chain(motions))", "(odometry.chain(motions))[1:]", "its first entry is missing"),
+        (
+            "([R_cp, t_cp])",
+            "([R_cp.T, -t_cp])",
+            "`chain` gets*transposed and its translation has the opposite",
+        ),
+        ("(frame - 1, frame)]", "(frame, frame + 1)]", "`keep_outside` gets*`boxes_p`*it is that of frame 2"),
+        ("cur_left, *boxes)", "cur_left, *boxes[::-1])", "`boxes_p` and `boxes_c` in exchanged places"),
+        ("(each, x[0], x[2])", "(each, x[2], x[0])", "`x_p` and `x_c` in exchanged places"),
+        (
+            "(each, x[0], x[2])",
+            "(each, x[1], x[2])",
+            "*of the previous right image, not of the previous left",
+        ),
+        (
+            "(stage, x[0][fives], x[2]",
+            "(stage, x[0][fives], x[3]",
+            "`solve_five` gets*the current right image",
+        ),
+        (
+            "[pair.prev_left, pair.prev_right, ",
+            "[pair.prev_right, pair.prev_left, ",
+            "`solve_five` gets*`x_p`*of the previous right image, not of the previous left image",
+        ),
+        (
+            "pair.prev_left, pair.prev_right)\n        # Ch",
+            "pair.cur_left, pair.cur_right)\n        # Ch",
+            "current frame",
+        ),
+        ("zip(*(y[good] for y in x))", "zip(*(y[good] for y in x[::-1]))", "`x_pl` and `x_cr` in exchanged"),
     ],
 )
 def test_a_fault_of_composition_is_named(
@@ -238,6 +317,97 @@ def test_a_fault_of_composition_is_named(
     found = first_difference(loop_of_the_notebook(mine, (old, new)), mine, sequence, matches)
     for part in words.split("*"):
         assert part in found
+
+
+INLINE = (
+    "    return np.array(odometry.chain(motions))",
+    "    poses = [np.eye(4)]\n"
+    "    for T in motions:\n"
+    "        poses.append(poses[-1] @ np.linalg.inv(T))\n"
+    "    return np.array(poses)",
+)
+
+
+def test_a_loop_may_chain_its_motions_by_lines_of_its_own(
+    turning: tuple[Sequence, list[TimedMatches]],
+) -> None:
+    sequence, matches = turning
+    mine = own.join()
+    assert first_difference(loop_of_the_notebook(mine, INLINE), mine, sequence, matches) == ""
+    for old, new, words in (
+        ("np.linalg.inv(T)", "T", "of the motions between them, it is inverted"),
+        ("poses[-1] @ np.linalg.inv(T)", "np.linalg.inv(T) @ poses[-1]", "other poses than those of `chain`"),
+    ):
+        wrong = (INLINE[0], INLINE[1].replace(old, new))
+        found = first_difference(loop_of_the_notebook(mine, wrong), mine, sequence, matches)
+        assert words in found
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (
+            "*each, R_cp, camera.baseline",
+            "*each, R_cp * np.nan, camera.baseline",
+            "frame 1: the lines of the loop between `choose_motion` and `rows_of_one` make a wrong `R_cp`: "
+            "it has NaN or infinity in 9 of 9 numbers",
+        ),
+        (
+            "stage.depth_weights(X_p[good, 2])",
+            "stage.depth_weights(X_p[good])",
+            "between `rows_of_one` and `depth_weights` make a wrong `Z`: it has the shape",
+        ),
+        ("(each, x[0], x[2])", "(each, x[0][:9], x[2])", "between `solve_five` and `epipolar_distance`"),
+        (
+            "x[0][good], x[2][good])",
+            "x[0][good], x[2])",
+            "`choose_motion` make a wrong `x_c`: it has the shape",
+        ),
+        (" & (X_p[:, 2] < 100)", " & (X_p[:, 2] < 0)", "make a wrong `x_p`: it is empty: no feature is left"),
+        (
+            "        T_cp[:3] =",
+            "        T_cp[:3] = np.nan *",
+            "after the last frame: the lines of the loop before `chain`",
+        ),
+        (
+            "append(T_cp)",
+            "append(T_cp[:3])",
+            "before `chain` make a wrong `motions`: it has the shape (5, 3, 4), not (5, 4, 4)",
+        ),
+    ],
+)
+def test_a_wrong_input_is_blamed_on_the_lines_before_the_stage(
+    turning: tuple[Sequence, list[TimedMatches]], old: str, new: str, words: str
+) -> None:
+    sequence, matches = turning
+    mine = own.join()
+    with pytest.raises(StageError) as caught:
+        loop_of_the_notebook(mine, (old, new))(sequence, matches)
+    assert words in str(caught.value)
+    assert "no stage is to blame" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("path", "words"),
+    [
+        (None, "returns None: is there a `return`"),
+        (np.zeros((4, 4, 4)), "4 poses for 5 frames: the first frame has a pose too"),
+        (np.zeros((2, 4, 4)), "2 poses for 5 frames: each frame but the first adds one motion"),
+        (np.zeros((7, 4, 4)), "7 poses for 5 frames"),
+        (np.zeros((5, 3, 4)), r"the shape (5, 3, 4), not poses (5, 4, 4)"),
+        (np.full((5, 4, 4), math.nan), "NaN or infinity, from frame 0 on"),
+        ([[1.0], [2.0, 3.0]], "no poses (5, 4, 4), but list"),
+        ("a path", "no poses (5, 4, 4), but str"),
+    ],
+)
+def test_what_a_loop_returns_is_judged_before_it_is_used(path: Any, words: str) -> None:
+    with pytest.raises(StageError) as caught:
+        own.usable_path(path, 5)
+    assert words in str(caught.value)
+
+
+def test_poses_of_any_kind_of_list_are_a_path() -> None:
+    np.testing.assert_array_equal(own.usable_path([np.eye(4)] * 3, 3), np.tile(np.eye(4), (3, 1, 1)))
 
 
 @pytest.mark.parametrize(("step", "words"), [(1.0, "errors over 20 m"), (0.4, "errors over 10 m")])

@@ -109,18 +109,35 @@ def first_difference(
 ) -> str:
     """A sentence on the first step at which `drive` differs from `library_loop` with the same stages; else "".
 
+    A loop may do without `chain`: then its poses are compared with those of `chain`.
+
     drive : called as drive(sequence, matches, odometry=…) with odd numbers of frames; seed 0.
     """
     for frames in (min(FIRST_FRAMES, len(matches)), len(matches)):
         some = matches[:frames]
         own_calls, own_path = heard(drive, mine, sequence, some)
         calls, path = heard(library_loop, mine, sequence, some)
-        words = _compared(own_calls, calls)
+        words = _compared(own_calls, calls, _Views(sequence, some))
         if words:
             return words
         if not _equal(own_path, path):
-            return "all stages get the same inputs, but the loop returns other poses than those of `chain`"
+            same = "all stages get the same inputs, but the loop returns other poses than those of"
+            return f"{same} `chain`: {_other_path(own_path, path)}"
     return ""
+
+
+def _other_path(own: Any, right: Array) -> str:
+    """How the poses of a loop, or else the motions between them, differ from those of `chain`, in words."""
+    words = difference(own, right)
+    if words == UNKNOWN:
+        steps = _motions(np.asarray(own, np.float64))
+        words = f"of the motions between them, {difference(steps, _motions(right))}"
+    return words
+
+
+def _motions(poses: Array) -> Array:
+    """The motions T_cp (N - 1, 4, 4) between successive poses."""
+    return np.asarray(np.linalg.pinv(poses[1:]) @ poses[:-1])
 
 
 def heard(
@@ -136,14 +153,19 @@ def heard(
     return calls, path
 
 
-def _compared(own: list[Call], library: list[Call]) -> str:
+def _compared(own: list[Call], library: list[Call], views: _Views) -> str:
     """The first difference between the calls of two loops, frame by frame, in the order of the stages."""
     own_frames = _by_frame(own)
-    for frame, calls in _by_frame(library).items():
+    frames = _by_frame(library)
+    for frame, calls in frames.items():
         own_calls = own_frames.get(frame, {})
         when = "after the last frame" if frame is None else f"frame {frame}"
         for name in STAGES:
-            words = _of_stage(name, own_calls.get(name, []), calls.get(name, []))
+            given = own_calls.get(name, [])
+            if name == "chain" and not given:
+                continue  # lines of the loop may compute the poses
+            others = {other: each.get(name, []) for other, each in frames.items() if other != frame}
+            words = _of_stage(name, given, calls.get(name, []), others, views)
             if words:
                 return f"{when}: {words}"
     return ""
@@ -158,38 +180,152 @@ def _by_frame(calls: list[Call]) -> dict[int | None, dict[str, list[Call]]]:
     return frames
 
 
-def _of_stage(name: str, own: list[Call], library: list[Call]) -> str:
-    """The difference between the calls of a stage in one frame; "" if there is none."""
+def _of_stage(
+    name: str, own: list[Call], library: list[Call], others: dict[int | None, list[Call]], views: _Views
+) -> str:
+    """The difference between the calls of a stage in one frame; "" if there is none.
+
+    others : the library's calls of the stage in other frames.
+    """
     if library and not own:
         return f"your loop does not call `{name}`"
     if own and not library:
         return f"your loop calls `{name}`, the library's does not"
-    for mine, theirs in zip(own, library, strict=False):
+    for number, (mine, theirs) in enumerate(zip(own, library, strict=False)):
         given = named_inputs(name, mine.inputs)
         expected = named_inputs(name, theirs.inputs)
-        for argument, value in expected.items():
-            if argument not in given:
-                return f"`{name}` gets no `{argument}`"
-            if words := difference(given[argument], value):
-                return f"`{name}` gets another `{argument}` than in the library's loop: {words}"
+        same_call = {
+            frame: named_inputs(name, calls[number].inputs)
+            for frame, calls in others.items()
+            if number < len(calls)
+        }
+        if words := _of_call(name, given, expected, same_call, views):
+            return words
     if len(own) != len(library):
         return f"your loop calls `{name}` {len(own)} times, the library's {len(library)} times"
     return ""
+
+
+def _of_call(
+    name: str,
+    given: dict[str, Any],
+    expected: dict[str, Any],
+    others: dict[int | None, dict[str, Any]],
+    views: _Views,
+) -> str:
+    """The difference between the inputs of two calls of a stage; "" if there is none."""
+    for argument, value in expected.items():
+        if argument not in given:
+            return f"`{name}` gets no `{argument}`"
+        words = difference(given[argument], value)
+        if not words:
+            continue
+        for other in expected:
+            exchanged = _equal(given[argument], expected[other]) and _equal(given.get(other), value)
+            if other != argument and exchanged:
+                return f"`{name}` gets `{argument}` and `{other}` in exchanged places"
+        if words not in KNOWN and not words.startswith(FACTOR):
+            words = (
+                _of_other_frame(given[argument], argument, others)
+                or views.described(given[argument], value)
+                or _of_other_input(given[argument], expected)
+                or words
+            )
+        return f"`{name}` gets another `{argument}` than in the library's loop: {words}"
+    return ""
+
+
+def _of_other_frame(own: Any, argument: str, others: dict[int | None, dict[str, Any]]) -> str:
+    """In which other frame the library's loop has this input, in words; "" if in none."""
+    for frame, inputs in others.items():
+        if _equal(own, inputs.get(argument)):
+            return f"it is that of frame {frame}"
+    return ""
+
+
+def _of_other_input(own: Any, expected: dict[str, Any]) -> str:
+    """Which other input of the library's call an input is, in words; "" if none."""
+    for other, value in expected.items():
+        if _equal(own, value):
+            return f"it is the `{other}`"
+    return ""
+
+
+class _Views:
+    """The points of the four images and the depths of a loop's frames, to tell which of them an input holds."""
+
+    def __init__(self, sequence: Sequence, matches: list[TimedMatches]) -> None:
+        self.tables = []
+        camera = sequence.camera
+        for pair, _ in matches[1:]:
+            pixels = {
+                "the previous left image": pair.prev_left,
+                "the previous right image": pair.prev_right,
+                "the current left image": pair.cur_left,
+                "the current right image": pair.cur_right,
+            }
+            self.tables.append(pixels)
+            self.tables.append({place: camera.normalise(uv) for place, uv in pixels.items()})
+            with np.errstate(all="ignore"):
+                depth = {
+                    "the previous frame": camera.triangulate(pair.prev_left, pair.prev_right)[:, 2:],
+                    "the current frame": camera.triangulate(pair.cur_left, pair.cur_right)[:, 2:],
+                }
+            self.tables.append(depth)
+
+    def described(self, mine: Any, theirs: Any) -> str:
+        """From which image or frame an input is, in place of the right one, in words; "" if it is unknown."""
+        own = np.asarray(mine, np.float64)
+        right = np.asarray(theirs, np.float64)
+        if own.shape != right.shape or own.ndim == 0:
+            return ""
+        for table in self.tables:
+            for place, values in table.items():
+                rows = _rows_in(right, values)
+                if rows is None:
+                    continue
+                for other, other_values in table.items():
+                    if other != place and _equal(own.reshape(-1, values.shape[1]), other_values[rows]):
+                        return f"it is of {other}, not of {place}"
+        return ""
+
+
+def _rows_in(wanted: Array, table: Array) -> Array | None:
+    """The rows of a table (N, C) that an array holds, in its order; None if some are not in the table."""
+    width = table.shape[1]
+    if wanted.size == 0 or wanted.size % width or (width > 1 and wanted.shape[-1] != width):
+        return None
+    places = {row.tobytes(): index for index, row in enumerate(table)}
+    rows = [places.get(row.tobytes()) for row in np.ascontiguousarray(wanted.reshape(-1, width))]
+    return None if None in rows else np.array(rows, np.intp)
 
 
 # What can have happened to an input: words, and the function from the right input to the wrong one.
 CHANGES: tuple[tuple[str, Callable[[Array], Any]], ...] = (
     ("it has the opposite sign", lambda right: -right),
     ("it is transposed", lambda right: np.swapaxes(right, -1, -2)),
+    ("it is in the opposite order", lambda right: right[::-1]),
+    ("its columns are in the opposite order", lambda right: right[..., ::-1]),
+    ("its first entry is missing", lambda right: right[1:]),
+    ("its last entry is missing", lambda right: right[:-1]),
     (
         "its rotation is transposed",
         lambda right: _with_rotation(right, np.swapaxes(right[..., :3, :3], -1, -2)),
     ),
-    ("it is inverted", np.linalg.inv),
+    ("it is inverted", lambda right: np.linalg.inv(right)),
+    (
+        "its rotation is transposed and its translation has the opposite sign, which is not the inverse",
+        lambda right: _with_translation(
+            _with_rotation(right, np.swapaxes(right[..., :3, :3], -1, -2)), -right[..., :3, 3]
+        ),
+    ),
     ("its translation is missing", lambda right: _with_translation(right, 0.0 * right[..., :3, 3])),
     ("its translation has the opposite sign", lambda right: _with_translation(right, -right[..., :3, 3])),
     ("its rotation is missing", lambda right: _with_rotation(right, np.eye(3))),
 )
+KNOWN = tuple(words for words, _ in CHANGES)
+FACTOR = "it is multiplied by "
+UNKNOWN = "the numbers differ"
 
 
 def _with_rotation(T: Array, R: Array) -> Array:
@@ -214,25 +350,28 @@ def difference(mine: Any, theirs: Any) -> str:
     right = np.asarray(theirs, np.float64)
     if own.ndim == right.ndim == 0:
         return f"it is {own:.6g}, not {right:.6g}"
-    if own.shape != right.shape:
-        if own.ndim and right.ndim and own.shape[1:] == right.shape[1:]:
-            return f"{len(own)} rows instead of {len(right)}"
-        return f"the shape {own.shape} instead of {right.shape}"
     for words, change in CHANGES:
         try:
             if _equal(own, change(right)):
                 return words
         except (ValueError, IndexError, np.linalg.LinAlgError):
             continue
+    if own.shape != right.shape:
+        if own.ndim and right.ndim and own.shape[1:] == right.shape[1:]:
+            return f"{len(own)} rows instead of {len(right)}"
+        return f"the shape {own.shape} instead of {right.shape}"
     factor = float(np.vdot(right, own) / max(float(np.vdot(right, right)), 1e-300))
     if _equal(own, factor * right):
-        return f"it is {factor:.4g} times as large"
-    return "the numbers differ"
+        return f"{FACTOR}{factor:.4g}"
+    return UNKNOWN
 
 
 def _equal(mine: Any, theirs: Any) -> bool:
-    own = np.asarray(mine, np.float64)
-    right = np.asarray(theirs, np.float64)
+    try:
+        own = np.asarray(mine, np.float64)
+        right = np.asarray(theirs, np.float64)
+    except (TypeError, ValueError):
+        return False
     if own.shape != right.shape:
         return False
     size = float(np.abs(right).max(initial=0.0))

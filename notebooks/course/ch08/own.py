@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import html
 import time
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -27,11 +28,11 @@ from vo_lib.runs.front_end import TimedMatches
 from ..ch00.exercises import right_chain
 from ..ch05.real_drives import line_distances
 from ..checker import Exercise
-from ..results import Unusable, Verdict
+from ..results import Verdict
 from ..stored_answers import NAME, load
 from ..tasks import tasks
 from .limits import TooLong, within
-from .stages import LIMIT_S, StageError, call_stage, result_within
+from .stages import LIMIT_S, Endless, StageError, call_stage, ended_within, require_inputs, too_long
 
 # The functions in the order of the loop.
 STAGES = (
@@ -50,8 +51,10 @@ STAGES = (
     "chain",
     "all_errors",
 )
+AFTER_THE_FRAMES = "chain", "all_errors"
 SLOW = 5.0  # a stage is slow above this multiple of the library's time
-LEAST_S = 0.02  # shorter stages are never called slow
+LEAST_S = 0.1  # processor time of a check; a stage that needs less is never called slow
+REPEATS = 3  # measurements of a slow check, of which the shortest counts
 
 
 # Called after each stage of the loop with the frame, the name of the stage, its inputs and its result.
@@ -65,8 +68,12 @@ class StudentOdometry:
     A stage that stops with an exception, never ends, or returns something that the loop cannot use raises a
     `StageError`, which names the stage, the frame and the reason.
 
+    A stage whose input is not finite or has another shape than expected is not to blame: then the message names
+    the lines of the loop between the stage before and this one.
+
     `whose` : for each stage, "yours" or the reason for the library's function. `slow` : ratio of your
-    function's time to the library function's time. `limit_s` : longest time of one call.
+    function's processor time to the library function's. `limit_s` : longest time of one call. `called` : the
+    stages that were called in this frame.
     """
 
     functions: Mapping[str, Any]
@@ -75,6 +82,7 @@ class StudentOdometry:
     limit_s: float = LIMIT_S
     frame: int | None = None
     listener: Listener | None = None
+    called: list[str] = field(default_factory=list)
 
     def __getattr__(self, name: str) -> Any:
         if name not in STAGES:
@@ -83,15 +91,24 @@ class StudentOdometry:
 
     def run_stage(self, name: str, *inputs: Any) -> Any:
         """The result of a stage; `StageError` if it has none."""
+        self.require_inputs(name, inputs)
         function = self.functions[name]
         result = call_stage(name, self.whose[name], self.frame, function, *inputs, limit_s=self.limit_s)
         if self.listener is not None:
             self.listener(self.frame, name, inputs, result)
         return result
 
+    def require_inputs(self, name: str, inputs: tuple[Any, ...], sets: bool = False) -> None:
+        """`StageError` if an input is not fit for a stage; `sets`: the inputs are those of several calls."""
+        if self.frame is None and name not in AFTER_THE_FRAMES:
+            return  # a call outside a loop, to try something
+        before = self.called[-1] if self.called else ""
+        require_inputs(name, inputs, self.frame, before, sets)
+        self.called.append(name)
+
     def at(self, frame: int) -> StudentOdometry:
         """The same stages for the calls of one frame; messages name this frame."""
-        return replace(self, frame=frame)
+        return replace(self, frame=frame, called=[])
 
     @property
     def facts(self) -> dict[str, float]:
@@ -125,9 +142,8 @@ def join(limit_s: float = LIMIT_S, **given: Any) -> StudentOdometry:
     path = Path(NAME)
     try:
         written = {**within(limit_s, load, path), **given}
-    except TooLong:
-        words = f"does not end within {limit_s:g} s: take the loop without an end out of it"
-        raise DataError(words, path) from None
+    except TooLong as error:
+        raise DataError(too_long(limit_s, error), path) from None
     exercises = tasks()
     functions = {}
     whose = {}
@@ -135,9 +151,9 @@ def join(limit_s: float = LIMIT_S, **given: Any) -> StudentOdometry:
     for name in STAGES:
         own = written.get(name)
         _, exercise = exercises[name]
-        start = time.perf_counter()
+        start = time.thread_time()
         verdict = _checked(exercise, own, limit_s) if callable(own) else None
-        seconds = time.perf_counter() - start
+        seconds = time.thread_time() - start
         passed = verdict is not None and verdict.passed
         functions[name] = own if passed else exercise.right
         why = f"not in {NAME} yet"
@@ -147,20 +163,55 @@ def join(limit_s: float = LIMIT_S, **given: Any) -> StudentOdometry:
             why = "as you asked"
         whose[name] = "yours" if passed else f"the library's: {why}"
         if passed and seconds > LEAST_S:
-            start = time.perf_counter()
-            exercise.grade(exercise.right)
-            times = seconds / (time.perf_counter() - start)
+            times = _shortest(exercise, own) / _shortest(exercise, exercise.right)
             slow |= {name: times} if times > SLOW else {}
     return StudentOdometry(functions, whose, slow, limit_s)
 
 
 def _checked(exercise: Exercise, own: Any, limit_s: float) -> Verdict:
     """The verdict of a check; not passed if the function does not end."""
-    verdict = result_within(limit_s, exercise.grade, (own,))
-    if isinstance(verdict, Unusable):
+    with warnings.catch_warnings():  # an interrupted check may leave its own filter of warnings behind
+        verdict = ended_within(limit_s, exercise.grade, own)
+    if isinstance(verdict, Endless):
         return Verdict(False, f"it {verdict.message}")
     assert isinstance(verdict, Verdict)
     return verdict
+
+
+def _shortest(exercise: Exercise, function: Any) -> float:
+    """The shortest processor time of several checks of a function, seconds.
+
+    Other programs of the computer do not count, and the first call of a function is often the slowest.
+    """
+    times = []
+    for _ in range(REPEATS):
+        start = time.thread_time()
+        exercise.grade(function)
+        times.append(time.thread_time() - start)
+    return max(min(times), 1e-6)  # a clock may have coarse steps
+
+
+def usable_path(path: Any, frames: int) -> Array:
+    """The poses (frames, 4, 4) that a loop returned; `StageError`, with the likely reason, if they are none."""
+    if path is None:
+        raise StageError("your loop returns None: is there a `return` at its end?")
+    try:
+        poses = np.asarray(path, np.float64)
+    except (TypeError, ValueError):
+        raise StageError(f"your loop returns no poses ({frames}, 4, 4), but {type(path).__name__}") from None
+    if poses.shape[1:] == (4, 4) and len(poses) != frames:
+        words = f"your loop returns {len(poses)} poses for {frames} frames"
+        if len(poses) == frames - 1:
+            words += ": the first frame has a pose too, the identity, and `chain` begins with it"
+        elif len(poses) < frames:
+            words += ": each frame but the first adds one motion, also where the loop goes on with `continue`"
+        raise StageError(words)
+    if poses.shape != (frames, 4, 4):
+        raise StageError(f"your loop returns the shape {poses.shape}, not poses ({frames}, 4, 4)")
+    wrong = np.flatnonzero(~np.isfinite(poses).all(axis=(1, 2)))
+    if len(wrong):
+        raise StageError(f"your loop returns poses with NaN or infinity, from frame {wrong[0]} on")
+    return poses
 
 
 def watched(matches: Iterable[TimedMatches], report: Progress, frames: int) -> Iterator[TimedMatches]:
@@ -183,6 +234,7 @@ def solve_sets(mine: StudentOdometry, x_p: Array, x_c: Array) -> tuple[Array, In
 
     Raises `StageError` if no set has a solution.
     """
+    mine.require_inputs("solve_five", (x_p, x_c), sets=True)
     if mine.whose["solve_five"] != "yours":
         solved = five_point(x_p, x_c)
         E = solved.E

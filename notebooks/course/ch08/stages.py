@@ -35,12 +35,35 @@ SHAPES: Mapping[str, Callable[..., list[Shape]]] = {
     "weights": lambda r, s: [np.shape(r)],
     "chain": lambda motions: [(len(motions) + 1, 4, 4)],
 }
+# The shapes of the inputs of each stage, in the order of its parameters. A letter is a length, the same length for
+# each input of a call; `MAY_BE_NONE` lists the letters of which there may be none at all.
+INPUTS: Mapping[str, tuple[tuple[str | int, ...], ...]] = {
+    "keep_outside": (("F", 2), ("F", 2), ("B", 4), ("C", 4)),
+    "buckets": (("F", 2), ("F",), ("F",), (), ()),
+    "solve_five": ((5, 2), (5, 2)),
+    "epipolar_distance": ((3, 3), ("N", 2), ("N", 2)),
+    "truncated_error": (("N",), ()),
+    "select": (("M", 3, 3), ("M",), ("M",), (9,), ()),
+    "four_motions": ((3, 3),),
+    "choose_motion": ((4, 3, 4), ("N", 2), ("N", 2)),
+    "rows_of_one": ((2,), (2,), (2,), (2,), (3, 3), ()),
+    "depth_weights": (("N",),),
+    "translation_of_all": (("N", 8, 3), ("N", 8, 3), ("N", 8), ("N",)),
+    "weights": (("N",), ()),
+    "chain": (("K", 4, 4),),
+    "all_errors": (("T", 4, 4), ("T", 4, 4)),
+}
+MAY_BE_NONE = "F", "B", "C", "K"
 MASKS = ("keep_outside",)
 INDICES = ("buckets", "select")  # among the entries of their first input
 
 
 class StageError(DataError):
-    """A stage that failed in the loop: the message names the frame, the stage and the reason."""
+    """A stage that failed in the loop, or got a wrong input: the message names the frame, the stage, the reason."""
+
+
+class Endless(Unusable):
+    """The result of a call that was ended from outside, as it took too long, or that tried to end Python."""
 
 
 def call_stage(
@@ -74,17 +97,73 @@ def call_stage(
     raise StageError(f"{when}: {owner} `{name}` {reason.rstrip('.')}. Remedy: {advice}")
 
 
+def require_inputs(
+    name: str, inputs: tuple[Any, ...], frame: int | None, before: str, sets: bool = False
+) -> None:
+    """Raise `StageError` if an input of a stage is not finite or has another shape than the stage is made for.
+
+    The results of all stages are checked (`call_stage`), so such an input was made by the lines between two
+    stages. before : the stage that was called before this one in the frame; "" if none was.
+    sets : whether the inputs are those of several calls, with a first axis for the calls.
+    """
+    lengths = dict[str | int, int]()
+    for (argument, value), shape in zip(named_inputs(name, inputs).items(), INPUTS[name], strict=False):
+        wanted = ("S", *shape) if sets else shape
+        if reason := _unfit(value, wanted, lengths):
+            when = "after the last frame" if frame is None else f"frame {frame}"
+            where = f"between `{before}` and `{name}`" if before else f"before `{name}`"
+            raise StageError(
+                f"{when}: the lines of the loop {where} make a wrong `{argument}`: it {reason}. Remedy: correct "
+                "these lines; no stage is to blame"
+            )
+
+
+def _unfit(value: Any, wanted: tuple[str | int, ...], lengths: dict[str | int, int]) -> str:
+    """Why a stage cannot use an input, as the end of a sentence; "" if it can. `lengths` are those of the call."""
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        return "has rows of different lengths"
+    if array.dtype.kind not in "biuf":
+        return f"has no real numbers, but {'None' if value is None else type(value).__name__}"
+    fits = array.ndim == len(wanted)
+    for got, length in zip(array.shape, wanted, strict=False):
+        fits = fits and got == (lengths.setdefault(length, got) if isinstance(length, str) else length)
+    if not fits:
+        words = [str(lengths.get(length, length)) for length in wanted]
+        expected = f"({', '.join(words)}{',' if len(words) == 1 else ''})" if words else "that of one number"
+        return f"has the shape {array.shape}, not {expected}"
+    if array.size == 0 and not set(wanted) & set(MAY_BE_NONE):
+        return "is empty: no feature is left"
+    wrong = np.count_nonzero(~np.isfinite(array))
+    return f"has NaN or infinity in {wrong} of {array.size} numbers" if wrong else ""
+
+
 def result_within(limit_s: float, function: Callable[..., Any], inputs: tuple[Any, ...]) -> Any:
     """The result of a call; `Unusable`, with the reason as the end of a sentence, if it fails or never ends."""
-    try:
-        given = within(limit_s, outcome, function, inputs)
-    except TooLong:
-        return Unusable(False, f"does not end within {limit_s:g} s (is there a loop without an end?)")
-    except SystemExit:
-        return Unusable(False, "calls `exit`")
-    if isinstance(given, Unusable):
+    given = ended_within(limit_s, outcome, function, inputs)
+    if isinstance(given, Unusable) and not isinstance(given, Endless):
         return Unusable(False, given.message.replace("the code stopped", "stopped", 1))
     return given
+
+
+def ended_within(limit_s: float, function: Callable[..., Any], *inputs: Any) -> Any:
+    """The result of a call; `Endless`, with the reason as the end of a sentence, if it does not end by itself."""
+    try:
+        return within(limit_s, function, *inputs)
+    except TooLong as error:
+        return Endless(False, too_long(limit_s, error))
+    except SystemExit:
+        return Endless(False, "calls `exit`")
+
+
+def too_long(limit_s: float, error: TooLong) -> str:
+    """What is wrong with a function that was interrupted, as the end of a sentence."""
+    if error.swallowed:
+        why = "its `except:` catches even the interruption: write which error it is for, as in `except ValueError:`"
+    else:
+        why = "is there a loop without an end?"
+    return f"does not end within {limit_s:g} s ({why})"
 
 
 def in_form(name: str, given: Any, inputs: tuple[Any, ...]) -> tuple[Any, str]:
