@@ -515,7 +515,8 @@ def test_missing_sequences_may_be_accepted(tree: Path, capsys: pytest.CaptureFix
     assert reproduce(tree, *words) == 1
     printed = " ".join(capsys.readouterr().out.split())
     assert "The exit code will be 1; --missing ok accepts this." in printed
-    assert "All of KITTI" not in printed  # nothing was run, so nothing was measured
+    # Nothing was run: the time is that of the runs before.
+    assert re.search(r"All of KITTI .*: about .*, extrapolated from the times of kept runs\.", printed)
     assert "The other runs" not in printed
 
 
@@ -539,3 +540,21 @@ def test_dask_runs_the_table(tree: Path) -> None:
     with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster:
         assert reproduce(tree, *words, "--dask", cluster.scheduler_address) == 0
     assert {folder: content for folder, (_, content) in poses_of(tree).items()} == local
+
+
+def test_the_time_of_kitti_is_known_where_the_matches_are_kept(
+    tree: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["--sequences", "02,07", "--variant", "published"]
+    assert reproduce(tree, *words) == 0
+    assert "extrapolated from these runs." in capsys.readouterr().out
+    places = ["--out", str(tree / "other")]  # the cache has the matches now
+    assert reproduce(tree, *words, *places) == 0
+    printed = capsys.readouterr().out
+    assert "The other runs will take about" in printed
+    assert re.search(r"All of KITTI .*, extrapolated from these runs and the times of kept ones\.", printed)
+    # Times of another processor say nothing about this one.
+    for path in (tree / "cache").rglob("*.json"):
+        path.write_text('{"seconds": 1.0, "processor": "another"}', encoding="utf-8")
+    assert reproduce(tree, *words, "--out", str(tree / "third")) == 0
+    assert "the time is not known, since matches or runs were kept" in capsys.readouterr().out

@@ -262,3 +262,16 @@ def test_a_sweep_detects_its_boxes(tmp_path: Path, capsys: pytest.CaptureFixture
     assert "`street` was trained on drawn streets" in printed
     assert "No vehicle boxes" not in printed
     assert list((tmp_path / "cache" / "labels").iterdir())
+
+
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_a_sweep_says_how_long_the_rest_will_take(
+    sequence: Sequence, cache: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], jobs: str
+) -> None:
+    """With one seed, too: every run has other settings then, and the matches may be kept."""
+    words = ["sweep", "--sequence", str(sequence.folder), "--seeds", "1", "--method", "mesvo_f"]
+    words += ["--set", "selection.sets=10,20,30,40", "--jobs", jobs, "--cache", str(cache)]
+    for out in ("first", "second"):  # the second one with kept matches in any case
+        capsys.readouterr()
+        assert main([*words, "--out", str(tmp_path / out)]) == 0
+        assert "The other runs will take about" in capsys.readouterr().out

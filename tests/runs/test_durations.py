@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from vo_lib.runs.durations import Durations, Task, duration_words
+from vo_lib.runs.durations import Durations, Forecast, Task, duration_words
 
 
 def test_an_estimate_fills_the_processes_in_order() -> None:
@@ -39,3 +39,56 @@ def test_an_estimate_fills_the_processes_in_order() -> None:
 )
 def test_durations_are_rounded_to_what_matters(seconds: float, words: str) -> None:
     assert duration_words(seconds) == words
+
+
+def test_kept_times_count_only_where_nothing_is_measured() -> None:
+    durations = Durations()
+    durations.add_kept(Task("run", 100), 5.0)
+    assert durations.seconds_of(Task("run", 10)) == pytest.approx(0.5)
+    assert not durations.has_measured("run")
+    durations.add(Task("run", 10), 2.0)
+    assert durations.seconds_of(Task("run", 10)) == pytest.approx(2.0)
+    assert durations.has_measured()
+
+
+def test_a_family_stands_for_a_kind_that_was_not_done() -> None:
+    durations = Durations()
+    durations.add(Task("sets=50", 10, "run"), 2.0)
+    other = Task("sets=100", 20, "run")
+    assert durations.seconds_of(other) is None
+    assert durations.seconds_of(other, by_family=True) == pytest.approx(4.0)
+    assert durations.estimate([other], by_family=True) == pytest.approx(4.0)
+    assert durations.estimate([other]) is None
+
+
+def forecast_of(seconds_of_others: float) -> list[tuple[float, bool]]:
+    """What is said of ten runs, of which the first takes 100 s and the others this time."""
+    now = 0.0
+    said: list[tuple[float, bool]] = []
+    tasks = [Task(f"sets={count}", 10, "run") for count in range(10)]
+    forecast = Forecast(Durations(), [tasks], lambda rest, again: said.append((rest, again)), lambda: now)
+    forecast.done(tasks[0], 100.0)
+    forecast.say()
+    for task in tasks[1:]:
+        now += seconds_of_others
+        forecast.done(task, seconds_of_others)
+    return said
+
+
+def test_a_forecast_is_corrected_once_if_it_was_much_wrong() -> None:
+    assert forecast_of(110.0) == [(900.0, False)]
+    for others in (1000.0, 5.0):
+        first, second = forecast_of(others)
+        assert first == (900.0, False)
+        assert second[1]
+        assert (second[0] > 900.0) == (others > 100.0)
+
+
+def test_a_forecast_says_nothing_without_a_rest_or_a_measure() -> None:
+    said: list[tuple[float, bool]] = []
+    task = Task("run", 10, "run")
+    forecast = Forecast(Durations(), [[], [task]], lambda rest, again: said.append((rest, again)))
+    forecast.say()  # nothing is done yet
+    forecast.done(task, 3.0)
+    forecast.say()
+    assert said == []

@@ -247,8 +247,11 @@ def warn_missing(missing: list[str], total: int, accepted: bool) -> None:
     print_wrapped(f"warning: {words}{end}.")
 
 
-def print_rest(seconds: float, durations: Durations) -> None:
-    """Print how long the rest of the runs will take."""
+def print_rest(seconds: float, durations: Durations, again: bool) -> None:
+    """Print how long the rest of the runs will take; `again` : this corrects what was printed before."""
+    if again:
+        print_above_bar(f"The rest will take about {duration_words(seconds)}, other than first estimated.")
+        return
     processes = "process" if durations.workers == 1 else "processes"
     print_above_bar(
         f"The other runs will take about {duration_words(seconds)} ({durations.workers} {processes}; "
@@ -268,7 +271,7 @@ def run_with_options(
         options.dask,
         options.fresh,
         durations,
-        lambda seconds: print_rest(seconds, durations),
+        lambda seconds, again: print_rest(seconds, durations, again),
     )
 
 

@@ -161,7 +161,7 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
         show_report_table(table)
     print_wrapped("", *result.problems, *conclusions)
     common.note_repeated_runs(outcomes)
-    print_wrapped(*kitti_duration(jobs, durations))
+    print_wrapped(*kitti_duration(jobs, durations, detects=options.detector is not None))
     print_wrapped(f"Report with figures: {folder / REPORT}")
     if any(entry.is_whole for entry in result.entries):
         print_wrapped(f"Record for chapter 7 and for others: {folder / RECORD}")

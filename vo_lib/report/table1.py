@@ -36,6 +36,7 @@ from ..runs.drive import Run
 from ..runs.durations import DETECTION, Durations, Task, duration_words
 from ..runs.folder import read_run, warnings_of
 from ..runs.jobs import Job, Outcome, matching_task, running_task
+from ..runs.kept_times import FRONT_END_STAGES
 from .blocks import Block, Changes, settings_folder, settings_words
 from .page import finite_or_none
 
@@ -55,7 +56,6 @@ PAPER_ROWS = (AVERAGE, *SUB_SEQUENCES)
 CLAIMS = {"solution_selection": (8.0, 7.0), "mesvo_f": (6.0, 15.0)}
 
 RUNS = "runs"  # folder of the runs in the folder of the table
-FRONT_END_STAGES = ("wait_images", "matching", "cached_matches")
 BENCHMARK_FRAMES = {f"{KITTI}{number}": frames for number, frames in EXPECTED_FRAMES.items()}
 # Names of TE and RE in records and in tables, and the number of decimals in the paper.
 ERROR_KINDS = {"te_percent": ("TE %", 2), "re_deg_per_100m": ("RE deg/100 m", 3)}
@@ -446,15 +446,17 @@ def collect(
     return table
 
 
-def kitti_duration(jobs: list[Job], durations: Durations) -> list[str]:
+def kitti_duration(jobs: list[Job], durations: Durations, detects: bool = False) -> list[str]:
     """A sentence on how long these methods and seeds would take on all of KITTI's sequences 00-10.
 
-    Empty if the jobs have all of them, or none, or if nothing was run.
+    detects : whether a detector is to detect the boxes.
+
+    Empty if the jobs have all of them, or none.
     """
     names = {f"{KITTI}{number}": EXPECTED_FRAMES[number] for number in ("01", *SUB_SEQUENCES)}
     of_kitti = [job for job in jobs if job.sequence.name in names]
     frames = {job.sequence.name: len(job.sequence) for job in of_kitti}
-    if not of_kitti or frames == names or not durations.frames:
+    if not of_kitti or frames == names:
         return []
     matching = dict.fromkeys(matching_task(job).kind for job in of_kitti)
     running = [running_task(job).kind for job in of_kitti if job.sequence.name == of_kitti[0].sequence.name]
@@ -465,12 +467,22 @@ def kitti_duration(jobs: list[Job], durations: Durations) -> list[str]:
     total = sum(names.values())
     start = f"All of KITTI 00-10 ({total:,} frames), the same methods and seeds"
     if seconds is None:
-        return [f"{start}: the time is not known from this call, since its matches or runs were kept ones."]
+        return [
+            f"{start}: the time is not known, since matches or runs were kept from another processor or an "
+            "earlier version."
+        ]
     processes = "1 process" if durations.workers == 1 else f"{durations.workers} processes"
-    sentence = f"{start}: about {duration_words(seconds)} ({processes}), extrapolated from these runs"
+    measured = list(map(durations.has_measured, [*matching, *running]))
+    if all(measured):
+        source = "these runs"
+    else:
+        source = "these runs and the times of kept ones" if any(measured) else "the times of kept runs"
+    sentence = f"{start}: about {duration_words(seconds)} ({processes}), extrapolated from {source}"
     detection = durations.seconds_of(Task(DETECTION, total))
     if detection is not None:
         sentence += f", and {duration_words(detection)} for the detector"
+    elif detects:
+        sentence += "; the time of the detector, whose boxes were kept ones, is not counted"
     return [f"{sentence}."]
 
 

@@ -8,7 +8,7 @@ import re
 import time
 import traceback
 from collections.abc import Callable, Hashable, Iterable, Iterator
-from concurrent.futures import BrokenExecutor, Executor
+from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -22,7 +22,7 @@ from ..geometry.types import Progress
 from ..paper.settings import MethodConfig
 from ..parallel import local_pool
 from .drive import Run, run_methods, single_threaded
-from .durations import Durations, Task
+from .durations import Durations, Forecast, Task
 from .folder import (
     DETECTOR_OF_BOXES,
     changed_files,
@@ -37,12 +37,14 @@ from .folder import (
 )
 from .front_end import TimedMatches
 from .identity import NOT_USED, images_digest, run_identity
+from .kept_times import seconds_of_matches, seconds_of_run, write_seconds
 from .match_cache import CachedMatches
 
 if TYPE_CHECKING:
     from ..kit.calibration import Calibration
 
 MATCHING_FRAMES = 4  # cost of matching one frame, in back-end frames
+MOST_FIRST_JOBS = 0.25  # of the jobs: those that are done first, for the estimate of the others
 SIZE_CLASSES = 4  # of images, from a number of pixels to its double
 DASK_WORKER_KILLED = "KilledWorker"  # the exception of Dask, which is not always installed
 CONNECT_TIMEOUT_S = 10.0
@@ -220,7 +222,7 @@ def run_jobs(
     scheduler: str | None = None,
     fresh: bool = False,
     durations: Durations | None = None,
-    estimated: Callable[[float], None] | None = None,
+    estimated: Callable[[float, bool], None] = lambda seconds, again: None,
 ) -> list[Outcome]:
     """Do all jobs; each front end runs once per sequence and stores its matches in the match cache.
 
@@ -234,8 +236,8 @@ def run_jobs(
         need the same files under the same paths.
     fresh : repeat finished runs.
     durations : gets the time of each job, and the number of processes.
-    estimated : called with the estimated seconds of the rest, after the first job of each kind: the shortest
-        sequences are done first.
+    estimated : called with the estimated seconds of the rest, after the first jobs, those on the shortest
+        sequences; and a second time, with True, if the rest turns out much different.
 
     Returns
     -------
@@ -267,21 +269,32 @@ def run_jobs(
             progress(done, total)
 
     frames_done(0)
+    unfilled = {}
+    for key, job in front_ends.items():
+        if not CachedMatches(job.sequence, job.config, cache).path.exists():
+            unfilled[key] = job
+    _add_kept_times(jobs, to_run, unfilled.values(), cache, durations)
+    stages = [map(matching_task, unfilled.values()), map(running_task, to_run)]
+    forecast = Forecast(durations, stages, estimated)
     causes: dict[Path, str | None] = {}
     failures: dict[Hashable, str] = {}
     with executor(min(workers, max(len(jobs), 1)), scheduler, durations) as pool:
+
+        def job_done(stage: _Stage, job: Job, future: Future[_Attempt]) -> None:
+            frames_done(stage.weight * len(job.sequence))
+            if future.exception() is not None:
+                return
+            attempt = future.result()
+            if attempt.worked or attempt.cause:  # otherwise its result was there
+                forecast.done(stage.task(job), attempt.seconds if attempt.worked else None)
 
         def in_pool(stage: _Stage, jobs: Iterable[Job]) -> list[str | None]:
             """Do a stage of each job; return the causes of failure, in order, None for success."""
             futures = []
             for job in jobs:
                 futures.append(pool.submit(_attempt, stage.function, job))
-                futures[-1].add_done_callback(partial(frames_done, stage.weight * len(job.sequence)))
-            attempts = [future.result() for future in futures]
-            for job, attempt in zip(jobs, attempts, strict=True):
-                if attempt.worked:
-                    durations.add(stage.task(job), attempt.seconds)
-            return [attempt.cause for attempt in attempts]
+                futures[-1].add_done_callback(partial(job_done, stage, job))
+            return [future.result().cause for future in futures]
 
         def do(fronts: dict[Hashable, Job], runs: list[Job]) -> None:
             """Run the front ends, then the jobs whose front ends have not failed."""
@@ -295,25 +308,15 @@ def run_jobs(
         matching = _Stage(partial(_fill, cache=cache), matching_task, MATCHING_FRAMES)
         running = _Stage(partial(_run, cache=cache, fresh=fresh), running_task)
         try:
-            # The first jobs of each kind say how long the others will take.
-            unfilled = {
-                key: job
-                for key, job in front_ends.items()
-                if not CachedMatches(job.sequence, job.config, cache).path.exists()
-            }
-            first_runs = _first_of_each_kind(to_run, running_task, workers)
+            # The first jobs say how long the others will take.
+            first_runs = _first_jobs(to_run, running_task, workers)
             first_fronts = {_front_end(job): front_ends[_front_end(job)] for job in first_runs}
-            for job in _first_of_each_kind(list(unfilled.values()), matching_task, workers):
+            for job in _first_jobs(list(unfilled.values()), matching_task, workers):
                 first_fronts[_front_end(job)] = job
             do(first_fronts, first_runs)
+            forecast.say()
             other_fronts = {key: job for key, job in front_ends.items() if key not in first_fronts}
-            other_runs = [job for job in jobs if job not in first_runs]
-            rest = [job for job in to_run if job not in first_runs]
-            to_match = [matching_task(job) for key, job in other_fronts.items() if key in unfilled]
-            seconds = durations.estimate(to_match, map(running_task, rest))
-            if rest and seconds is not None and estimated is not None:
-                estimated(seconds)
-            do(other_fronts, other_runs)
+            do(other_fronts, [job for job in jobs if job not in first_runs])
         except Exception as error:  # `_attempt` catches the exceptions of the jobs
             if isinstance(error, BrokenExecutor) or type(error).__name__ == DASK_WORKER_KILLED:
                 raise DataError(
@@ -337,14 +340,14 @@ class _Stage(NamedTuple):
 def matching_task(job: Job) -> Task:
     """The front end of a job, as a task."""
     config = job.config
-    return Task(
-        ("matching", _size_class(job), config.variant, config.features, config.matching), len(job.sequence)
-    )
+    kind = ("matching", _size_class(job), config.variant, config.features, config.matching)
+    return Task(kind, len(job.sequence), ("matching", config.variant))
 
 
 def running_task(job: Job) -> Task:
     """The run of a job with given matches, as a task."""
-    return Task(("run", _size_class(job), job.method, replace(job.config, seed=0)), len(job.sequence))
+    kind = ("run", _size_class(job), job.method, replace(job.config, seed=0))
+    return Task(kind, len(job.sequence), ("run", job.config.variant))
 
 
 def _size_class(job: Job) -> int:
@@ -352,10 +355,15 @@ def _size_class(job: Job) -> int:
     return round(SIZE_CLASSES * math.log2(job.sequence.camera.width * job.sequence.camera.height))
 
 
-def _first_of_each_kind(jobs: list[Job], task: Callable[[Job], Task], workers: int) -> list[Job]:
-    """A job of each kind, on the shortest sequence, and others until every process has work."""
+def _first_jobs(jobs: list[Job], task: Callable[[Job], Task], workers: int) -> list[Job]:
+    """A job of each kind, on the shortest sequence, and others until every process has work.
+
+    Where this would be much of the work, as with many settings and one seed, it is a job of each family.
+    """
     by_length = sorted(jobs, key=lambda job: len(job.sequence))
-    first = {task(job).kind: job for job in reversed(by_length)}
+    first: dict[Hashable, Job] = {task(job).kind: job for job in reversed(by_length)}
+    if len(first) > MOST_FIRST_JOBS * len(jobs):
+        first = {task(job).family: job for job in reversed(by_length)}
     chosen = list(first.values())
     for job in by_length:
         if len(chosen) >= workers:
@@ -363,6 +371,25 @@ def _first_of_each_kind(jobs: list[Job], task: Callable[[Job], Task], workers: i
         if job not in chosen:
             chosen.append(job)
     return chosen
+
+
+def _add_kept_times(
+    jobs: list[Job], to_run: list[Job], unfilled: Iterable[Job], cache: Path | None, durations: Durations
+) -> None:
+    """Count the durations of finished runs and of cached matches, as far as they are known."""
+    fronts = {_front_end(job): job for job in jobs}
+    missing = {_front_end(job) for job in unfilled}
+    for key, job in fronts.items():
+        if key not in missing:
+            seconds = seconds_of_matches(CachedMatches(job.sequence, job.config, cache))
+            if seconds is not None:
+                durations.add_kept(matching_task(job), seconds)
+    folders = {job.folder for job in to_run}
+    for job in jobs:
+        if job.folder not in folders:
+            seconds = seconds_of_run(job.folder, len(job.sequence))
+            if seconds is not None:
+                durations.add_kept(running_task(job), seconds)
 
 
 def _front_end(job: Job) -> Hashable:
@@ -373,8 +400,13 @@ def _front_end(job: Job) -> Hashable:
 
 def _fill(job: Job, cache: Path | None) -> bool:
     """Run the front end for matches that are not in the cache; return whether it ran."""
+    matches = CachedMatches(job.sequence, job.config, cache)
+    start = time.perf_counter()
     with single_threaded():
-        return CachedMatches(job.sequence, job.config, cache).fill()
+        computed = matches.fill()
+    if computed:
+        write_seconds(matches, time.perf_counter() - start)
+    return computed
 
 
 def _run(job: Job, cache: Path | None, fresh: bool) -> bool:
