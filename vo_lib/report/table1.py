@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -453,17 +453,12 @@ def kitti_duration(jobs: list[Job], durations: Durations, detects: bool = False)
 
     Empty if the jobs have all of them, or none.
     """
-    names = {f"{KITTI}{number}": EXPECTED_FRAMES[number] for number in ("01", *SUB_SEQUENCES)}
+    names = _frames_of_kitti()
     of_kitti = [job for job in jobs if job.sequence.name in names]
     frames = {job.sequence.name: len(job.sequence) for job in of_kitti}
     if not of_kitti or frames == names:
         return []
-    matching = dict.fromkeys(matching_task(job).kind for job in of_kitti)
-    running = [running_task(job).kind for job in of_kitti if job.sequence.name == of_kitti[0].sequence.name]
-    seconds = durations.estimate(
-        [Task(kind, count) for kind in matching for count in names.values()],
-        [Task(kind, count) for kind in running for count in names.values()],
-    )
+    seconds = kitti_seconds(of_kitti, durations)
     total = sum(names.values())
     start = f"All of KITTI 00-10 ({total:,} frames), the same methods and seeds"
     if seconds is None:
@@ -472,6 +467,7 @@ def kitti_duration(jobs: list[Job], durations: Durations, detects: bool = False)
             "earlier version."
         ]
     processes = "1 process" if durations.workers == 1 else f"{durations.workers} processes"
+    matching, running = _kinds_of(of_kitti)
     measured = list(map(durations.has_measured, [*matching, *running]))
     if all(measured):
         source = "these runs"
@@ -484,6 +480,32 @@ def kitti_duration(jobs: list[Job], durations: Durations, detects: bool = False)
     elif detects:
         sentence += "; the time of the detector, whose boxes were kept ones, is not counted"
     return [f"{sentence}."]
+
+
+def kitti_seconds(jobs: list[Job], durations: Durations) -> float | None:
+    """Estimated seconds of methods and seeds on all of KITTI's sequences 00-10; None if a kind is unknown.
+
+    jobs : their runs; those on the first sequence count. durations : of runs on images of the same size, with
+    as many processes at the same time. Short runs take longer per frame, since each one writes its files.
+    """
+    names = _frames_of_kitti()
+    matching, running = _kinds_of(jobs)
+    return durations.estimate(
+        [Task(kind, count) for kind in matching for count in names.values()],
+        [Task(kind, count) for kind in running for count in names.values()],
+    )
+
+
+def _kinds_of(jobs: list[Job]) -> tuple[list[Hashable], list[Hashable]]:
+    """The kinds of the front ends of jobs, each once, and of the runs on the first sequence of the jobs."""
+    matching = dict.fromkeys(matching_task(job).kind for job in jobs)
+    running = [running_task(job).kind for job in jobs if job.sequence.name == jobs[0].sequence.name]
+    return list(matching), running
+
+
+def _frames_of_kitti() -> dict[str, int]:
+    """Numbers of frames of KITTI's sequences 00-10 by name."""
+    return {f"{KITTI}{number}": EXPECTED_FRAMES[number] for number in ("01", *SUB_SEQUENCES)}
 
 
 def table_records(groups: list[Group], paper: PaperTable) -> list[dict[str, Any]]:

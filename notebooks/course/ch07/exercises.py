@@ -29,6 +29,7 @@ TRUE = 100.0 * 180.0 / np.pi
 FRAMES = 30
 LENGTHS = (20.0,)
 VALUES = (8, 16, 100)
+NO_DIGIT = "the paper rounds, too: half a unit of the last printed digit is missing"
 
 
 def rows(te: dict[str, Any], without: str = "01", none: Any = None) -> list[float]:
@@ -43,6 +44,11 @@ def allowed_difference(
     """How far one more run may be from the mean of runs (n,), with a part of the last printed digit."""
     deviation = float(np.std(values, ddof=over))
     return t * deviation * float(np.sqrt(further + 1.0 / len(values))) + digit * 10.0**-digits
+
+
+def without_term(values: Array, digits: int, t: float, over: int = 1, digit: float = 0.5) -> float:
+    """The difference that only the new run's scatter allows, without that of the mean."""
+    return t * float(np.std(values, ddof=over)) + digit * 10.0**-digits
 
 
 def errors_of_seeds() -> list[Case]:
@@ -135,14 +141,30 @@ allowed = Exercise(
         "this is the interval of the mean, t s/√n: one more run scatters by s itself, and our mean by s/√n.": (
             partial(allowed_difference, further=0),
         ),
-        "the new run scatters, but so does our mean: the variances s² and s²/n add up.": lambda values, digits, t: (
-            t * float(np.std(values, ddof=1)) + 0.5 * 10.0**-digits
-        ),
+        "the new run scatters, but so does our mean: the variances s² and s²/n add up.": without_term,
         "the standard deviation is over n; a sample has n - 1 (`ddof=1`).": partial(
             allowed_difference, over=0
         ),
         "the paper rounds, too: add half a unit of the last printed digit.": partial(
             allowed_difference, digit=0.0
+        ),
+        "two things: this is the interval of the mean, t s/√n, while one more run scatters by s itself; and "
+        f"{NO_DIGIT}.": partial(allowed_difference, further=0, digit=0.0),
+        "two things: the standard deviation is over n, but a sample has n - 1 (`ddof=1`); and "
+        f"{NO_DIGIT}.": partial(allowed_difference, over=0, digit=0.0),
+        "two things: not only the new run scatters, but our mean as well, with the variance s²/n; and "
+        f"{NO_DIGIT}.": partial(without_term, digit=0.0),
+        "two things: this is the interval of the mean, t s/√n, while one more run scatters by s itself; and the "
+        "standard deviation is over n, but a sample has n - 1 (`ddof=1`).": partial(
+            allowed_difference, further=0, over=0
+        ),
+        "two things: not only the new run scatters, but our mean as well, with the variance s²/n; and the "
+        "standard deviation is over n, but a sample has n - 1 (`ddof=1`).": partial(without_term, over=0),
+        "three things: a further run scatters by s itself, beside the s/√n of our mean; the standard deviation is "
+        "over n, but a sample has n - 1 (`ddof=1`); and "
+        f"{NO_DIGIT}.": (
+            partial(allowed_difference, further=0, over=0, digit=0.0),
+            partial(without_term, over=0, digit=0.0),
         ),
         "a rounded number is off by at most half a unit of the last digit, not by a whole one.": partial(
             allowed_difference, digit=1.0
@@ -167,6 +189,10 @@ sweep = Exercise(
     line='config = change(preset("solution_selection"), "selection.sets", value)',
     mistakes={
         "this is RE: take `.te` of the result of `kitti_errors`.": lambda *case: errors_of_sets()[1],
+        "the frames of this exercise have no images, so nothing can be matched here: hand in the given matches, "
+        "`run_methods(sequence, configs, matches=matches)`.": lambda sequence, matches, values: [
+            run_methods(sequence, {"name": preset("solution_selection")}) for _ in values
+        ],
         "a TE is None: the path has 29 m, so take lengths=(20,) and step=1.": lambda *case: [None] * 3,
         "all values give the same TE: the setting has not changed. `change` returns a new configuration.": Condition(
             lambda got, *case: np.ptp(got) < 1e-12

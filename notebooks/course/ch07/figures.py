@@ -21,15 +21,16 @@ from vo_lib.report.plots import draw_drift, draw_trajectories
 from vo_lib.report.table1 import Entry, group_entries
 from vo_lib.report.table1_page import layout_tables
 
-from ..ch05.claim import CHOICES, THRESHOLD_AND_BOXES
+from ..ch05.claim import CHOICES, RESULTS, THRESHOLD_AND_BOXES
 from ..ch05.claim import results_table as results_table
 from ..ch06.figures import changes_chart
-from ..colours import CYCLE, DARK, PALE
+from ..colours import CYCLE, DARK, MANY, PALE
 from ..drawing import SMALL_SIZE, figure, log_axis, write_instead
 from ..drawing import finish as finish
 from .verdict import Gain
 
 PATHS_HEIGHT = 340
+SHAPES = "os^vDP*Xh"
 CELL = '<{0} style="padding:1px 10px;text-align:{1}">{2}</{0}>'
 
 
@@ -114,13 +115,20 @@ def choices_figure(ratios: Mapping[str, Mapping[str, Mapping[str, float]]]) -> F
     """A line per alternative, a dot per sequence: the alternative is better left of 1, worse right of 1."""
     made, (axis,) = figure(380)
     box = axis.get_position()
-    axis.set_position((0.27, box.y0, 0.57, box.height))  # room for names and for the legend
+    axis.set_position((0.28, box.y0, 0.53, box.height))  # room for names and for the legend
     lines = [(f"{name}: {words}", cells) for name, each in ratios.items() for words, cells in each.items()]
     sequences = list(dict.fromkeys(name for _, cells in lines for name in cells))
-    for place, (sequence, marker) in enumerate(zip(sequences, "os^vDP*Xh", strict=False)):
-        x = [cells[sequence] for _, cells in lines]
-        colour = CYCLE[place % len(CYCLE)]
-        axis.plot(x, np.arange(len(lines)), marker, label=sequence, color=colour, markersize=7, alpha=0.9)
+    for place, sequence in enumerate(sequences):
+        x = [cells.get(sequence, np.nan) for _, cells in lines]
+        axis.plot(
+            x,
+            np.arange(len(lines)),
+            SHAPES[place % len(SHAPES)],
+            label=sequence.removeprefix("synthetic/"),
+            color=MANY[place % len(MANY)],
+            markersize=7,
+            alpha=0.9,
+        )
     axis.axvline(1.0, color=DARK, linewidth=0.8)
     axis.set_yticks(range(len(lines)), [words for words, _ in lines])
     axis.set_ylim(len(lines) - 0.5, -0.5)
@@ -159,16 +167,42 @@ def gains_figure(gains: Mapping[str, Gain]) -> Figure:
     return made
 
 
-def measured_columns(methods: Sequence[str], kind: str) -> list[dict[str, float]]:
+def measured_columns(methods: Sequence[str], kind: str) -> tuple[str, list[dict[str, float]]]:
     """TE or RE of the clips of KITTI, variant `published`, from `results.md`: a column for each method.
 
-    A clip has rows for several lengths; they come from the same frames, so only the last is used.
+    A clip has a row for each length of sub-sequences, and errors over different lengths cannot be averaged:
+    the columns have the largest length that every clip has. The words before them name it, and the clips
+    whose axes are removed.
     """
     title = {"te_percent": "TE, %", "re_deg_per_100m": "RE, deg/100 m"}[kind]
     table = results_table(f"Variant published: {title}", KITTI)
-    last = {row[0].split(",")[0].strip(): row for row in table.rows}
+    rows: dict[str, dict[str, list[str]]] = {}  # by length and clip
+    for row in table.rows:
+        name, length, *_ = [*map(str.strip, row[0].split(",")), ""]
+        rows.setdefault(length, {})[name] = row
+    clips = {name for of_length in rows.values() for name in of_length}
+    common = [length for length, of_length in rows.items() if length and set(of_length) == clips]
+    if not common:
+        return "over no length that all of them have", [{} for _ in methods]
+    longest = max(common, key=lambda length: float(length.split()[0]))
+    removed = [short_name(name) for name, row in rows[longest].items() if "axes removed" in row[0]]
+    words = f"over {longest}" + (f", axes removed on {', '.join(removed)}" if removed else "")
     columns = []
     for method in methods:
         place = table.columns.index(method)
-        columns.append({name: float(row[place]) for name, row in last.items()})
-    return columns
+        same = table.columns.index("solution_selection")  # what "=" stands for
+        cells = {name: row[same if row[place] == "=" else place] for name, row in rows[longest].items()}
+        columns.append({name: float(cell) for name, cell in cells.items()})
+    return words, columns
+
+
+def removal_sentences() -> list[str]:
+    """The sentences of `results.md` on what the removal changes, for each variant, TE first."""
+    text = RESULTS.read_text(encoding="utf-8")
+    sentences = []
+    for part in text.split("\n## ")[1:]:
+        title, *lines = part.splitlines()
+        found = [line for line in lines if line.startswith("Removal of the features")]
+        sentences += [f"{title.partition(':')[0]}. {line}" for line in found if title.startswith("Variant")]
+    # The sentences of a variant stand above the table of TE.
+    return list(dict.fromkeys(sentences))

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import itertools
+import tempfile
 from collections.abc import Hashable
 from dataclasses import dataclass
+from pathlib import Path
 
-from vo_lib.config import preset
+from vo_lib.config import VARIANTS, preset
 from vo_lib.data.catalogue import KITTI, available, open_sequence
 from vo_lib.data.sequence import Sequence
 from vo_lib.detection.label_folders import with_all_labels
 from vo_lib.detection.models import list_detectors
+from vo_lib.errors import DataError
 from vo_lib.evaluation.kitti_errors import KITTI_PROTOCOL, suitable_protocol
 from vo_lib.geometry.types import Progress
-from vo_lib.report.table1 import Entry, measure_runs
+from vo_lib.report.table1 import Entry, kitti_seconds, measure_runs
 from vo_lib.runs.drive import run_methods
+from vo_lib.runs.durations import HOUR_S, Durations
+from vo_lib.runs.jobs import Job, run_jobs
 from vo_lib.runs.match_cache import CachedMatches
 
 from ..frames import longest_piece, opened
@@ -23,7 +29,8 @@ from ..memory import Memory
 STREET = "synthetic/traffic"
 STREET_FRAMES = 130  # enough for a path of 100 m
 WHOLE = "kitti/04"  # the shortest sequence of Table 1, 271 frames
-FIRST = {"kitti/00": 16}  # first frame of a part: the truth of earlier steps has errors of up to 20 cm
+# Number of the first frame of a part: the truth of earlier steps has errors of up to 20 cm.
+FIRST = {"kitti/00": 16}
 
 _entries: Memory[list[Entry]] = Memory(12)
 
@@ -52,7 +59,12 @@ def part_of(sequence: Sequence, frames: int, first: int | None = None) -> Sequen
     """A part of `frames` frames, at most the whole; by default, the first frames with a good truth."""
     if frames >= len(sequence):
         return sequence
-    first = min(FIRST.get(sequence.name, 0) if first is None else first, len(sequence) - frames)
+    if first is None:
+        first = 0
+        if sequence.name in FIRST:
+            # The sequence may be a part itself, which begins there already.
+            first = max(FIRST[sequence.name] - int(sequence.frames[0]), 0)
+    first = min(first, len(sequence) - frames)
     return sequence.part(first, first + frames)
 
 
@@ -73,6 +85,35 @@ def clip(
     sequence = next(usable, None) or part_of(opened(STREET, progress), STREET_FRAMES)
     detector = detector or next(iter(list_detectors()), "")
     return with_all_labels(sequence, detector, progress=progress) if detector else sequence
+
+
+def table_hours(
+    sequence: Sequence, seeds: int, workers: int, progress: Progress | None = None
+) -> dict[str, float]:
+    """Hours of Table 1 on all of KITTI 00-10 by variant, by the rule of `vo reproduce`.
+
+    All methods are run on the sequence with one seed, in `workers` processes at the same time, since processes
+    slow each other down; then all frames and seeds are extrapolated from their durations.
+    """
+    with tempfile.TemporaryDirectory() as made:
+        folder = Path(made)
+        jobs = []
+        for variant, methods in VARIANTS.items():
+            for method, seed in itertools.product(methods, range(seeds)):
+                config = preset(method, variant=variant, seed=seed)
+                jobs.append(Job(sequence, method, config, folder / variant / method / f"seed_{seed}"))
+        durations = Durations()
+        first = [job for job in jobs if job.config.seed == 0]
+        outcomes = run_jobs(first, workers, progress, folder / "cache", durations=durations)
+    failed = [outcome.error for outcome in outcomes if outcome.error is not None]
+    if failed:
+        raise DataError(f"a run for the estimate failed: {failed[0]}")
+    hours = {}
+    for variant in VARIANTS:
+        seconds = kitti_seconds([job for job in jobs if job.config.variant == variant], durations)
+        if seconds is not None:
+            hours[variant] = seconds / HOUR_S
+    return hours
 
 
 def run_plan(plan: Plan, progress: Progress | None = None) -> list[Entry]:
