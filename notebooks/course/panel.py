@@ -576,9 +576,10 @@ class Panel:
         with self.redraws.held():
             if name is None or name == self.opening.wanted:
                 return  # the panel itself has set the list
-            if self.opening.pending:
-                self.job.stop()
+            was_pending = self.opening.pending
             choice = self.opening.choose(name)
+            if was_pending:
+                self.job.stop()  # after the choice: what it says of the one before is not wanted any more
             self.chooser.value = name  # also if a late error has just set it back
             if not self.opening.pending:
                 return  # back to what is shown

@@ -12,7 +12,6 @@ from IPython.display import display
 from vo_lib.geometry.types import Progress
 
 Value = TypeVar("Value")
-STOPPING = "stopping …"
 
 
 def with_bar(words: str, work: Callable[[Progress], Value]) -> Value:
@@ -32,14 +31,14 @@ def with_bar(words: str, work: Callable[[Progress], Value]) -> Value:
 
 
 class Stopped(Exception):
-    """Raised by the progress function of a job after Stop was pressed."""
+    """What a job fails with after Stop was pressed; the progress function raises it, too."""
 
 
 class Job:
-    """One running function that counts; the start of a function stops the previous function.
+    """One running function that counts; Stop, or the start of another function, gives it up.
 
-    The new function does not wait for the next report of the previous one, which may take seconds: until then
-    both run, and what the previous one returns or raises is dropped.
+    That takes effect at once, although the function runs on until its next report, which may take seconds:
+    what it returns or raises then is dropped.
 
     `box` has a bar, words and a Stop button; the box is hidden while nothing runs.
     """
@@ -50,12 +49,15 @@ class Job:
         button = widgets.Button(description="Stop", icon="stop", layout={"min_width": "90px"})
         button.on_click(lambda _: self.stop())
         self.box = widgets.HBox([self._bar, self._words, button], layout={"display": "none"})
-        self._thread = threading.Thread()  # the last one
-        self._stop = threading.Event()
+        self._lock = threading.Lock()
+        self._thread = threading.Thread()  # of the function that counts
+        self._over = threading.Event()  # of this function: it has ended, or is given up
+        self._over.set()
+        self._failed: Callable[[Exception], None] = lambda error: None
 
     @property
     def running(self) -> bool:
-        """Whether a function is running."""
+        """Whether a function is running that is not given up."""
         return self._thread.is_alive()
 
     def start(
@@ -67,50 +69,63 @@ class Job:
     ) -> None:
         """Run `work(progress)` on a thread, then `done(result)` or `failed(exception)` on the same thread.
 
-        `work` calls progress(done, total) at least a few times per second; Stop takes effect in these calls.
-        A result that comes after Stop is not wanted: `failed` gets `Stopped` instead.
+        `work` calls progress(done, total) at least a few times per second; a function that is given up ends in
+        these calls. After Stop, `failed` gets `Stopped` at once, on the thread that stops.
         """
-        self._stop.set()
-        stop = self._stop = threading.Event()
-        self._bar.value = 0
-        self._words.value = label
-        self.box.layout.display = ""
+        over = threading.Event()
 
         def report(count: int, total: int) -> None:
-            if stop.is_set():
-                raise Stopped
-            self._bar.max = max(total, 1)
-            self._bar.value = count
-            self._words.value = f"{label}: {count} of {total}"
+            with self._lock:
+                if over.is_set():
+                    raise Stopped
+                self._bar.max = max(total, 1)
+                self._bar.value = count
+                self._words.value = f"{label}: {count} of {total}"
 
         def body() -> None:
+            wrong: Exception | None = None
             try:
                 result = work(report)
-                if stop.is_set():
-                    raise Stopped
-                self._hide(stop)
-                done(result)
             except Exception as error:
-                if self._hide(stop):
-                    failed(error)
+                wrong = error
+            if not self._end(over):
+                return
+            if wrong is None:
+                try:
+                    done(result)
+                except Exception as error:
+                    wrong = error
+            if wrong is not None:
+                failed(wrong)
 
         thread = threading.Thread(target=body, daemon=True)
+        with self._lock:
+            self._over.set()
+            self._over = over
+            self._thread = thread
+            self._failed = failed
+            self._bar.value = 0
+            self._words.value = label
+            self.box.layout.display = ""
         thread.start()
-        self._thread = thread
 
-    def _hide(self, stop: threading.Event) -> bool:
-        """Hide the bar of the function with this event; False if another function has taken its place."""
-        if stop is not self._stop:
-            return False
-        self.box.layout.display = "none"
-        return True
+    def _end(self, over: threading.Event) -> bool:
+        """Hide the bar of a function that ends now; False if it is already over."""
+        with self._lock:
+            if over.is_set():
+                return False
+            over.set()
+            self.box.layout.display = "none"
+            return True
 
     def stop(self) -> None:
-        """End the running function at its next report."""
-        self._stop.set()
-        self._words.value = STOPPING
+        """Give up the running function, if there is one."""
+        failed = self._failed
+        if self._end(self._over):
+            self._thread = threading.Thread()
+            failed(Stopped())
 
     def wait(self, seconds: float | None = None) -> None:
-        """Wait for the end of the running function; not for one that another has replaced."""
+        """Wait for the end of the running function; not for one that is given up."""
         if self.running:
             self._thread.join(seconds)

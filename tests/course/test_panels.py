@@ -326,10 +326,11 @@ def test_a_stopped_opening_leaves_the_sequence_and_can_be_tried_again(
     slow._offer(other)
     assert slow.started.wait(LONG)
     slow.job.stop()
-    slow.go_on.set()
-    slow.wait(LONG)
-    assert (slow.chooser.value, slow.picture.value, slow.facts) == (str(bands), good, facts)
-    assert f"Stopped: {other} is not opened." in slow._message.value
+    for _ in range(2):
+        assert (slow.chooser.value, slow.picture.value, slow.facts) == (str(bands), good, facts)
+        assert f"Stopped: {other} is not opened." in slow._message.value
+        slow.go_on.set()
+        slow.wait(LONG)
     assert f"still shows {bands}" in slow._message.value
     slow.set(selection__top_k=5)
     assert slow.facts == {"keep": 5}
@@ -408,6 +409,36 @@ def test_a_long_job_can_be_stopped(example: Example) -> None:
     assert (example.job.running, example.job.box.layout.display) == (False, "none")
     assert example.error == ""
     assert "Stopped" in example._message.value
+
+
+def test_stop_does_not_wait_for_a_job_that_never_reports(example: Example) -> None:
+    go_on = threading.Event()
+    results: list[str] = []
+
+    def work(progress: Progress) -> str:
+        go_on.wait(LONG)
+        return "too late"
+
+    def fail(error: Exception) -> None:
+        results.append(type(error).__name__)
+
+    job = example.job
+    job.start("loading", work, results.append, fail)
+    thread = job._thread
+    job.stop()
+    assert (results, job.running, job.box.layout.display) == (["Stopped"], False, "none")
+    job.stop()  # once more
+    example.run()  # another job, which the late end of the first one leaves alone
+    go_on.set()
+    thread.join(LONG)
+    assert (results, job.running, job.box.layout.display) == (["Stopped"], True, "")
+    job.stop()
+    assert "Stopped" in example._message.value
+    job.start("counting", lambda progress: 1 / 0, results.append, fail)
+    job.wait(LONG)
+    job.start("counting", lambda progress: 7, lambda seven: [][seven], fail)
+    job.wait(LONG)
+    assert results == ["Stopped", "ZeroDivisionError", "IndexError"]
 
 
 def drag(slider: Any, value: float) -> None:
