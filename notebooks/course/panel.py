@@ -48,6 +48,7 @@ from __future__ import annotations
 
 import dataclasses
 import html
+import re
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -466,8 +467,8 @@ class Panel:
         # The text of a DataError is for readers; for other errors, the type helps to find the mistake.
         self.error = str(error) if isinstance(error, DataError) else f"{type(error).__name__}: {error}"
         for name, knob in self.knobs.items():
-            if self.error.startswith(f"{name}: "):  # the reader knows the control by its label
-                self.error = knob.control.words + self.error.removeprefix(name)
+            # The reader knows the control by its label.
+            self.error = re.sub(rf"(?<![\w.]){re.escape(name)}(?![\w.])", knob.control.words, self.error)
         said = f"{self.error.rstrip('.')}.{remark}" if remark else self.error
         words = f'role="alert" style="{ERROR_STYLE}">{marked(said)}'
         self._message.value = f'<div class="{ERROR_CLASS}" {words}</div>'

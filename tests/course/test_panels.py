@@ -7,6 +7,7 @@ import re
 import shutil
 import threading
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from conftest import with_box
 from matplotlib.figure import Figure
 
 from course import appendix, ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07, ch09
+from course.ch01.trace import trace
 from course.ch05.claim import claim_figure, true_path
 from course.colours import bgr
 from course.controls import Control, Knob
@@ -70,6 +72,13 @@ def stops(knob: Knob) -> list[Any]:
     return [widget.min, widget.max]
 
 
+def inner_names(panel: Panel) -> list[str]:
+    """Names of settings in the words of a panel, whose reader knows only the labels of the controls."""
+    said = html.unescape(panel._text.value + panel._message.value)
+    names = {part for name in panel.knobs for part in (name, name.split(".")[-1]) if {".", "_"} & {*part}}
+    return sorted(name for name in names if name in said)
+
+
 def test_controls_change_the_picture_and_equal_states_give_equal_pictures(panel: Panel) -> None:
     assert panel.facts
     first = panel.picture.value
@@ -89,6 +98,7 @@ def test_controls_change_the_picture_and_equal_states_give_equal_pictures(panel:
         for value in values:  # none for paths, which have tests of their own
             panel.set(**{**back, key: value})
             assert panel.error == "", (key, value)
+            assert inner_names(panel) == []
             pictures.add(panel.picture.value)
             picture = cv2.imdecode(np.frombuffer(panel.picture.value, np.uint8), cv2.IMREAD_COLOR)
             assert picture is not None
@@ -894,7 +904,7 @@ def test_choices_and_ends_are_those_of_the_state(street: Sequence) -> None:
         (ch05.FilteringPanel, "filter.classes", "car,-3", "classes: 'car,-3' is not"),
         (ch06.EvaluationPanel, "view.lengths", "10,0", "lengths: '10.0,0.0' is not"),
         (ch06.EvaluationPanel, "view.file", "no_such_file.txt", "no_such_file.txt"),
-        (ch07.ReproducePanel, "view.methods", "viso", "unknown method 'viso'"),
+        (ch07.ReproducePanel, "view.methods", "viso", "systems: unknown method 'viso'"),
     ],
 )
 def test_errors_name_the_control(
@@ -905,6 +915,38 @@ def test_errors_name_the_control(
     panel.knobs[name].widget.value = typed
     assert panel.error.startswith(says), panel.error
     assert "view." not in panel.error
+
+
+@pytest.mark.parametrize(
+    ("kind", "values", "says"),
+    [
+        (ch01.MatchingPanel, {"features__blob_quality": 500.0}, "lower <i>threshold</i>"),
+        (ch04.TranslationPanel, {"translation__max_depth": 5.0}, "<i>depth limit</i> or <i>agreement</i>"),
+        (
+            ch04.TranslationPanel,
+            {"variant": "kit", "translation__max_depth": 5.0},
+            "<i>depth limit</i></div>",
+        ),
+        (ch05.FilteringPanel, {"view__model": "no_such"}, "unknown detector 'no_such'"),
+    ],
+)
+def test_remedies_are_controls_that_are_shown(
+    kind: type[Panel], values: dict[str, Any], says: str, bands: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    panel = kind(str(bands), frame=3)
+    panel.wait(LONG)
+    assert panel.error == ""
+    if kind is ch01.MatchingPanel:
+        found = trace(panel.state().sequence, 3, preset("solution_selection"))
+        monkeypatch.setattr("course.ch01.panel.trace", lambda *_: replace(found, id=found.id[:0]))
+    panel.set(**values)
+    assert says in html.unescape(panel._message.value)
+    assert inner_names(panel) == []
+
+
+def test_an_error_that_names_a_setting_names_its_control(example: Example) -> None:
+    example._complain(DataError("selection.top_k: expected less; see selection.top_k, not filter.classes.x"))
+    assert example.error == "top k: expected less; see top k, not filter.classes.x"
 
 
 @pytest.mark.parametrize(

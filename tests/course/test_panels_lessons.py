@@ -23,11 +23,16 @@ def test_a_method_is_run_and_judged(bands: Path, tmp_path: Path, monkeypatch: py
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     panel = EvaluationPanel(str(bands), frame=1, view__lengths="1,2", view__estimate="mesvo_f")
     panel.wait(LONG)
-    assert "press Run" in panel._text.value
+    assert "press <i>Run the method</i>" in panel._text.value
     panel.run()
+    assert panel.error == ""
     panel.wait(LONG)
     assert panel.error == ""
     assert 0 < panel.facts["TE"] < 20
+    panel.set(view__estimate="made-up errors")
+    panel.run()
+    panel.wait(LONG)
+    assert panel.error == "choose a method under *estimate*, and leave *a file of your own* empty"
 
 
 def test_a_pose_file_is_compared_at_the_times_of_its_poses(bands: Path, tmp_path: Path) -> None:

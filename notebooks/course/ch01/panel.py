@@ -6,6 +6,7 @@ import numpy as np
 
 from vo_lib.config import preset
 from vo_lib.errors import DataError
+from vo_lib.paper.settings import PublishedConfig
 
 from ..drawing import PHOTO_HEIGHT
 from ..frames import stereo, truth
@@ -43,7 +44,8 @@ class MatchingPanel(Panel):
         ground_truth = truth(state.sequence)
         traced = trace(state.sequence, frame, state.config)
         if len(traced.id) == 0:
-            raise DataError(f"frame {frame - 1} has no features: lower the threshold")
+            control = "threshold" if isinstance(state.config, PublishedConfig) else "strength"
+            raise DataError(f"frame {frame - 1} has no features that can be matched: lower *{control}*")
         error = match_errors(ground_truth, traced.matches, frame)
         by_name = by_fate(traced, error)
         wrong = error > RIGHT  # false where the truth is not known

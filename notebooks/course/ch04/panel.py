@@ -139,7 +139,11 @@ class TranslationPanel(Panel):
         matches = disturbed(points.matches, view)
         solved = solve_by(view.weighting, camera, matches, R, config)
         if solved is None:
-            raise DataError("no feature can be used, or none agrees: increase `depth limit` or `agreement`")
+            if "translation.agreement" in self.idle(state):
+                raise DataError("no feature is near enough: increase *depth limit*")
+            raise DataError(
+                "no feature is near enough, or none agrees: increase *depth limit* or *agreement*"
+            )
         t, residual, weight = solved
         C = covariance(camera, matches, R, config, view.weighting)
 

@@ -84,13 +84,13 @@ class EvaluationPanel(Panel):
         if estimate is None:
             path, (axis,) = figure(PATH_HEIGHT)
             paths_chart(axis, truth, None, state.sequence.name)
-            sentence = f"{state.view.estimate} has not been run on {state.sequence.name} here: press Run."
+            sentence = f"{state.view.estimate} has not been run on {state.sequence.name} here: press *Run the method*."
             return Drawing([path], sentence, (Fact("poses", len(truth)),))
         return self._judged(state, truth, estimate)
 
     def work(self, state: State, progress: Progress) -> None:
         if state.view.file.strip() or state.view.estimate == MADE_UP:
-            raise DataError("choose a method as the estimate, and leave the field of your file empty")
+            raise DataError("choose a method under *estimate*, and leave *a file of your own* empty")
         poses_of(state.sequence, preset(state.view.estimate), progress)
 
     def _estimate(self, state: State, truth: Array) -> Array | None:
@@ -173,7 +173,9 @@ def longest_from(truth: Array, estimate: Array, lengths: tuple[float, ...], firs
 
 def _sentence(errors: KittiErrors, part: KittiErrors) -> str:
     if len(part) == 0:
-        return "No sub-sequence of these lengths starts here: choose an earlier frame, or shorter lengths."
+        return (
+            "No sub-sequence of these lengths starts here: choose an earlier *frame*, or shorter *lengths*."
+        )
     (te,), (re,) = te_and_re([part])
     length = part.length[0]
     return (

@@ -15,6 +15,7 @@ from vo_lib.config import VARIANTS, change, preset
 from vo_lib.data.sequence import Sequence
 from vo_lib.detection.label_folders import detection_record, label_folder, labelled_sequence
 from vo_lib.detection.settings import DetectorConfig
+from vo_lib.errors import DataError
 from vo_lib.evaluation.kitti_errors import (
     SHORT_PROTOCOL,
     kitti_errors,
@@ -121,7 +122,10 @@ class ExplorePanel(Panel):
         return claim_figure(state.sequence, paths, self.height, frame)
 
     def _changes(self, state: State) -> str:
-        words = [f"{name} = {_shown(value)}" for name, value in self.changed(state).items()]
+        words = []
+        for name, value in self.changed(state).items():
+            knob = self.knobs[name]
+            words.append(f"{knob.control.words} = {_shown(value)} {knob.setting.unit}".rstrip())
         return ", ".join(words) or "nothing"
 
     def _facts(self, state: State, errors: Array) -> tuple[Fact, ...]:
@@ -192,7 +196,7 @@ class ReproducePanel(Panel):
                 f"{len(sequence)} frames, boxes: {state.view.model},\n{suitable_protocol(truth).words}"
             )
             picture = paths_figure(title, truth, {}, frame, words)
-            return Drawing([picture], "Press Run.", (Fact("runs", runs),))
+            return Drawing([picture], "Press *Run the methods*.", (Fact("runs", runs),))
         entries = run_plan(plan)
         paths = paths_figure(title, truth, {entry.method: entry.poses for entry in entries}, frame)
         tables = "".join(table_html(table) for table in tables_of(entries))
@@ -202,10 +206,10 @@ class ReproducePanel(Panel):
         if length <= shortest:
             sentence = (
                 f"The path of {length:.1f} m is shorter than the shortest sub-sequence, {shortest:g} m, so there "
-                "are no errors: choose more frames."
+                "are no errors: choose more *frames*."
             )
         elif not any(entry.labels for entry in entries):
-            sentence = "No boxes: feature_selection equals solution_selection. Name a detector under `boxes`."
+            sentence = "No boxes: feature_selection equals solution_selection. Name a detector under *boxes*."
         return Drawing([paths], sentence, tables=tables)
 
     def work(self, state: State, progress: Progress) -> None:
@@ -221,7 +225,10 @@ def _plan(state: State) -> Plan:
     typed = dict.fromkeys(name.strip() for name in view.methods)  # each once, in this order
     methods = tuple(typed) or tuple(VARIANTS[variant])
     for name in methods:
-        preset(name, variant=variant)
+        try:
+            preset(name, variant=variant)
+        except DataError as error:
+            raise DataError(f"systems: {error}") from None
     true_poses(state.sequence)  # or say that there are none
     sequence = part_of(state.sequence, view.frames)
     if view.model != LABELS:  # `work` fills the folder
