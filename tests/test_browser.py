@@ -16,10 +16,14 @@ from typing import Any
 
 import pytest
 from conftest import BROWSERS, find_browser
-from playwright.sync_api import BrowserContext, sync_playwright
+from playwright.sync_api import BrowserContext, Page, sync_playwright
 
+from course import appendix, ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07, ch09
+from course.appendix import CalibrationPanel
 from course.ch04 import TranslationPanel
-from course.panel import ERROR_CLASS
+from course.ch07 import ExplorePanel
+from course.drawing import DPI, SMALL_SIZE, WIDTH
+from course.panel import ERROR_CLASS, Panel
 from course.results import NOT_YET_CLASS, RIGHT_CLASS
 from vo_lib.data.sequence import Sequence
 
@@ -149,18 +153,19 @@ def test_notebook_runs_in_a_browser(path: Path, lab: str, browser: BrowserContex
     page.close()
 
 
-LAYOUT = """() => {
-    const boxes = selector => [...document.querySelectorAll(selector)].filter(each => each.offsetParent)
-        .map(each => each.getBoundingClientRect());
-    const [view] = boxes('.jp-NotebookPanel-notebook'), [panel] = boxes('.vo-panel');
-    const [image] = boxes('.vo-panel .widget-image');
+LAYOUT = """number => {
+    const panel = document.querySelectorAll('.vo-panel')[number];
+    panel.scrollIntoView();
+    const visible = selector => [...panel.querySelectorAll(selector)].filter(each => each.offsetParent);
+    const box = each => each.getBoundingClientRect();
+    const view = box(document.querySelector('.jp-NotebookPanel-notebook'));
+    const words = visible('.widget-label, .widget-readout, button, .vo-words');
     return {
-        picture: image.width,
-        sliders: Math.min(...boxes('.vo-panel .noUi-base').map(box => box.width)),
-        below: panel.bottom - view.bottom,
-        cut: [...document.querySelectorAll('.vo-panel .widget-label')]
-            .filter(each => each.offsetParent && each.scrollWidth > each.clientWidth + 1)
-            .map(each => each.textContent),
+        title: panel.querySelector('b').textContent,
+        picture: box(visible('.widget-image')[0]).width,
+        sliders: Math.min(...visible('.noUi-base').map(each => box(each).width)),
+        below: box(panel).bottom - view.bottom,
+        cut: words.filter(each => each.scrollWidth > each.clientWidth + 1).map(each => each.textContent),
     };
 }"""
 # Of all places that the Tab key stops at: the name for readers of the screen, and the place on the page.
@@ -172,38 +177,84 @@ STOPS = """() => {
 }"""
 
 
-@pytest.mark.slow
-def test_a_panel_follows_the_drag_on_a_laptop(lab: str, browser: BrowserContext, street: Sequence) -> None:
-    """Layout, pictures before the mouse is released, keys and names of one panel at 1366 × 768 pixels."""
-    code = "from course.ch04 import TranslationPanel\npanel = TranslationPanel()\npanel"
-    cell: dict[str, Any] = {"cell_type": "code", "source": code, "metadata": {}, "outputs": []}
-    cell["execution_count"] = None
+def run_cells(lab: str, browser: BrowserContext, codes: list[str]) -> Page:
+    """A page of 1366 × 768 pixels with a notebook of these cells, which have been run."""
+    cells: list[dict[str, Any]] = [
+        {"cell_type": "code", "source": code, "metadata": {}, "outputs": [], "execution_count": None}
+        for code in codes
+    ]
     kernel = {"name": "python3", "display_name": "Python 3"}
-    notebook = {"cells": [cell], "metadata": {"kernelspec": kernel}, "nbformat": 4, "nbformat_minor": 4}
+    notebook = {"cells": cells, "metadata": {"kernelspec": kernel}, "nbformat": 4, "nbformat_minor": 4}
     body = json.dumps({"type": "notebook", "content": notebook}).encode()
-    address = f"{lab}/api/contents/one_panel.ipynb?token={TOKEN}"
+    address = f"{lab}/api/contents/panels.ipynb?token={TOKEN}"
     urllib.request.urlopen(urllib.request.Request(address, body, method="PUT"), timeout=60).close()
     page = browser.new_page()
     page.set_viewport_size({"width": 1366, "height": 768})
     page.set_default_timeout(LONG)
-    page.goto(f"{lab}/lab/tree/one_panel.ipynb?token={TOKEN}&reset")
+    page.goto(f"{lab}/lab/tree/panels.ipynb?token={TOKEN}&reset")
     page.locator(".jp-Notebook .jp-CodeCell").first.wait_for()
     page.keyboard.press("Control+b")  # closes the file browser
     page.get_by_text("| Idle").first.wait_for()
     page.get_by_role("menuitem", name="Run", exact=True).click()
     page.get_by_role("menuitem", name="Run All Cells", exact=True).click()
     page.wait_for_function(ALL_DONE, polling=SELDOM)
-    page.get_by_text("noise added", exact=True).last.wait_for()
-    page.locator(".vo-panel").evaluate("panel => panel.scrollIntoView()")
+    return page
 
-    layout = page.evaluate(LAYOUT)
-    assert layout["picture"] >= 800
-    assert layout["sliders"] >= 180
-    assert layout["below"] <= 0
-    assert layout["cut"] == []
 
-    noise = page.get_by_role("slider", name="noise added [px]", exact=True)
-    box = noise.bounding_box()
+def assert_fits(page: Page, number: int) -> None:
+    """A panel of a page is in view as a whole, and large enough to be read."""
+    layout = page.evaluate(LAYOUT, number)
+    assert layout["picture"] >= 800, layout
+    assert layout["picture"] / WIDTH * SMALL_SIZE * DPI / 72 >= 10, layout  # pixels of its smallest text
+    assert layout["sliders"] >= 180, layout
+    assert layout["below"] <= 0, layout
+    assert layout["cut"] == [], layout
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("street")
+def test_all_panels_fit_on_a_laptop(lab: str, browser: BrowserContext) -> None:
+    chapters = appendix, ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07, ch09
+    kinds = [kind for each in chapters for kind in vars(each).values() if isinstance(kind, type)]
+    codes = [
+        f"from {kind.__module__} import {kind.__name__}\npanel = {kind.__name__}()\npanel.wait()\npanel"
+        for kind in kinds
+    ]
+    page = run_cells(lab, browser, codes)
+    for number in range(len(kinds)):
+        page.locator(".vo-panel").nth(number).locator(".vo-words div").first.wait_for()
+        assert_fits(page, number)
+    assert page.locator(f".{ERROR_CLASS}, {WRONG_OUTPUT}").all_inner_texts() == []
+    page.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("kind", "name", "label", "step", "last"),
+    [
+        (TranslationPanel, "view.noise", "noise added [px]", 0.05, "draw again"),
+        (ExplorePanel, "selection.threshold", "inlier threshold [px]", 0.05, "seed, as a number"),
+        (CalibrationPanel, "view.tilt", "tilt [px]", 0.1, "terms learnt"),
+    ],
+)
+def test_a_panel_follows_the_drag(
+    kind: type[Panel],
+    name: str,
+    label: str,
+    step: float,
+    last: str,
+    lab: str,
+    browser: BrowserContext,
+    street: Sequence,
+) -> None:
+    """Layout, pictures before the mouse is released, keys and names; `last` is the last control's name."""
+    code = f"from {kind.__module__} import {kind.__name__}\npanel = {kind.__name__}()\npanel"
+    page = run_cells(lab, browser, [code])
+    page.locator(".vo-words div").first.wait_for()  # the first picture is drawn
+    assert_fits(page, 0)
+
+    slider = page.get_by_role("slider", name=label, exact=True)
+    box = slider.bounding_box()
     assert box is not None
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     before = page.evaluate(PICTURES)
@@ -215,13 +266,14 @@ def test_a_panel_follows_the_drag_on_a_laptop(lab: str, browser: BrowserContext,
     page.mouse.move(x + 100, y, steps=10)
     page.wait_for_function(CHANGED, arg=during, polling=SELDOM)
     page.mouse.up()
-    number = page.get_by_role("textbox", name="noise added [px], as a number", exact=True)
+    number = page.get_by_role("textbox", name=f"{label}, as a number", exact=True)
     value = float(number.inner_text())
     page.keyboard.press("ArrowLeft")
     moved = float(number.inner_text())
-    assert moved == pytest.approx(value - 0.05)
-    panel = TranslationPanel(street)
-    panel.set(view__noise=moved)
+    assert moved == pytest.approx(value - step)
+    panel = kind(street)
+    panel.wait()
+    panel.set(**{name: moved})
     at_once = ",".join(str(byte) for byte in panel.picture.value)
     page.wait_for_function(
         f"async wanted => (await ({PICTURES})())[0] === wanted", arg=at_once, polling=SELDOM
@@ -229,17 +281,16 @@ def test_a_panel_follows_the_drag_on_a_laptop(lab: str, browser: BrowserContext,
 
     page.get_by_role("combobox", name="sequence", exact=True).focus()
     stops = [page.evaluate(STOPS)]
-    while stops[-1]["name"] != "draw again":
+    while stops[-1]["name"] != last:
+        assert stops[-1]["name"]
         page.keyboard.press("Tab")
         stops.append(page.evaluate(STOPS))
-    assert "" not in [stop["name"] for stop in stops]
-    assert {"frame", "depth limit [m]", "depth limit [m], as a number", "play the frames"} < {
-        stop["name"] for stop in stops
-    }
+    names = {stop["name"] for stop in stops}
+    assert {"frame", label, f"{label}, as a number", "play the frames"} < names
     for one, following in itertools.pairwise(stops):
         below = following["y"] - one["y"]
         assert below > 8 or (abs(below) <= 8 and following["x"] > one["x"]), (one, following)
-    assert page.get_by_role("img", name="From a rotation and stereo matches to a translation").count() == 1
+    assert page.get_by_role("img", name=kind.title).count() == 1
     page.close()
 
 
