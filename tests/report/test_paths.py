@@ -523,7 +523,8 @@ def test_clocks_that_may_differ_cause_a_warning(
     matches: int,
 ) -> None:
     a, b = offset_pair(tmp_path, first, last, shift)
-    counts = f"{b}: only {matches} of {last - first} poses have one of the 150 poses of"
+    only = "only " if matches < 75 else ""
+    counts = f"{b}: {only}{matches} of {last - first} poses have one of the 150 poses of"
     (warning,) = [note for note in alone(capsys, a, b)["notes"] if note.startswith("warning: ")]
     assert counts in warning
     assert "those of a.tum 100 to 114.9" in warning
@@ -591,6 +592,32 @@ def test_files_with_few_times_common_to_all_are_not_compared(
 
 
 ROBOT = rigid(np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.zeros(3))
+
+
+def test_a_clock_that_differs_inside_the_times_of_another_file_causes_a_warning(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    road = np.tile(np.eye(4), (300, 1, 1))
+    turns = np.convolve(np.random.default_rng(0).normal(0.0, 0.05, 300), np.hanning(15), "same")
+    for k in range(1, 300):
+        step = rigid(rotation_from_vector(np.array([0.0, turns[k], 0.0])), np.array([0.0, 0.0, 1.0]))
+        road[k] = road[k - 1] @ step
+    times = 0.1 * np.arange(300.0)
+    a, b = tmp_path / "a.tum", tmp_path / "b.tum"
+    a.write_text(format_tum(times, road))
+    for shift in (0.0, 2.5):
+        b.write_text(format_tum(times[80:220] + shift, scaled(road, 1.1)[80:220]))
+        for words in ((a, b), (b, "--truth", a)):
+            notes = json.loads(json_of(capsys, *words))["sequences"][0]["notes"]
+            warnings = [note for note in notes if note.startswith("warning: ")]
+            assert len(warnings) == (shift > 0)
+            if shift:
+                assert f"{b}: 140 of 140 poses have one of the 300 poses" in warnings[0]
+                assert "would agree far better if its times were 2.5 s earlier" in warnings[0]
+    # Both begin and end later than the other, but turn at the same times: this is no other clock.
+    a.write_text(format_tum(times[:260], road[:260]))
+    b.write_text(format_tum(times[40:], road[40:]))
+    assert "warning" not in printed(capsys, a, b)
 
 
 def test_paths_in_other_axes_than_a_camera_are_noticed_without_truth(

@@ -24,6 +24,7 @@ from ..data.pose_times import (
 )
 from ..data.poses import TIME_TOLERANCE_S, TUM_ROW, PoseFile, match_times, read_path
 from ..errors import DataError
+from ..evaluation.clocks import turn_agreement
 from ..geometry.types import Array, Index
 from ..runs.folder import CONFIG, POSES, POSES_TUM, is_finished, read_config, settings_in
 from .blocks import differences, settings_words
@@ -35,6 +36,9 @@ NEAREST_RUNS = 3  # number of run folders that a message names
 # earlier or later. So fewer than a quarter tell nothing, and up to a half cause a warning.
 FEWEST_MATCHES = 0.25
 USUAL_MATCHES = 0.5
+# Correlations between the turns of two paths: they clearly agree, and one lag agrees better than another.
+CLEAR_AGREEMENT = 0.8
+CLEAR_DIFFERENCE = 0.2
 GIVE_TRUTH = "give its ground truth with --truth FILE"
 UNNAMED = "paths"  # the name of pose files that no run gives a sequence
 
@@ -419,7 +423,6 @@ def _matched(path: Path, truth: ComparedPaths, tolerance: float, what: str) -> _
     ranges = time_ranges(file.times, truth.times, truth.name)
     counts = f"only {len(rows)} of {len(file.poses)} poses have one of the {len(truth.truth)} poses of {what}"
     counts += f" within --t-max-diff {tolerance:g} s: {ranges}"
-    shift = clock_shift(file.times, truth.times)
     if len(rows) < USUAL_MATCHES * shorter and are_frame_numbers(file.times):
         raise DataError(f"the times are frame numbers, expected seconds: {ranges}", path)
     if len(rows) < FEWEST_MATCHES * shorter:
@@ -430,13 +433,34 @@ def _matched(path: Path, truth: ComparedPaths, tolerance: float, what: str) -> _
         )
     if len(rows) < USUAL_MATCHES * shorter:
         notes.append(f"warning: {path}: {counts}; with two clocks, these would be matches by chance.")
-    elif shift is not None and len(rows) < shorter:
+    elif doubt := _clock_doubt(
+        file.poses, file.times, truth.truth, truth.times, all_match=len(rows) == shorter
+    ):
         notes.append(
-            f"warning: {path}: {counts}. Its first and its last time are both about {abs(shift):.3g} s "
-            f"{'later' if shift > 0 else 'earlier'}, so its clock may differ by this, and then every pose is "
-            "compared with that of another frame."
+            f"warning: {path}: {len(rows)} of {len(file.poses)} poses have one of the {len(truth.truth)} "
+            f"poses of {what} within --t-max-diff {tolerance:g} s: {ranges}. {doubt}, so its clock may "
+            "differ by this, and then every pose is compared with that of another frame."
         )
     return _MatchedFile(rows, file.poses[pose_rows], file, notes)
+
+
+def _clock_doubt(poses: Array, times: Array, true_poses: Array, true_times: Array, all_match: bool) -> str:
+    """Why the clock of a file may not be that of the truth, in words; "" if there is no reason.
+
+    all_match : whether all poses of the file, or of the truth if it is shorter, have a partner.
+    """
+    turns = turn_agreement(times, poses, true_times, true_poses)
+    clear = turns is not None and turns.best >= CLEAR_AGREEMENT
+    if turns is not None and clear and turns.lag == 0:
+        return ""  # the turns confirm the clock
+    shift = None if all_match else clock_shift(times, true_times)
+    if shift is not None:
+        way = "later" if shift > 0 else "earlier"
+        return f"Its first and its last time are both about {abs(shift):.3g} s {way}"
+    if turns is not None and clear and turns.now <= turns.best - CLEAR_DIFFERENCE:
+        way = "earlier" if turns.lag > 0 else "later"
+        return f"The turns of both would agree far better if its times were {abs(turns.lag):.3g} s {way}"
+    return ""
 
 
 def _require_same_frames(file: PoseFile, truth: ComparedPaths, path: Path, what: str) -> None:

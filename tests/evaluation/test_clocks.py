@@ -1,0 +1,62 @@
+"""The clocks of two paths, compared by the turns of both."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from made_entries import straight
+
+from vo_lib.evaluation.clocks import turn_agreement
+from vo_lib.geometry.motion import rigid, rotation_from_vector
+from vo_lib.geometry.types import Array
+
+INTERVAL = 0.1
+
+
+def town(frames: int, seed: int = 0) -> Array:
+    """Poses (N, 4, 4), ten a second, with turns to both sides that begin at random times."""
+    rng = np.random.default_rng(seed)
+    turns = np.convolve(rng.normal(0.0, 0.05, frames), np.hanning(15), "same")
+    poses = np.tile(np.eye(4), (frames, 1, 1))
+    for k in range(1, frames):
+        turn = rotation_from_vector(np.array([0.0, turns[k], 0.0]))
+        poses[k] = poses[k - 1] @ rigid(turn, np.array([0.0, 0.0, 1.0]))
+    return poses
+
+
+def estimated(poses: Array) -> Array:
+    """The path with errors of every motion, in other units and in the axes of a robot."""
+    rng = np.random.default_rng(1)
+    axes = rigid(np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.zeros(3))
+    path = [np.eye(4)]
+    for motion in np.linalg.inv(poses[:-1]) @ poses[1:]:
+        error = rigid(rotation_from_vector(rng.normal(0.0, 1e-3, 3)), rng.normal(0.0, 0.02, 3))
+        path.append(path[-1] @ motion @ error)
+    result = axes @ np.array(path) @ np.linalg.inv(axes)
+    result[:, :3, 3] *= 0.1
+    return result
+
+
+@pytest.mark.parametrize("ahead", [0, 1, 7, -40])
+@pytest.mark.parametrize("part", [slice(None), slice(100, 260), slice(0, 400, 2)])
+def test_the_lag_of_a_clock_is_found_in_the_turns(ahead: int, part: slice) -> None:
+    poses = town(400)
+    times = 1e9 + INTERVAL * np.arange(400.0)
+    agreement = turn_agreement(times[part] + ahead * INTERVAL, estimated(poses)[part], times, poses)
+    assert agreement is not None
+    assert agreement.lag == pytest.approx(ahead * INTERVAL, abs=0.5 * INTERVAL * (part.step or 1) + 1e-6)
+    assert agreement.best > 0.9
+    assert (agreement.now > agreement.best - 0.2) is (abs(ahead) <= 1)
+
+
+def test_paths_that_do_not_turn_or_hardly_overlap_tell_nothing_about_their_clocks() -> None:
+    times = INTERVAL * np.arange(200.0)
+    assert turn_agreement(times, straight(200), times, straight(200)) is None
+    assert turn_agreement(times, town(200), times + 15.0, town(200)) is None
+
+
+def test_other_drives_agree_at_no_lag() -> None:
+    times = INTERVAL * np.arange(400.0)
+    agreement = turn_agreement(times, town(400), times, town(400, seed=5))
+    assert agreement is not None
+    assert agreement.best < 0.6
