@@ -680,6 +680,13 @@ def test_runs_of_two_sequences_with_one_name_are_not_compared(
     assert "two sequences have the name street, frames 0-5: evaluate them separately" in message
 
 
+def test_an_end_at_the_start_has_no_minus_sign(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    standing = np.tile(np.eye(4), (9, 1, 1))
+    standing[-1, :3, 3] = -0.01
+    write_kitti_poses(tmp_path / "standing.txt", standing)
+    assert "│ 0.0, 0.0, 0.0 │" in printed(capsys, tmp_path / "standing.txt")
+
+
 def test_a_run_that_moves_to_the_side_is_no_file_in_other_axes(
     untrue: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

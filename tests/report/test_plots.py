@@ -90,6 +90,16 @@ def test_straight_drive_without_truth_is_seen_from_the_side_of_its_own_line() ->
     assert axis.get_ylabel() == "to the right of this line [m]"
 
 
+def test_long_titles_stay_inside_the_figure() -> None:
+    name = "a sequence with a long name, frames 100-1100"
+    lines = [name, "no ground truth; all paths begin at the same pose", f"and once more {name}"]
+    for poses in (bent(50), straight(50)):
+        figure = trajectories_figure({"\n".join(lines): (None, {"a": poses})})
+        png(figure)
+        extent = figure.axes[0].title.get_window_extent()
+        assert 0 <= extent.x0 < extent.x1 <= figure.bbox.width
+
+
 def test_truth_is_seen_on_an_estimate_that_covers_it() -> None:
     """A white edge separates the thin black line from the wide line below it."""
     poses = bent(50)

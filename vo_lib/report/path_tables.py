@@ -117,7 +117,7 @@ def tables_without_truth(paths: PathsWithoutTruth) -> list[ReportTable]:
     rows = []
     for name, path in paths.wholes.items():
         facts = path_facts(path.poses, path.times)
-        end = ", ".join(format_number(value, 1) for value in facts.end)
+        end = ", ".join(format_number(value, 1) for value in facts.end.round(1) + 0.0)  # no "-0.0"
         rows.append(
             [
                 name,

@@ -65,11 +65,15 @@ def figure_page(title: str = "", width: float = SMALL_PAGE[0], height: float = S
 
     figure = Figure(figsize=(width, height), dpi=160, layout="constrained")
     if title:
-        # Matplotlib's own wrapping interprets text between dollar signs as a formula.
-        whole = re.sub(r"(?<=\d) ", "\N{NO-BREAK SPACE}", title)  # a number keeps its unit
-        lines = [textwrap.fill(line, int(11 * width)) for line in whole.split("\n")]
-        figure.suptitle("\n".join(lines), fontsize="medium")
+        figure.suptitle(_wrapped(title, width), fontsize="medium")
     return figure
+
+
+def _wrapped(title: str, width: float) -> str:
+    """A title in lines that fit into a width in inches, at Matplotlib's font size "medium"."""
+    # Matplotlib's own wrapping interprets text between dollar signs as a formula.
+    whole = re.sub(r"(?<=\d) ", "\N{NO-BREAK SPACE}", title)  # a number keeps its unit
+    return "\n".join(textwrap.fill(line, int(11 * width)) for line in whole.split("\n"))
 
 
 def bgr(colour: str) -> tuple[int, int, int]:
@@ -114,7 +118,7 @@ def draw_trajectories(axis: Axes, title: str, truth: Array | None, estimates: Ma
         axis.plot(x, z, **style)
         axis.plot(x[0], z[0], "o", color=style["color"], markersize=4)
     axis.set_aspect("equal", adjustable="datalim")
-    axis.set_title(title)
+    axis.set_title(_wrapped(title, SMALL_PAGE[0]), fontsize="medium")
     label_axis(axis, "x, right [m]", "z, forward [m]")
 
 
@@ -165,7 +169,7 @@ def draw_sideways(axis: Axes, title: str, truth: Array | None, estimates: Mappin
             axis.plot(xz @ ahead, xz @ right, **style)
         line = f"along the line from the start to the end of {shorten(name)} [m]"
         label_axis(axis, f"{line}\n{MAGNIFIED}", "to the right of this line [m]")
-    axis.set_title(title)
+    axis.set_title(_wrapped(title, SMALL_PAGE[0]), fontsize="medium")
     axis.margins(y=0.1)
 
 
