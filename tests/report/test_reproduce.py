@@ -25,6 +25,7 @@ from vo_lib.evaluation.statistics import mean_and_deviation
 from vo_lib.files import only_process
 from vo_lib.report.blocks import Block
 from vo_lib.report.page import ReportTable, markdown, plus_minus, records_csv
+from vo_lib.report.record import without_places
 from vo_lib.report.table1 import (
     AVERAGE,
     PAPER_METHODS,
@@ -261,6 +262,48 @@ def reproduce(tree: Path, *words: str) -> int:
     )
 
 
+def page_of(out: Path) -> str:
+    """The report without the marks that allow a line to break."""
+    return (out / "report.html").read_text(encoding="utf-8").replace("<wbr>", "")
+
+
+def test_a_record_counts_the_calls_before_it(tree: Path) -> None:
+    path = tree / "out" / "reproduction.json"
+    records = []
+    for words in (("--sequences", "02"), ("--sequences", "02"), ("--sequences", "02,07"), ("--fresh",)):
+        sequences = () if words[0] == "--sequences" else ("--sequences", "02")
+        assert reproduce(tree, *sequences, *words) == 0
+        records.append(json.loads(path.read_text(encoding="utf-8")))
+    assert [len(record["calls"]) for record in records] == [1, 2, 3, 1]
+    for record in records:
+        assert record["calls"][-1]["command"] == record["command"]
+        assert record["seconds_of_calls"] == pytest.approx(sum(call["seconds"] for call in record["calls"]))
+    # A call that only reads runs takes no time of its own, but its record has that of the runs.
+    first, again, more, _ = records
+    assert again["seconds_of_work"] == first["seconds_of_work"] < more["seconds_of_work"]
+    assert again["work_of_unknown_duration"] == 0
+    # A record that cannot be read gives no calls, and is written anew.
+    path.write_text('{"calls": [{"seconds": "4"}, 3]}', encoding="utf-8")
+    assert reproduce(tree, "--sequences", "02") == 0
+    assert len(json.loads(path.read_text(encoding="utf-8"))["calls"]) == 1
+
+
+@pytest.mark.parametrize(
+    ("typed", "kept"),
+    [
+        ("--sequences 00,kitti/04 --out runs/table1 --frames 0:30", None),
+        ("--detector yolox-tiny --set selection.threshold=0.5,1", None),
+        ("--out /data/eva/out --detector=/opt/models/y.onnx", "--out out --detector=y.onnx"),
+        ("--sequences '/data/a b/x,kitti/04,~/k,../up/z'", "--sequences x,kitti/04,k,z"),
+        (r"--out 'C:\Users\eva\out' --cache '\\server\share\cache'", "--out out --cache cache"),
+        ("--dask tcp://10.0.0.1:8786 --config ~ --cache ../..", "--dask tcp://... --config ... --cache ..."),
+        ("--out / --sequences /data/kitti/sequences/04/", "--out ... --sequences 04"),
+    ],
+)
+def test_the_command_of_a_record_names_no_place_of_the_machine(typed: str, kept: str | None) -> None:
+    assert without_places(f"vo reproduce {typed}") == f"vo reproduce {kept or typed}"
+
+
 def test_reproduce_writes_all_files(tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert reproduce(tree, "--sequences", "02,07-08,11") == 1
     printed = " ".join(capsys.readouterr().out.split())
@@ -282,8 +325,14 @@ def test_reproduce_writes_all_files(tree: Path, capsys: pytest.CaptureFixture[st
     assert 0 < float(table[1]["te_percent"]) < 5
     record = json.loads((out / "reproduction.json").read_text(encoding="utf-8"))
     assert str(tree) not in json.dumps(record)
+    assert str(tree) not in page_of(out)
     assert record["missing"] == ["kitti/08"]
     assert record["seconds"] > 0
+    assert re.fullmatch(r"\d{4}-\d\d-\d\d \d\d:\d\d UTC", record["date"])
+    assert record["command"].startswith("vo reproduce --out out --cache cache --methods viso2,mesvo_f")
+    assert re.fullmatch(r"\d+\.\d+.*", record["versions"]["onnxruntime"])
+    assert record["work_of_unknown_duration"] == 0
+    assert record["seconds_of_work"] > 0
     assert record["processor"]
     row = next(r for r in record["rows"] if r["sequence"] == "kitti/02" and r["variant"] == "published")
     of_table = next(r for r in table if (r["sequence"], r["method"]) == ("kitti/02", row["method"]))

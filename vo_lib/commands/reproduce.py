@@ -20,7 +20,7 @@ from ..report.film import FILM_ENDING, Film, film_frames
 from ..report.page import ReportTable
 from ..report.path_tables import tables_without_truth
 from ..report.paths import PathsWithoutTruth, WholePath
-from ..report.record import RECORD, reproduction_record
+from ..report.record import RECORD, earlier_calls, reproduction_record, this_call
 from ..report.table1 import (
     PROPOSAL,
     RUNS,
@@ -151,11 +151,15 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
         tables += _tables_without_truth(result, cells)
         conclusions = [*results(groups), *remarks]
         seconds = time.perf_counter() - start
-        origin = [options.line, f"duration {seconds:.0f} s, processes: {durations.workers}"]
+        call = this_call(options.line, seconds, durations.workers)
+        origin = [call.command, f"duration {seconds:.0f} s, processes: {durations.workers}"]
         said = [*without_boxes, *conclusions]
         removals = removal_pictures(outcomes)
         detector = None if options.detector is None else find_model(options.detector)
-        record = reproduction_record(result.entries, missing, detector, seconds, durations.workers, differs)
+        earlier = [] if options.fresh else earlier_calls(folder)
+        record = reproduction_record(
+            result.entries, missing, detector, call, earlier, jobs, options.cache, differs
+        )
         write_table_files(folder, result, groups, paper, tables, said, origin, removals, record)
     for table in tables:
         show_report_table(table)

@@ -8,9 +8,13 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass
-from pathlib import Path
+import re
+import shlex
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
 import numpy as np
@@ -19,7 +23,8 @@ from ..config import VARIANTS
 from ..errors import DataError
 from ..files import file_sha256, read_mapping
 from ..geometry.types import Array
-from ..runs.identity import library_versions, machine_info
+from ..runs.identity import git_commit, library_versions, machine_info
+from ..runs.jobs import Job, seconds_of_jobs
 from .blocks import Block
 from .page import finite_or_none
 from .table1 import BENCHMARK_FRAMES, ERROR_KINDS, Entry
@@ -29,31 +34,106 @@ FORMAT = 1
 REMEDY = "repeat the `vo reproduce` that wrote it, with the same --out: finished runs are kept"
 
 
+@dataclass(frozen=True)
+class Call:
+    """A call of `vo reproduce`: date (UTC), command without places of the machine, duration, commit."""
+
+    date: str
+    command: str
+    seconds: float
+    processes: int
+    commit: str | None
+
+
+def this_call(line: str, seconds: float, processes: int) -> Call:
+    """The call that ends now; line : its command as typed."""
+    date = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
+    return Call(date, without_places(line), round(seconds, 1), processes, git_commit())
+
+
+def earlier_calls(folder: Path) -> list[dict[str, Any]]:
+    """The calls in the record that is in a folder already; none if there is no readable record."""
+    try:
+        calls = read_mapping(folder / RECORD, "a record").get("calls")
+    except DataError:
+        return []
+    names = set(Call.__dataclass_fields__)
+    found = calls if isinstance(calls, list) else []
+    return [
+        call
+        for call in found
+        if isinstance(call, dict)
+        and set(call) == names
+        and _is_number(call["seconds"])
+        and call["seconds"] >= 0
+    ]
+
+
+def without_places(line: str) -> str:
+    """A command line in which paths and addresses of the machine are only names.
+
+    A path that is absolute, or that leaves the folder of the call, becomes its last part; the host of an
+    address such as tcp://host:port is left out. "runs/table1" and "kitti/04" stay.
+    """
+    words = []
+    for word in shlex.split(line):
+        pieces = re.split(r"([=,])", word)
+        words.append("".join(map(_without_place, pieces)))
+    return shlex.join(words)
+
+
+def _without_place(piece: str) -> str:
+    scheme, address, _ = piece.partition("://")
+    if address:
+        return f"{scheme}://..."
+    windows = PureWindowsPath(piece)
+    posix = PurePosixPath(piece)
+    leaves = ".." in posix.parts or ".." in windows.parts or piece.startswith("~")
+    if posix.is_absolute() or windows.drive or windows.root or leaves:
+        name = windows.name  # of a path with slashes, too
+        return name if name.strip("~.") else "..."
+    return piece
+
+
 def reproduction_record(
     entries: list[Entry],
     missing: list[str],
     detector: Path | None,
-    seconds: float,
-    processes: int,
+    call: Call,
+    earlier: Iterable[Mapping[str, Any]],
+    jobs: list[Job],
+    cache: Path | None,
     differs: Mapping[Block, list[str]],
 ) -> dict[str, Any]:
     """What a reader needs to judge a reproduction: no path, image or pose.
 
     entries : the errors of the table; missing : sequences that were asked for and not found; detector : the
-    ONNX file of the boxes, if they are not labels; seconds : duration of the call, and of nothing that an
-    earlier call with the same folder has done; processes : number of processes; differs : for each block,
-    sentences on what differs from the presets.
+    ONNX file of the boxes, if they are not labels; call : the one that makes the record; earlier : the calls
+    before it with the same folder (`earlier_calls`); jobs : all runs, kept ones too; cache : folder of their
+    matches; differs : for each block, sentences on what differs from the presets.
+
+    A call repeats no finished run, so its duration is not that of the table. "seconds_of_calls" is the sum
+    over all calls that ended, and "seconds_of_work" what matches and runs took, each once and in one process,
+    with the number of those whose duration is not known.
     """
     boxes = None if detector is None else {"file": detector.name, "sha256": file_sha256(detector)}
+    calls = [*map(dict, earlier), asdict(call)]
+    work, unknown = seconds_of_jobs(jobs, cache)
     return {
         "format": FORMAT,
         "about": "TE and RE of vo reproduce, one number for each seed",
+        "date": call.date,
+        "command": call.command,
         **machine_info(),
         "cores": os.cpu_count(),
-        "versions": library_versions(),
+        "versions": library_versions() | {"onnxruntime": _version_of("onnxruntime", "onnxruntime-gpu")},
         "detector": boxes,
-        "seconds": round(seconds, 1),
-        "processes": processes,
+        "seconds": call.seconds,
+        "seconds_of_calls": round(math.fsum(each["seconds"] for each in calls), 1),
+        "seconds_of_work": round(work, 1),
+        "work_of_unknown_duration": unknown,
+        "processes": call.processes,
+        "calls": calls,
         "missing": missing,
         "blocks": [
             {"variant": block.variant, "settings": dict(block.changes), "differs": sentences}
@@ -61,6 +141,16 @@ def reproduction_record(
         ],
         "rows": [_row(entry) for entry in entries],
     }
+
+
+def _version_of(*packages: str) -> str | None:
+    """The version of the first of some packages that is installed; None if none is."""
+    for package in packages:
+        try:
+            return metadata.version(package)
+        except metadata.PackageNotFoundError:
+            continue
+    return None
 
 
 def _row(entry: Entry) -> dict[str, Any]:

@@ -392,6 +392,19 @@ def _add_kept_times(
                 durations.add_kept(running_task(job), seconds)
 
 
+def seconds_of_jobs(jobs: Iterable[Job], cache: Path | None) -> tuple[float, int]:
+    """How long the matches and runs of finished jobs took, each once, and for how many this is not known.
+
+    cache : folder of the match cache; default the user's cache folder.
+    """
+    finished = [job for job in jobs if is_finished(job.folder)]
+    times = [seconds_of_run(job.folder, len(job.sequence)) for job in finished]
+    for job in {_front_end(job): job for job in finished}.values():
+        times.append(seconds_of_matches(CachedMatches(job.sequence, job.config, cache)))
+    known = [seconds for seconds in times if seconds is not None]
+    return math.fsum(known), len(times) - len(known)
+
+
 def _front_end(job: Job) -> Hashable:
     """The inputs of a job's matches, as a key: jobs with equal keys share their matches."""
     config = job.config
