@@ -42,6 +42,13 @@ def long_bands(tmp_path: Path) -> Sequence:
     return open_sequence(tmp_path / "bands")
 
 
+@pytest.fixture
+def short_bands(tmp_path: Path) -> Sequence:
+    """The band sequence of five frames, for tests that run methods."""
+    write_kitti_poses(write_bands(tmp_path / "bands", 5) / "poses.txt", winding_road(5, 0.0, 20.0))
+    return open_sequence(tmp_path / "bands")
+
+
 def levels(sequence: Sequence, index: int, side: int = 0) -> Array:
     return np.asarray(sequence.stereo(index)[side], np.float64)
 
@@ -176,10 +183,10 @@ def test_stopped_making_of_images_leaves_no_folder(long_bands: Sequence, tmp_pat
 
 
 def test_measurement_goes_on_where_it_was_stopped(
-    long_bands: Sequence, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    short_bands: Sequence, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out, runs = tmp_path / "ablation.csv", tmp_path / "runs"
-    words = ["--sequences", str(long_bands.folder), "--cache", str(tmp_path), "--seeds", "2"]
+    words = ["--sequences", str(short_bands.folder), "--cache", str(tmp_path), "--seeds", "2"]
     words += ["--runs", str(runs), "--out", str(out), "--ideas"]
     assert load("measure_ablation")([*words, "prior,lens"]) == 0
     first = read_csv(out)
@@ -198,9 +205,9 @@ def test_measurement_goes_on_where_it_was_stopped(
 
 
 def test_disturbed_drives_are_measured_and_reported(
-    long_bands: Sequence, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    short_bands: Sequence, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out, name = tmp_path / "ablation.csv", str(long_bands.folder)
+    out, name = tmp_path / "ablation.csv", str(short_bands.folder)
     words = ["--sequences", name, "--disturb", name, "--cache", str(tmp_path), "--seeds", "1"]
     words += ["--runs", str(tmp_path / "runs"), "--out", str(out), "--ideas", "front end"]
     assert load("measure_ablation")(words) == 0
@@ -214,9 +221,9 @@ def test_disturbed_drives_are_measured_and_reported(
     kinds = " | ".join(kind.name for kind in DISTURBANCES if kind.keeps_frames)
     assert f"| without | clean, whole clip | {kinds} |" in printed
     assert "every seventh frame is blurred" in printed
-    # The path is known: 9 steps of 0.5 m to the right, not 10 m forward as in poses.txt.
+    # The path is known: 4 steps of 0.5 m to the right, not 20 m forward as in poses.txt.
     clean = next(row for row in rows if row.idea == "" and ":" not in row.sequence)
-    assert clean.mean["end"] == pytest.approx(np.hypot(4.5, 90.0), abs=0.1)
+    assert clean.mean["end"] == pytest.approx(np.hypot(2.0, 80.0), abs=0.1)
 
 
 @pytest.mark.parametrize(

@@ -185,7 +185,7 @@ def test_a_principal_point_far_from_the_middle_is_a_warning(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bands = write_bands(tmp_path / "bands", 2)
-    for number, centre in enumerate(("119,120", "361,120", "240,59", "240,181")):
+    for number, centre in enumerate(("119,120", "240,181")):
         assert imported(bands, tmp_path / str(number), *CAMERA[:3], centre, *CAMERA[4:]) == 0
         assert (
             f"warning: the principal point {centre.replace(',', '.0,')}.0 is far" in capsys.readouterr().out

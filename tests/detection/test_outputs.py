@@ -97,11 +97,16 @@ def yolov8_p2(corners: Table, net: tuple[int, int]) -> Outputs:
     return {"output0": table(cells(net, (4, *STRIDES)), rows).T[None]}
 
 
+def mask_prototypes(net: tuple[int, int]) -> Table:
+    """The second output of a segmentation: 32 masks of a quarter of the image's size."""
+    return np.zeros((1, 32, net[0] // 4, net[1] // 4))
+
+
 def yolov8_segmentation(corners: Table, net: tuple[int, int]) -> Outputs:
     """Mask coefficients are large in every row, as in a real network."""
     masks = np.random.default_rng(3).normal(0, 2, (cells(net), 32))
     plain = yolov8(corners, net)["output0"][0]
-    return {"output0": np.vstack([plain, masks.T])[None], "output1": np.zeros((1, 32, *net))}
+    return {"output0": np.vstack([plain, masks.T])[None], "output1": mask_prototypes(net)}
 
 
 def with_objectness(corners: Table) -> Table:
@@ -120,7 +125,7 @@ def yolov5_with_maps(corners: Table, net: tuple[int, int]) -> Outputs:
 def yolov5_segmentation(corners: Table, net: tuple[int, int]) -> Outputs:
     masks = np.random.default_rng(3).normal(0, 2, (3 * cells(net), 32))
     plain = yolov5(corners, net)["output0"][0]
-    return {"output0": np.hstack([plain, masks])[None], "output1": np.zeros((1, 32, *net))}
+    return {"output0": np.hstack([plain, masks])[None], "output1": mask_prototypes(net)}
 
 
 def yolov6(corners: Table, net: tuple[int, int]) -> Outputs:
@@ -155,7 +160,7 @@ def end2end_shares(corners: Table, net: tuple[int, int]) -> Outputs:
 
 def end2end_segmentation(corners: Table, net: tuple[int, int]) -> Outputs:
     masks = np.random.default_rng(3).normal(0, 2, (300, 32))
-    return {"output0": np.hstack([first(labelled(corners)), masks])[None], "output1": np.zeros((1, 32, *net))}
+    return {"output0": np.hstack([first(labelled(corners)), masks])[None], "output1": mask_prototypes(net)}
 
 
 def class_before_score(corners: Table, net: tuple[int, int]) -> Outputs:

@@ -19,6 +19,7 @@ from vo_lib.evaluation.kitti_errors import SHORT_PROTOCOL, kitti_errors
 from vo_lib.files import read_csv
 from vo_lib.report.blocks import parse_axis
 from vo_lib.report.sweep_table import Sweep, heat_map, run_sweep, sweep_table
+from vo_lib.runs.drive import run_methods
 from vo_lib.runs.jobs import run_jobs
 
 
@@ -63,10 +64,10 @@ def test_sweep_records_equal_single_runs(sequence: Sequence, tmp_path: Path) -> 
     assert [record["seeds"] for record in sweep.records] == [2] * 4
     config = change(change(preset("feature_selection"), names[0], 60), names[1], 10)
     assert sequence.truth is not None
+    runs = run_methods(sequence, {str(seed): replace(config, seed=seed) for seed in (0, 1)})
     te: list[float | None] = []
-    for seed in (0, 1):
-        poses = run(sequence, replace(config, seed=seed)).poses
-        te.append(kitti_errors(sequence.truth, poses, SHORT_PROTOCOL.lengths, SHORT_PROTOCOL.step).te)
+    for single in runs.values():
+        te.append(kitti_errors(sequence.truth, single.poses, SHORT_PROTOCOL.lengths, SHORT_PROTOCOL.step).te)
     record, te_of_seeds = sweep.records[2], np.array(te, float)
     assert record["te_percent"] == pytest.approx(te_of_seeds.mean(), abs=1e-6)
     assert record["te_percent_std"] == pytest.approx(te_of_seeds.std(ddof=1), abs=1e-6)
@@ -169,11 +170,11 @@ def records_of(folder: Path) -> list[dict[str, str]]:
 
 
 def test_a_sweep_of_several_methods_and_sequences(
-    sequence: Sequence, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    sequence: Sequence, cache: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     other = write_bands(tmp_path / "other", 43)
     words = ["sweep", "--sequences", f"{sequence.folder},{other}", "--methods", "viso2,mesvo_f"]
-    words += ["--seeds", "1", "--cache", str(tmp_path / "cache"), "--out", str(tmp_path / "out")]
+    words += ["--seeds", "1", "--cache", str(cache), "--out", str(tmp_path / "out")]
     assert main([*words, "--set", "selection.sets=10,20"]) == 0
     records = records_of(tmp_path / "out")
     assert [(record["sequence"], record["method"], record["selection.sets"]) for record in records] == [

@@ -48,16 +48,23 @@ def all_jobs(sequences: list[Sequence], folder: Path) -> list[Job]:
     ]
 
 
+@pytest.fixture(scope="module")
+def poses_of_single_runs(two: list[Sequence]) -> list[str]:
+    """The text of poses.txt of each job, from a run without jobs and without stored matches."""
+    return [format_kitti_poses(run(job.sequence, job.config).poses) for job in all_jobs(two, Path())]
+
+
 @pytest.mark.parametrize("workers", [1, 2])
-def test_jobs_equal_single_runs(two: list[Sequence], tmp_path: Path, workers: int) -> None:
+def test_jobs_equal_single_runs(
+    two: list[Sequence], poses_of_single_runs: list[str], tmp_path: Path, workers: int
+) -> None:
     message: list[tuple[int, int]] = []
     jobs = all_jobs(two, tmp_path / "runs")
     outcomes = run_jobs(jobs, workers, lambda done, total: message.append((done, total)), tmp_path / "cache")
     assert [outcome.job.name for outcome in outcomes] == [job.name for job in jobs]
     assert [outcome.error for outcome in outcomes] == [None] * 8
-    for job in jobs:
-        text = (job.folder / "poses.txt").read_text(encoding="utf-8")
-        assert text == format_kitti_poses(run(job.sequence, job.config).poses)
+    texts = [(job.folder / "poses.txt").read_text(encoding="utf-8") for job in jobs]
+    assert texts == poses_of_single_runs
     # Eight runs and two front ends.
     frames = (8 + 2 * MATCHING_FRAMES) * FRAMES
     assert {total for _, total in message} == {frames}
@@ -164,11 +171,13 @@ def test_failed_workers_keep_the_cause(
     assert isinstance(raised.value.__cause__, ModuleNotFoundError)
 
 
-def test_dask_cluster_runs_the_jobs(two: list[Sequence], tmp_path: Path) -> None:
+def test_dask_cluster_runs_the_jobs(
+    two: list[Sequence], poses_of_single_runs: list[str], tmp_path: Path
+) -> None:
     distributed = pytest.importorskip("distributed")
     jobs = all_jobs(two[:1], tmp_path / "runs")
     with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster:
         outcomes = run_jobs(jobs, cache=tmp_path / "cache", scheduler=cluster.scheduler_address)
     assert [outcome.error for outcome in outcomes] == [None] * 4
-    text = (jobs[3].folder / "poses.txt").read_text(encoding="utf-8")
-    assert text == format_kitti_poses(run(jobs[3].sequence, jobs[3].config).poses)
+    texts = [(job.folder / "poses.txt").read_text(encoding="utf-8") for job in jobs]
+    assert texts == poses_of_single_runs[: len(jobs)]

@@ -26,7 +26,8 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_parallel_drawing_gives_the_same_bytes(drawn: Path, tmp_path: Path) -> None:
-    workers = [threading.Thread(target=ensure_scene, args=(TINY, tmp_path, None, 2)) for _ in range(2)]
+    """Two callers draw at the same time, one of them in two processes."""
+    workers = [threading.Thread(target=ensure_scene, args=(TINY, tmp_path, None, jobs)) for jobs in (1, 2)]
     for worker in workers:
         worker.start()
     for worker in workers:
