@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import shutil
 import signal
@@ -110,27 +111,35 @@ def write_bands(folder: Path, frames: int = 6, standing: bool = False) -> Path:
     frame, so the left image of a frame equals the right image of the previous frame. With `standing`, the
     camera does not move.
     """
+    for name, content in _band_files(frames, standing).items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+    return folder
+
+
+@functools.lru_cache(maxsize=16)
+def _band_files(frames: int, standing: bool) -> dict[str, bytes]:
+    """The files of the band sequence by name; they are drawn once, since hundreds of tests write them."""
     rng = np.random.default_rng(7)
-    for side in ("image_0", "image_1"):
-        (folder / side).mkdir(parents=True)
     height = HEIGHT // len(BANDS)
     width = WIDTH + max(BANDS) * (frames + 1)
     textures = [texture(rng, height, width, 1.2) for _ in BANDS]
+    files = dict[str, bytes]()
     for frame in range(frames):
         for view in range(2):
             place = view if standing else frame + view
             rows = [t[:, d * place : d * place + WIDTH] for t, d in zip(textures, BANDS, strict=True)]
-            cv2.imwrite(str(folder / f"image_{view}" / f"{frame:06d}.png"), np.concatenate(rows))
+            png = cv2.imencode(".png", np.concatenate(rows))[1]
+            files[f"image_{view}/{frame:06d}.png"] = png.tobytes()
     matrix = f"{FOCAL} 0 {WIDTH / 2} {{}} 0 {FOCAL} {HEIGHT / 2} 0 0 0 1 0\n"
-    (folder / "calib.txt").write_text(
-        "P0: " + matrix.format(0) + "P1: " + matrix.format(-FOCAL * BASELINE), encoding="utf-8"
-    )
-    (folder / "times.txt").write_text("".join(f"{0.1 * i:.6e}\n" for i in range(frames)), encoding="utf-8")
     steps = [0.0 if standing else BASELINE * i for i in range(frames)]
-    (folder / "poses.txt").write_text(
-        "".join(f"1 0 0 {x} 0 1 0 0 0 0 1 0\n" for x in steps), encoding="utf-8"
-    )
-    return folder
+    texts = {
+        "calib.txt": "P0: " + matrix.format(0) + "P1: " + matrix.format(-FOCAL * BASELINE),
+        "times.txt": "".join(f"{0.1 * i:.6e}\n" for i in range(frames)),
+        "poses.txt": "".join(f"1 0 0 {x} 0 1 0 0 0 0 1 0\n" for x in steps),
+    }
+    return files | {name: text.encode() for name, text in texts.items()}
 
 
 def small(method: str = "solution_selection", **changes: object) -> KitConfig:

@@ -88,7 +88,9 @@ def _entries(path: Path, about: dict[str, Any], key: str) -> list[str]:
     entry = about.get(key)
     if entry is None:
         entry = about.get(OTHER_KEYS.get(key, key))
-    entries = [] if entry is None else entry if isinstance(entry, list) else [entry]
+    if entry is None:
+        return []
+    entries = entry if isinstance(entry, list) else [entry]
     for each in entries:
         if not isinstance(each, str) or not each.strip() or "\0" in each:
             raise DataError(f"expected `{key}:` with a folder of images; found {_shown(each)}", path)

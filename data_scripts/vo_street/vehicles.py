@@ -74,8 +74,9 @@ def _build(mesh: MeshBuilder, shape: Shape, views: list[int], dark: int, wheel: 
     def strip(z0: float, h0: float, z1: float, h1: float, w0: float, w1: float) -> None:
         """A face across the whole width of the vehicle, from (z0, h0) to (z1, h1) in the side view."""
         corners = np.array([[-w0, -h0, z0], [-w1, -h1, z1], [w1, -h1, z1], [w0, -h0, z0]])
-        steep = abs(h1 - h0) > 0.35 * abs(z1 - z0)
-        view = top if not steep else (rear if h1 > h0 else front)
+        view = top
+        if abs(h1 - h0) > 0.35 * abs(z1 - z0):
+            view = rear if h1 > h0 else front
         mesh.add(corners, view, project(corners, view))
 
     sill = 0.2 if shape.kind == CAR else 0.42

@@ -183,10 +183,11 @@ def adaptive_stopping(candidates: Candidates, points: Points, limit: float, orde
     """
     sets, first = np.unique(candidates.set_index, return_index=True)
     order = np.array([np.random.default_rng(seed).permutation(len(sets)) for seed in range(orders)])
-    measured = (
-        measure(candidates.E, points.x_p, points.x_c, limit) for measure in (outlier_shares, truncated_errors)
-    )
-    of_sets = [np.minimum.reduceat(each, first)[order] for each in measured]
-    share, best = [np.minimum.accumulate(each, axis=1) for each in of_sets]
+
+    def smallest_so_far(of_candidates: Array) -> Array:
+        return np.minimum.accumulate(np.minimum.reduceat(of_candidates, first)[order], axis=1)
+
+    share = smallest_so_far(outlier_shares(candidates.E, points.x_p, points.x_c, limit))
+    best = smallest_so_far(truncated_errors(candidates.E, points.x_p, points.x_c, limit))
     needed = np.log(0.01) / np.log1p(-(np.clip(1.0 - share, 1e-3, 1.0 - 1e-9) ** 5))
     return needed, best, 1 + (needed <= np.arange(1, len(sets) + 1)).argmax(axis=1)

@@ -216,9 +216,9 @@ def test_exchanged_cameras_are_named(
     assert main(["run", str(bands), "--out", str(tmp_path / "run"), *variant]) == 0
     sentence = "the cameras are exchanged, so exchange the left and the right images"
     assert (sentence in " ".join(capsys.readouterr().out.split())) == exchange
-    words = commands(bands, tmp_path / "table")["reproduce"]
-    assert main(words) == 0
-    assert " ".join(capsys.readouterr().out.split()).count(sentence) == int(exchange)
+    if variant == []:  # the table is one of variant published
+        assert main(commands(bands, tmp_path / "table")["reproduce"]) == 0
+        assert " ".join(capsys.readouterr().out.split()).count(sentence) == int(exchange)
 
 
 def test_dark_images_are_not_called_exchanged(

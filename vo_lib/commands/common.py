@@ -336,9 +336,13 @@ def parse_lengths(text: str) -> tuple[float, ...]:
 
 def parse_delta(text: str) -> Delta:
     """The interval of a text such as "10f" (frames) or "5m" (metres)."""
-    match = re.fullmatch(r"(\d+)f|(\d+\.?\d*|\.\d+)m", text, re.ASCII)
-    delta = Delta() if match is None else Delta(int(match[1])) if match[1] else Delta(float(match[2]), "m")
-    if match is None or not 0 < delta.size <= MAX_COORDINATE_M:
+    if re.fullmatch(r"\d+f", text, re.ASCII):
+        delta = Delta(int(text[:-1]))
+    elif re.fullmatch(r"(\d+\.?\d*|\.\d+)m", text, re.ASCII):
+        delta = Delta(float(text[:-1]), "m")
+    else:
+        delta = Delta(0)
+    if not 0 < delta.size <= MAX_COORDINATE_M:
         raise DataError(f"--delta {text!r}: expected frames such as 10f, or metres such as 5m")
     return delta
 

@@ -68,7 +68,9 @@ def _facts(name: str, folder: Path | None) -> list[str]:
         # A gap between two pieces of a sequence is no way that its frames show.
         metres = sum(trajectory_distances(truth[piece.start : piece.stop])[-1] for piece in sequence.pieces)
         length = f"{metres:.0f}"
-    boxes = "no" if sequence.labels is None else "part" if missing_labels(sequence) else "yes"
+    boxes = "no"
+    if sequence.labels is not None:
+        boxes = "part" if missing_labels(sequence) else "yes"
     parts = ["no" if truth is None else "yes", boxes]
     megabytes = sum(folder_size(folder / side) for side in sequence.sides) / 1e6
     return [str(len(sequence)), length, *parts, f"{camera.width}×{camera.height}", f"{megabytes:.0f}"]

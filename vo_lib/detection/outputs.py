@@ -190,10 +190,12 @@ def _has_objectness(grid: _Grid, rows: Array, width: int, height: int) -> bool:
     columns = rows.shape[1] - grid.masks
     names = grid.metadata.names
     if names is not None:
-        # Oriented boxes have 5 + classes columns, too, the last of them an angle; always in columns first.
-        possible = (
-            (True,) if grid.boxes_a_cell == ANCHORS else (False,) if grid.columns_first else (False, True)
-        )
+        possible = [False, True]
+        if grid.boxes_a_cell == ANCHORS:
+            possible = [True]
+        elif grid.columns_first:
+            # Oriented boxes have 5 + classes columns, too, the last of them an angle.
+            possible = [False]
         for objectness in possible:
             if columns == len(names) + (5 if objectness else 4):
                 return objectness

@@ -189,7 +189,9 @@ class Film:
         high = np.concatenate(points).max(axis=0)
         scale = float((room / np.maximum(high - low, 1.0)).min())  # pixels per metre
         middle = np.array([MAP_MARGIN_PX, MAP_MARGIN_PX + LINE_HEIGHT_PX]) + room / 2
-        path, *truth = [scale * (xz - (low + high) / 2) * [1.0, -1.0] + middle for xz in points]
+        lines = [scale * (xz - (low + high) / 2) * [1.0, -1.0] + middle for xz in points]
+        path = lines[0]
+        truth = lines[1:]
         _draw_line(part, path[: index + 1], self._colour, PATH_WIDTH_PX)
         for line in truth:
             _draw_line(part, line, PALE, LINE_WIDTH_PX)

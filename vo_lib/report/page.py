@@ -82,11 +82,15 @@ def markdown(table: ReportTable) -> str:
 
 def records_csv(records: list[dict[str, Any]]) -> str:
     """Records with equal keys as CSV; None is an empty cell."""
-    rows = [
-        ["" if v is None else f"{v:.6f}" if isinstance(v, float) else v for v in record.values()]
-        for record in records
-    ]
+    rows = [[_csv_cell(value) for value in record.values()] for record in records]
     return csv_text([list(records[0]) if records else [], *rows])
+
+
+def _csv_cell(value: Any) -> Any:
+    """A value of a record as a cell of a CSV table."""
+    if value is None:
+        return ""
+    return f"{value:.6f}" if isinstance(value, float) else value
 
 
 PNG_START = b"\x89PNG"

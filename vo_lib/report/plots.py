@@ -296,7 +296,9 @@ def match_image(
     ends = np.rint(np.stack([matches.prev_left, matches.cur_left], axis=1) * 16).astype(int)
     ages = np.clip(matches.age, 1, len(AGE_COLOURS)).tolist()
     for (start, end), keep, age in zip(ends.tolist(), kept.tolist(), ages, strict=True):
-        colour = (AGE_COLOURS[age - 1] if by_age else KEPT) if keep else REMOVED
+        colour = REMOVED
+        if keep:
+            colour = AGE_COLOURS[age - 1] if by_age else KEPT
         cv2.line(picture, start, end, colour, 1, cv2.LINE_AA, shift=4)
         cv2.circle(picture, end, 2 * 16, colour, -1, cv2.LINE_AA, shift=4)
     for corners, word in zip(rectangles, words, strict=False):  # above all lines, on a dark background

@@ -29,6 +29,7 @@ MODELS = {
     "kannala_brandt4": (FISHEYE, (4,)),
     "fisheye": (FISHEYE, (4,)),
 }
+MODEL_OF_COUNT = {4: "equidistant", 5: "plumb_bob"}  # by the number of coefficients
 # The names in the files of camera_calibration, in messages of ROS 1, and in messages of ROS 2.
 KEYS = {
     "K": ("camera_matrix", "K", "k"),
@@ -147,8 +148,7 @@ def parse_ost(text: str, path: Path) -> list[CameraInfo]:
         words = {"K": "camera matrix", "D": "distortion", "R": "rectification", "P": "projection"}
         values: dict[Any, Any] = {key: _after(block, word) for key, word in words.items()}
         values |= {key: value[0] if value else None for key, value in image.items()}
-        count = len(values["D"])
-        model = "equidistant" if count == 4 else "plumb_bob" if count == 5 else "rational_polynomial"
+        model = MODEL_OF_COUNT.get(len(values["D"]), "rational_polynomial")
         cameras.append(parse_camera_info({**values, "distortion_model": model, "camera_name": name}, path))
     return cameras
 

@@ -88,7 +88,9 @@ class StartPanel(Panel):
         d = float(coarse[row, column]) if known else float("nan")
         depth = camera.f * camera.baseline / d
 
-        left, right = [photo(image, camera.width) for image in stereo(sequence, state.frame)]
+        left_image, right_image = stereo(sequence, state.frame)
+        left = photo(left_image, camera.width)
+        right = photo(right_image, camera.width)
         _mark(left, u, v)
         _mark(right, u - d, v)
         above = caption(photo(left, WIDTH, PHOTO_HEIGHT), f"left image, frame {state.frame}")

@@ -9,7 +9,7 @@ import numpy as np
 
 from course.simulation.problems import random_problems
 from vo_lib.geometry.motion import essential_angle, essential_vector
-from vo_lib.geometry.types import Array, BoolArray
+from vo_lib.geometry.types import Array, BoolArray, IntArray
 from vo_lib.paper.five_point import five_point
 from vo_lib.paper.selection import draw_sets, nearest_to_prior, truncated_errors
 
@@ -208,6 +208,13 @@ truncated_error = Exercise(
     },
 )
 
+
+def within_its_set(E: Array, set_index: IntArray, *case: Any) -> Any:
+    """The right candidate, as an index into the candidates of its set."""
+    winner = selected(E, set_index, *case)
+    return winner - np.searchsorted(set_index, set_index[winner])
+
+
 select = Exercise(
     selected,
     frames,
@@ -220,7 +227,7 @@ select = Exercise(
         "this is an index into the kept candidates or into one set; return the index into all candidates.": (
             lambda E, s, errors, e, k: np.argmin(errors[nearest_to_prior(E, s, e, k)]),
             in_list,
-            lambda E, s, *case: (i := selected(E, s, *case)) - np.searchsorted(s, s[i]),
+            within_its_set,
         ),
         "`nearest` gives indices within its set; the errors need indices into all candidates.": within_sets,
         "this is the candidate nearest to e_prev; the image error decides in the end.": lambda E, s, errors, e, k: (

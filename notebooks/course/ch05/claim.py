@@ -84,9 +84,10 @@ def whole_drive_errors(section: str, row: str) -> dict[str, Array]:
         # The tables omit rows without a spread.
         return dict(zip(table.columns, next((r for r in table.rows if r[0] == row), [row]), strict=False))
 
-    kinds = "TE, %", "RE, deg/100 m"
-    te, re = map(cells, kinds)
-    te_sd, re_sd = [cells(SPREAD_OF + kind) for kind in kinds]
+    te = cells("TE, %")
+    re = cells("RE, deg/100 m")
+    te_sd = cells(SPREAD_OF + "TE, %")
+    re_sd = cells(SPREAD_OF + "RE, deg/100 m")
     numbers = {}
     for method in list(te)[1:]:
         words = te[method], re[method], te_sd.get(method, "0"), re_sd.get(method, "0")
@@ -113,7 +114,9 @@ def whole_drive_line(section: str, row: str) -> str:
     for n, name in enumerate(("TE", "RE")):
         limit = change_limit(float(kept[n]), float(kept[n + 2]), float(removed[n + 2]))
         change = float(removed[n] - kept[n])
-        word = "not shown" if abs(change) <= limit else "better" if change < 0 else "worse"
+        word = "better" if change < 0 else "worse"
+        if abs(change) <= limit:
+            word = "not shown"
         parts.append(f"{name} {kept[n]:.3f} → {removed[n]:.3f} ({word})")
     return f"{section.rpartition(' ')[2]:9} {row:17}: {', '.join(parts)}"
 

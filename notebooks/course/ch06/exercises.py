@@ -156,6 +156,11 @@ def unpaired(before: Array, after: Array, t: float) -> Array:
     return np.array([np.mean(after) - np.mean(before), t * spread / np.sqrt(len(before))])
 
 
+def moved_back(last: int | None, frames: int) -> int | None:
+    """An end frame that is too early by a number of frames; None stays."""
+    return None if last is None else last - frames
+
+
 end_frame = Exercise(
     end,
     paths,
@@ -164,7 +169,7 @@ end_frame = Exercise(
     line="beyond = np.flatnonzero(path > path[first] + length)",
     mistakes={
         "frame {got:.0f} is counted from frame `first`; the result is a frame of the whole path.": (
-            lambda path, i, far: (last := end(path, i, far)) and last - i
+            lambda path, i, far: moved_back(end(path, i, far), i)
         ),
         "`first` is the number of a frame, not a distance: the sub-sequence begins at `path[first]` metres.": (
             by_frame_number
@@ -181,7 +186,7 @@ end_frame = Exercise(
             lambda path, i, far: np.argmax(path > path[i] + far)
         ),
         "this is the last frame inside the length; KITTI takes the first frame beyond it.": (
-            lambda path, i, far: (last := end(path, i, far)) and last - 1
+            lambda path, i, far: moved_back(end(path, i, far), 1)
         ),
         "frame `first` plus a length in metres is no frame: look for the place in `path`.": lambda path, i, far: (
             i + int(far)

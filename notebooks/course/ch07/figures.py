@@ -79,7 +79,8 @@ def table_html(table: ReportTable) -> str:
     """A table with its notes, for a notebook."""
 
     def row(words: list[str], tag: str) -> str:
-        cells = [CELL.format(tag, ("left", "right")[k > 0], html.escape(w)) for k, w in enumerate(words)]
+        sides = ["left"] + ["right"] * (len(words) - 1)
+        cells = [CELL.format(tag, side, html.escape(w)) for side, w in zip(sides, words, strict=True)]
         return f"<tr>{''.join(cells)}</tr>".replace("\n", "<br>")
 
     rows = row(table.columns, "th") + "".join(row(words, "td") for words in table.rows)

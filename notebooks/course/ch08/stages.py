@@ -173,7 +173,9 @@ def in_form(name: str, given: Any, inputs: tuple[Any, ...]) -> tuple[Any, str]:
     shapes = SHAPES[name](*inputs)
     if given is None:
         return None, "returns None"
-    parts = [given] if len(shapes) == 1 else list(given) if np.iterable(given) else []
+    parts = [given]
+    if len(shapes) > 1:
+        parts = list(given) if np.iterable(given) else []
     if len(parts) != len(shapes):
         return None, f"does not return {len(shapes)} results"
     arrays = []

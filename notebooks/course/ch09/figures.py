@@ -66,9 +66,9 @@ def bars_by_loop(sizes: Mapping[str, Array], unit: str, title: str) -> Figure:
 def plane_figure(paths: Mapping[str, Array], title: str = "the places, from above") -> Figure:
     """Places (N, 3) in the plane as x, z, heading: several paths from above."""
     page, (axis,) = figure(340, width=620)
+    colours = {"before": BEFORE, "truth": DARK}
     for name, places in paths.items():
-        colour = BEFORE if name == "before" else DARK if name == "truth" else AFTER
-        axis.plot(places[:, 0], places[:, 1], color=colour, label=name, linewidth=1.6)
+        axis.plot(places[:, 0], places[:, 1], color=colours.get(name, AFTER), label=name, linewidth=1.6)
     axis.set_aspect("equal", adjustable="datalim")
     round_limits(axis.xaxis, axis.yaxis)
     finish(axis, title, "x [m]", "z [m]", "best")
