@@ -1,4 +1,4 @@
-"""Matches drawn into a picture, in place: dots with names, and lines from start to end."""
+"""Matches drawn into a picture: dots with names, and lines from start to end."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from vo_lib.geometry.types import Array, Image
+from vo_lib.geometry.types import Array, BoolArray, Image
 
-from .colours import bgr
+from .colours import BAD, FIFTH, GOOD, PALE, bgr
+from .drawing import PHOTO_HEIGHT, WIDTH, caption, photo
 
 
 def draw_dots(
@@ -38,3 +39,24 @@ def draw_flow(
     for (a, b), colour in zip(places, colours, strict=True):
         cv2.line(picture, a, b, paint[colour], thickness, cv2.LINE_AA, shift=4)
         cv2.circle(picture, b, round(16 * radius), paint[colour], -1, cv2.LINE_AA, shift=4)
+
+
+def features_picture(
+    image: Image,
+    start: Array,
+    end: Array,
+    weight: Array | BoolArray,
+    words: str,
+    ringed: BoolArray | None = None,
+) -> Image:
+    """An image with a line from each start (N, 2) to a dot at its end (N, 2), coloured by weight.
+
+    weight : (N,) in [0, 1] or a mask; blue from ½, orange below ½, grey for NaN. ringed : (N,) mask of rings.
+    """
+    picture = photo(image, image.shape[1])
+    for place in () if ringed is None else np.rint(16 * end[ringed]).astype(int).tolist():
+        cv2.circle(picture, place, 5 * 16, bgr(FIFTH), 1, cv2.LINE_AA, shift=4)
+    order = np.argsort(np.nan_to_num(-1.0 * weight, nan=-2.0))  # outliers on top
+    colours = np.where(np.isnan(weight), PALE, np.where(weight >= 0.5, GOOD, BAD))[order]
+    draw_flow(picture, start[order], end[order], colours.tolist(), 2.5)
+    return caption(photo(picture, WIDTH, PHOTO_HEIGHT), words)

@@ -24,12 +24,11 @@ from vo_lib.paper.five_point import five_point
 from vo_lib.paper.odometry import Odometry
 from vo_lib.report.plots import match_image
 
-from ..ch03.figures import features_picture
-from ..ch04.figures import by_depth_figure
+from ..by_depth import by_depth_figure
 from ..colours import BAD, CYCLE, DARK, GOOD, PALE, THIRD
 from ..drawing import RIGHT as RIGHT_MARGIN
 from ..drawing import WIDTH, caption, figure, finish, photo, room
-from ..drawn_matches import draw_dots, draw_flow
+from ..drawn_matches import draw_dots, draw_flow, features_picture
 from ..frames import WithBoxes, frame_matches, frame_points, stereo, true_poses, truth
 from ..view3d import Shape, View, camera
 

@@ -13,9 +13,9 @@ from matplotlib.ticker import MaxNLocator
 from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.types import Array, BoolArray, Image
 
-from ..colours import BAD, DARK, FIFTH, GOOD, PALE, WHITE, bgr
+from ..colours import BAD, DARK, GOOD, PALE, WHITE, bgr
 from ..drawing import PHOTO_HEIGHT, WIDTH, caption, figure, finish, log_axis, photo
-from ..drawn_matches import draw_flow
+from ..drawn_matches import features_picture as features_picture
 
 # Degrees shown of a rotation error.
 LEAST = 1e-3
@@ -43,27 +43,6 @@ class Field:
     consensus: int
     selected: int
     dropped: bool
-
-
-def features_picture(
-    image: Image,
-    start: Array,
-    end: Array,
-    weight: Array | BoolArray,
-    words: str,
-    ringed: BoolArray | None = None,
-) -> Image:
-    """An image with a line from each start (N, 2) to a dot at its end (N, 2), coloured by weight.
-
-    weight : (N,) in [0, 1] or a mask; blue from ½, orange below ½, grey for NaN. ringed : (N,) mask of rings.
-    """
-    picture = photo(image, image.shape[1])
-    for place in () if ringed is None else np.rint(16 * end[ringed]).astype(int).tolist():
-        cv2.circle(picture, place, 5 * 16, bgr(FIFTH), 1, cv2.LINE_AA, shift=4)
-    order = np.argsort(np.nan_to_num(-1.0 * weight, nan=-2.0))  # outliers on top
-    colours = np.where(np.isnan(weight), PALE, np.where(weight >= 0.5, GOOD, BAD))[order]
-    draw_flow(picture, start[order], end[order], colours.tolist(), 2.5)
-    return caption(photo(picture, WIDTH, PHOTO_HEIGHT), words)
 
 
 def epipoles_picture(image: Image, camera: StereoCamera, E: Array, t_cp: Array | None) -> Image:

@@ -12,11 +12,11 @@ from matplotlib.patches import Ellipse, Rectangle
 
 from vo_lib.geometry.types import Array
 
+from ..by_depth import DEPTHS
+from ..by_depth import by_depth_figure as by_depth_figure
 from ..colours import BAD, DARK, FIFTH, GOOD, PALE, WHITE
 from ..drawing import COARSE, FONT_SIZE, SMALL_SIZE, figure, finish, log_axis, numbers_at, room, round_limits
 
-DEPTHS = (2.0, 200.0)  # metres shown
-DISTANCES = (1e-3, 100.0)  # metres shown
 # Pixels shown of a residual.
 LEAST = 0.01
 MOST = 100.0
@@ -242,23 +242,6 @@ def ellipse_chart(
         numbers_at(side, ticks)
         side.set_major_formatter("{x:g}")
     finish(axis, "t_cp relative to the cross, from above", "x, right [mm]", "z, forward [mm]", boxed=True)
-
-
-def by_depth_figure(
-    depth: Array, distance: Array, labels: tuple[str, str], title: str, factor: float | None = None
-) -> Figure:
-    """Distances (N,) over depths (N,), metres, as dots on logarithmic axes, and the line `factor` · Z²."""
-    made, (axis,) = figure(260)
-    if factor is None:  # the line is the median of the distances between 5 and 80 m
-        near = (depth > 5) & (depth < 80)
-        factor = float(np.median(distance[near] / depth[near] ** 2)) if near.any() else 1e-4
-    Z = np.array(DEPTHS)
-    axis.plot(depth, np.clip(distance, *DISTANCES), ".", color=GOOD, markersize=4, label=labels[0])
-    axis.plot(Z, factor * Z**2, color=BAD, linewidth=1.5, label=labels[1])
-    log_axis(axis.xaxis, *DEPTHS, COARSE)
-    log_axis(axis.yaxis, *DISTANCES)
-    finish(axis, f"{title} [m]", "depth Z [m]", "", "upper left")
-    return made
 
 
 def variants_figure(tables: dict[str, dict[str, Array]]) -> Figure:
