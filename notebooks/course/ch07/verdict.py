@@ -388,16 +388,20 @@ def verdict_tables(cells: Mapping[str, Iterable[Judged]]) -> list[ReportTable]:
             shown = "not measured"
             if cell.choices is not None:
                 shown = " to ".join(format_number(value, digits) for value in cell.choices)
-            share = f"{100 * cell.allowed_share:.1f} %" if math.isfinite(cell.allowed) else "-"
+            compared = ["-", "-", "-"]  # what has no verdict is not compared
+            if cell.outcome in INSIDE + OUTSIDE:
+                compared = [
+                    signed(cell.ours - cell.converted, digits),
+                    format_number(cell.allowed),
+                    f"{100 * cell.allowed_share:.1f} %",
+                ]
             rows.append(
                 [
                     f"{cell.row} {table1.PRINTED_NAMES[cell.method]}",
                     format_number(cell.printed, digits),
                     format_number(cell.converted, digits),
                     format_number(cell.ours),
-                    signed(cell.ours - cell.converted, digits),
-                    format_number(cell.allowed),
-                    share,
+                    *compared,
                     shown,
                     cell.outcome,
                 ]
