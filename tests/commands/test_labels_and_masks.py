@@ -170,19 +170,73 @@ def test_settings_of_earlier_versions_are_read(run: Say, tmp_path: Path) -> None
         assert now["settings"]["filter"]["classes"] == new
 
 
-def test_settings_of_a_config_without_effect_cause_a_note(run: Say, tmp_path: Path) -> None:
-    for method, changes, told in (
-        ("viso2", {}, ""),
-        ("viso2", {"sets": 50}, "viso2 does not use selection.sets 50 (since estimator is reprojection)"),
-        ("feature_selection", {"sets": 50}, ""),
+UNUSED = "selection.sets: viso2 does not use this setting, since estimator is reprojection"
+
+
+@pytest.mark.parametrize(
+    ("method", "sets", "told", "hand_made"),
+    [
+        ("viso2", 200, "", True),
+        ("viso2", 50, UNUSED, False),
+        ("viso2", 50, UNUSED, True),
+        ("feature_selection", 50, "", False),
+    ],
+)
+def test_settings_without_effect_are_refused_in_a_config_as_with_set(
+    run: Say,
+    bands: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    method: str,
+    sets: int,
+    told: str,
+    hand_made: bool,
+) -> None:
+    assert run("--method", method)[0] == 0
+    data = json.loads((tmp_path / "out" / "config.json").read_text(encoding="utf-8"))
+    data["settings"]["selection"]["sets"] = sets
+    if hand_made:
+        data = {name: data[name] for name in ("method", "variant", "settings")}
+    path = tmp_path / "changed.json"
+    path.write_text(json.dumps(data), encoding="utf-8")
+    code, said = run("--config", str(path))
+    assert code == (2 if told else 0)
+    assert told in said
+    assert "does not use" not in said.replace(told, "") if told else "does not use" not in said
+    config = ["--config", str(path), "--seeds", "1", "--cache", str(tmp_path / "cache")]
+    config += ["--out", str(tmp_path / "table")]
+    for words in (
+        ["reproduce", "--sequences", str(bands)],
+        ["sweep", "--sequence", str(bands), "--set", "min_matches=6"],
     ):
-        data = config_of(method)
-        data["settings"]["selection"] |= changes
-        (tmp_path / "changed.json").write_text(json.dumps(data), encoding="utf-8")
-        code, said = run("--config", str(tmp_path / "changed.json"))
-        assert code == 0
-        assert said.count("does not use") == bool(told)
-        assert told in said
+        capsys.readouterr()
+        assert main([*words, *config]) == (2 if told else 0)
+        assert told in capsys.readouterr().err
+    # Where another method uses it, it is said that this one does not.
+    if told:
+        both = ["--methods", "viso2,mesvo_f"]
+        assert main(["sweep", "--sequence", str(bands), "--set", "min_matches=6", *config, *both]) == 0
+        assert f"note: {told}" in capsys.readouterr().out
+
+
+def test_the_config_of_a_run_is_read_again_even_with_settings_without_effect(
+    run: Say, bands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    changes = ["--method", "mesvo_f", "--loops", "--reprojection.threshold", "1.5"]
+    assert run(*changes)[0] == 0  # the loops use it
+    path = tmp_path / "out" / "config.json"
+    (tmp_path / "kept.json").write_bytes(path.read_bytes())
+    code, said = run("--config", str(tmp_path / "kept.json"))
+    assert code == 0
+    assert "mesvo_f does not use reprojection.threshold 1.5" in said
+    config = ["--config", str(tmp_path / "kept.json"), "--seeds", "1", "--cache", str(tmp_path / "cache")]
+    assert main(["reproduce", "--sequences", str(bands), *config, "--out", str(tmp_path / "a")]) == 0
+    sweep = ["sweep", "--sequence", str(bands), "--set", "selection.sets=20", *config]
+    assert main([*sweep, "--out", str(tmp_path / "b")]) == 0
+    assert "note: reprojection.threshold: mesvo_f does not use" in capsys.readouterr().out
+    # A table without its method is another matter.
+    assert main([*sweep, "--methods", "solution_selection", "--out", str(tmp_path / "c")]) == 2
+    assert "solution_selection does not use this setting" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("value", "words"), [(0, "no pixel is masked"), (1, "all pixels are masked")])

@@ -26,7 +26,7 @@ from ..paper.settings import MethodConfig
 from ..report.blocks import Changes, differences
 from ..report.plots import require_matplotlib
 from ..runs.durations import Durations, duration_words
-from ..runs.folder import read_config, settings_in
+from ..runs.folder import is_as_written, read_config, settings_in
 from ..runs.jobs import Job, Outcome, run_jobs
 from .console import print_above_bar, print_wrapped, reporting
 
@@ -203,11 +203,14 @@ class TableMethods:
     """What --variant, --methods and --config say on the methods of a table; None is left to the command.
 
     changes : settings of --config that differ from the preset of its method; all methods get them.
+    refused : names of those that a method must use, as with --set: all of them, unless the file is as a run
+    wrote it and its method is in the table.
     """
 
     variant: str | None
     methods: str | None
     changes: Changes = ()
+    refused: tuple[str, ...] = ()
 
 
 def read_table_methods(options: argparse.Namespace) -> TableMethods:
@@ -222,7 +225,10 @@ def read_table_methods(options: argparse.Namespace) -> TableMethods:
         raise DataError(f"is a run of variant {config.variant}, not {options.variant}", options.config)
     usual = preset(method, variant=config.variant)
     methods = method if options.methods is None else options.methods
-    return TableMethods(config.variant, methods, differences(config, usual))
+    changes = differences(config, usual)
+    repeated = method in methods.split(",") and is_as_written(read_config(options.config))
+    refused = () if repeated else tuple(name for name, _ in changes)
+    return TableMethods(config.variant, methods, changes, refused)
 
 
 def _method_of_file(path: Path) -> tuple[str, MethodConfig]:

@@ -98,7 +98,7 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
     for variant, of_variant in methods.items():
         if of_variant:
             axes = parse_axes(options.axes, config_class(variant)())
-    blocks = make_blocks(methods, chosen.changes, axes, options.loops)
+    blocks = make_blocks(methods, chosen.changes, axes, options.loops, chosen.refused)
     seeds = common.parse_whole("--seeds", options.seeds)
     common.parse_whole("--jobs", options.jobs)  # refused before the work
     measure = (

@@ -32,8 +32,10 @@ from ..runs.folder import (
     PICTURE,
     RUN_FILES,
     changed_files,
+    is_as_written,
     is_finished,
     path_lost,
+    read_config,
     refuse_foreign_files,
     run_folder,
     warnings_of,
@@ -111,7 +113,7 @@ def _run(options: argparse.Namespace) -> int:
         return _print_settings_page(base)
     config, given = _with_typed_settings(base, options)
     _refuse_unused(options, method, config, given)
-    _note_unused(options, method, config, given)
+    _refuse_unused_of_file(options, method, config, given)
     common.require_drawing()
     loop_config = from_options(options, LoopConfig, close_loops.PREFIX)
     _check_options(options)
@@ -314,8 +316,13 @@ def _refuse_unused(options: argparse.Namespace, method: str, config: MethodConfi
             raise DataError(f"--{name}: {method} does not use this setting, since {reason}")
 
 
-def _note_unused(options: argparse.Namespace, method: str, config: MethodConfig, given: list[str]) -> None:
-    """Print a note on settings of --config that are no defaults and have no effect on this run."""
+def _refuse_unused_of_file(
+    options: argparse.Namespace, method: str, config: MethodConfig, given: list[str]
+) -> None:
+    """Refuse settings of --config that are no defaults and have no effect on this run.
+
+    In the file of a run, as the run wrote it, they only cause a note: such a file can always be repeated.
+    """
     if options.config is None:
         return
     usual = preset(method, variant=config.variant)
@@ -325,10 +332,14 @@ def _note_unused(options: argparse.Namespace, method: str, config: MethodConfig,
         if item.name in given or value in (item.default, settings.value_of(usual, item.name)):
             continue
         if reason := _unused_because(options, config, item.name):
-            without_effect.append(f"{item.name} {settings.as_typed(value)} (since {reason})")
-    if without_effect:
-        words = ", ".join(without_effect)
-        print_wrapped(f"note: {options.config}: {method} does not use {words}")
+            without_effect.append((item.name, settings.as_typed(value), reason))
+    if not without_effect:
+        return
+    if not is_as_written(read_config(options.config)):
+        name, _, reason = without_effect[0]
+        raise DataError(f"{name}: {method} does not use this setting, since {reason}", options.config)
+    words = ", ".join(f"{name} {value} (since {reason})" for name, value, reason in without_effect)
+    print_wrapped(f"note: {options.config}: {method} does not use {words}")
 
 
 def _unused_because(options: argparse.Namespace, config: MethodConfig, name: str) -> str:

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 
+from .. import settings
 from ..config import METHODS, preset
 from ..data.catalogue import parse_sequences
 from ..detection.models import find_model
 from ..errors import DataError
 from ..files import only_process, refuse_foreign, write_atomic, written_together
-from ..report.blocks import changed, combinations, parse_axes
+from ..paper.settings import MethodConfig
+from ..report.blocks import changed, combinations, parse_axes, reasons_words
 from ..report.page import records_csv
 from ..report.sweep_table import (
     CELLS,
@@ -69,7 +72,8 @@ def _sweep(options: argparse.Namespace) -> int:
     bases = {method: changed(preset(method, variant=variant), chosen.changes) for method in methods}
     reference = "the settings of --config" if chosen.changes else DEFAULT_SETTINGS
     axes = parse_axes(options.axes, bases[methods[0]])
-    refuse_unused(bases, axes)
+    refuse_unused(bases, axes, chosen.refused)
+    _note_unused(bases, [name for name, _ in chosen.changes if name not in axes])
     if options.detector is not None:
         find_model(options.detector)
     names = common.distinct_sequences(_sequence_names(options.sequences), options.cache)
@@ -121,6 +125,17 @@ def _sweep(options: argparse.Namespace) -> int:
         common.note_repeated_runs(sweep.outcomes)
     print_wrapped(f"written to {folder}: {', '.join([TABLE, *drawn])}")
     return int(any(record["failed"] for sweep in sweeps for record in sweep.records))
+
+
+def _note_unused(bases: Mapping[str, MethodConfig], names: Iterable[str]) -> None:
+    """Print which settings of --config some methods do not use."""
+    for name in names:
+        reasons = [(method, settings.unused_because(config, name)) for method, config in bases.items()]
+        unused = [(method, reason) for method, reason in reasons if reason]
+        if unused:
+            who = ", ".join(method for method, _ in unused)
+            verb = "does" if len(unused) == 1 else "do"
+            print_wrapped(f"note: {name}: {who} {verb} not use this setting, since {reasons_words(unused)}")
 
 
 def _sequence_names(text: str) -> list[str]:

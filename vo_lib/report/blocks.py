@@ -161,20 +161,26 @@ class Block:
 
 
 def make_blocks(
-    methods: Mapping[str, list[str]], base: Changes, axes: Axes, loops: bool = False
+    methods: Mapping[str, list[str]],
+    base: Changes,
+    axes: Axes,
+    loops: bool = False,
+    refused: Iterable[str] = (),
 ) -> list[Block]:
     """A block for each variant with methods and each combination of the values on the axes.
 
-    base : changes in every block, which a value on an axis replaces.
+    base : changes in every block, which a value on an axis replaces; refused : names of those that a method
+    must use.
 
-    Raises `DataError` if no method uses a setting of an axis, or if changes make two methods the same.
+    Raises `DataError` if no method uses a setting of an axis or of `refused`, or if changes make two methods
+    the same.
     """
     blocks = []
     for variant, of_variant in methods.items():
         for values in combinations(axes) if of_variant else []:
             changes = tuple((dict(base) | dict(values)).items())
             blocks.append(Block(variant, changes, loops))
-    for name in axes:
+    for name in dict.fromkeys([*axes, *refused]):
         reasons = []
         for block in blocks:
             of_variant = methods[block.variant]

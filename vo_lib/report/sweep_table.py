@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -87,12 +87,12 @@ class _SweepCell:
     jobs: list[Job]
 
 
-def refuse_unused(bases: Mapping[str, MethodConfig], axes: Axes) -> None:
+def refuse_unused(bases: Mapping[str, MethodConfig], axes: Axes, more: Iterable[str] = ()) -> None:
     """Raise `DataError` for a setting that no method uses in any combination of the values.
 
-    bases : by method, the settings that are not on an axis.
+    bases : by method, the settings that are not on an axis; more : names of those that a method must use.
     """
-    for name in axes:
+    for name in dict.fromkeys([*axes, *more]):
         reasons = []
         for method, base in bases.items():
             configs = [changed(base, changes) for changes in combinations(axes)]

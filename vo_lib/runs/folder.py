@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 import json
 import math
@@ -49,6 +50,8 @@ POSES = "poses.txt"
 POSES_TUM = "poses_tum.txt"
 CALIBRATION = "calibration.json"
 PICTURE = "trajectory.png"
+# In config.json: a digest that shows whether somebody has edited the settings.
+SETTINGS_DIGEST = "settings_digest"
 DETECTOR_OF_BOXES = "detector_of_boxes"  # in config.json: which detector, if it was one
 DETECTOR_INPUTS = ("model", "sha256", "provider", "settings", "classes")  # of the record that are kept there
 MAX_CONTRADICTED_SHARE = 0.1  # of the frames; a run with more is told that its path is probably wrong
@@ -62,6 +65,7 @@ CONFIG_VALUES: dict[str, tuple[type, str]] = {
     **dict.fromkeys(("method", "variant", "sequence"), (str, "a text")),
     **dict.fromkeys(("camera", "made_with", "files"), (dict, "an object")),
 }
+WRITTEN_BY_RUNS = ("method", "variant", "frames", "images", "made_with")  # not all of it by a person
 COUNTS = {"matches": "matches", "removed": "removed_by_boxes", "used": "used", "inliers": "inliers"}
 STAGES = ("wait_images", "matching", "cached_matches", "filter", "rotation", "translation", "calibration")
 
@@ -179,6 +183,7 @@ def write_run(folder: Path, result: Run, identity: dict[str, Any]) -> None:
         write_atomic(draft / METRICS, _json(metrics))
         digests = {path.name: file_sha256(path) for path in sorted(draft.iterdir())}
         about: dict[str, Any] = {"timing": timing(result), "machine_info": machine_info(), "files": digests}
+        about[SETTINGS_DIGEST] = _digest_of_settings(identity["settings"])
         about[DETECTOR_OF_BOXES] = _detector_of_boxes(result)
         write_atomic(
             draft / (CONFIG + DRAFT), _json(identity | about | {"folder": str(sequence.folder.resolve())})
@@ -254,6 +259,20 @@ def read_config(path: Path) -> dict[str, Any]:
     return data
 
 
+def is_as_written(data: dict[str, Any]) -> bool:
+    """Whether the content of a config.json is that of a run whose settings nobody has edited since.
+
+    A run of a version without the digest of the settings counts as not edited.
+    """
+    if not all(name in data for name in WRITTEN_BY_RUNS):
+        return False
+    return data.get(SETTINGS_DIGEST, "") in ("", _digest_of_settings(data["settings"]))
+
+
+def _digest_of_settings(values: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:16]
+
+
 def settings_in(data: dict[str, Any], path: Path) -> MethodConfig:
     """The settings in the content of config.json; a `DataError` names the file."""
     try:
@@ -282,7 +301,7 @@ def is_finished(folder: Path) -> bool:
         data = read_config(folder)
     except DataError:
         return False
-    return all(name in data for name in ("method", "variant", "frames", "images", "made_with"))
+    return all(name in data for name in WRITTEN_BY_RUNS)
 
 
 def has_runs(folder: Path) -> bool:
