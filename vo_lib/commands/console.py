@@ -21,8 +21,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO, TypeVar
 
 from ..errors import MAX_TYPED, DataError, did_you_mean, shorten
+from ..report.breaking import GLUE, glued
 from ..settings import Setting, as_typed, declared
-from .table_layout import GLUE, fitting_parts, glued
+from .table_layout import fitting_parts
 
 # Rich is imported where something is printed: its import takes 0.1 s, which `vo --help` does not need.
 if TYPE_CHECKING:

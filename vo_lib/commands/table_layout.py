@@ -7,18 +7,15 @@ the tables then has the names of the rows and some of the other columns.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 
-GLUE = "\N{NO-BREAK SPACE}"
+from ..report.breaking import Width, broken, glued
+
 BORDERS = 3  # characters of a column that are not text: a line, and a blank on each side
 LONGEST_NUMBER = 30  # characters; a longer cell is a text, which may break at blanks
 LEAST_NAME = 24  # characters of a name beside which no other break is found
 JOINED = "settings"  # heading of the names of the rows in one column, "name=value" below each other
-_PIECE = re.compile(r"[^,;/=_.+-]*[,;/=_.+-]*")
-
-Width = Callable[[str], int]  # of a text in the terminal: some letters take two columns
 
 
 @dataclass(frozen=True)
@@ -39,12 +36,6 @@ class TablePart:
             cells = [heading, *(row[place] for row in self.rows)]
             widths.append(max(width_of(line) for cell in cells for line in cell.split("\n")))
         return _total(widths)
-
-
-def glued(text: str) -> str:
-    """A text in which a number and its deviation, and a command between backquotes, have no usual blanks."""
-    text = re.sub(r" ?± ?", lambda found: found[0].replace(" ", GLUE), text)
-    return re.sub(r"`[^`\n]{1,60}`", lambda found: found[0].replace(" ", GLUE), text)
 
 
 def fitting_parts(
@@ -157,38 +148,3 @@ def _broken(table: TablePart, widths: list[int], width_of: Width) -> TablePart:
     for row in table.rows:
         rows.append([broken(cell, width, width_of) for cell, width in zip(row, widths, strict=True)])
     return TablePart(headings, rows, table.names)
-
-
-def broken(text: str, width: int, width_of: Width) -> str:
-    """A text in lines of at most `width`, broken at blanks or, in a longer word, behind punctuation."""
-    lines = []
-    for line in text.split("\n"):
-        current = ""
-        for word in line.split(" "):
-            if current and width_of(current) + 1 + width_of(word) <= width:
-                current += f" {word}"
-                continue
-            if current:
-                lines.append(current)
-            *full, current = _broken_word(word, width, width_of)
-            lines += full
-        lines.append(current)
-    return "\n".join(lines).replace(GLUE, " ")
-
-
-def _broken_word(word: str, width: int, width_of: Width) -> list[str]:
-    """A word in pieces of at most `width`: behind punctuation, or anywhere in a piece without it."""
-    if width_of(word) <= width:
-        return [word]
-    lines = [""]
-    for piece in _PIECE.findall(word):
-        if width_of(lines[-1] + piece) <= width:
-            lines[-1] += piece
-            continue
-        if lines[-1]:
-            lines.append("")
-        for letter in piece:
-            if lines[-1] and width_of(lines[-1] + letter) > width:
-                lines.append("")
-            lines[-1] += letter
-    return lines

@@ -6,11 +6,11 @@ Matplotlib is imported only for the first figure, since the import takes half a 
 from __future__ import annotations
 
 import io
+import math
 import os
 import re
-import textwrap
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import cv2
@@ -23,6 +23,7 @@ from ..evaluation.statistics import standard_deviation
 from ..geometry.boxes import MOVING, PARKED, Boxes
 from ..geometry.matches import StereoMatches
 from ..geometry.types import Array, BoolArray, Image, IntArray
+from .breaking import GLUE, broken
 from .table1 import PROPOSAL
 
 if TYPE_CHECKING:
@@ -46,6 +47,14 @@ TRUTH_EDGE = 0.6  # points, of the white edge on each side of the truth
 # Width of a path, divided by its length, below which a view from above with equal axes is nearly empty.
 STRAIGHT = 0.2
 MAGNIFIED = "(the axes have different scales: sideways is magnified)"
+AXIS_LETTERS = 54  # of a line below it
+LETTERS = 12  # in an inch, of the usual size
+LINE_HEIGHT = 0.18  # inches
+LEGEND_SIGN = 0.8  # inches of a legend's column that are no letters
+USUAL_LEGEND_LINES = 3  # for which a figure has room
+# Names below an axis have at most this many lines, unless they would have more letters in a line.
+MOST_LINES = 4
+MOST_LETTERS = 20
 STRAIGHT_HEIGHT = 2.6  # inches, of the chart of a straight drive
 
 
@@ -72,8 +81,28 @@ def figure_page(title: str = "", width: float = SMALL_PAGE[0], height: float = S
 def _wrapped(title: str, width: float) -> str:
     """A title in lines that fit into a width in inches, at Matplotlib's font size "medium"."""
     # Matplotlib's own wrapping interprets text between dollar signs as a formula.
-    whole = re.sub(r"(?<=\d) ", "\N{NO-BREAK SPACE}", title)  # a number keeps its unit
-    return "\n".join(textwrap.fill(line, int(11 * width)) for line in whole.split("\n"))
+    whole = re.sub(r"(?<=\d) ", GLUE, title)  # a number keeps its unit
+    return broken(whole, int(11 * width))
+
+
+def add_legend(figure: Figure, lines: Mapping[str, Any], width: float, place: str) -> None:
+    """Put a legend of lines or bars by name below a figure, `width` inches wide; the figure grows for it."""
+    in_two = int((width - 2 * LEGEND_SIGN) / 2 * LETTERS)
+    columns = 2 if max(map(len, lines), default=0) <= in_two else 1
+    letters = in_two if columns == 2 else int((width - LEGEND_SIGN) * LETTERS)
+    names = [broken(name, letters) for name in lines]
+    count = math.ceil(sum(1 + name.count("\n") for name in names) / columns)
+    figure.set_figheight(figure.get_figheight() + LINE_HEIGHT * max(0, count - USUAL_LEGEND_LINES))
+    figure.legend(lines.values(), names, loc=place, ncols=columns)
+
+
+def letters_beside(names: Iterable[str], least: int) -> int:
+    """The number of letters in a line of names that stand beside each other below an axis.
+
+    At least `least`; more if the longest name would have more than `MOST_LINES` lines, up to `MOST_LETTERS`.
+    """
+    longest = max(map(len, names), default=0)
+    return min(max(least, math.ceil(longest / MOST_LINES)), MOST_LETTERS)
 
 
 def bgr(colour: str) -> tuple[int, int, int]:
@@ -167,7 +196,7 @@ def draw_sideways(axis: Axes, title: str, truth: Array | None, estimates: Mappin
         for _, poses, style in styled(estimates):
             xz = poses[:, [0, 2], 3] - start
             axis.plot(xz @ ahead, xz @ right, **style)
-        line = f"along the line from the start to the end of {shorten(name)} [m]"
+        line = broken(f"along the line from the start to the end of {shorten(name)} [m]", AXIS_LETTERS)
         label_axis(axis, f"{line}\n{MAGNIFIED}", "to the right of this line [m]")
     axis.set_title(_wrapped(title, SMALL_PAGE[0]), fontsize="medium")
     axis.margins(y=0.1)
@@ -199,7 +228,8 @@ def trajectories_figure(
     width, height = SMALL_PAGE
     beside = {title: not loops and is_straight(*panel) for title, panel in panels.items()}
     heights = [STRAIGHT_HEIGHT if beside[title] else height - 1.0 for title in panels]
-    figure = figure_page(width=width * columns, height=sum(heights) + 1.0)
+    more_lines = sum(max(0, _wrapped(title, width).count("\n") - 1) for title in panels)
+    figure = figure_page(width=width * columns, height=sum(heights) + 1.0 + 1.3 * LINE_HEIGHT * more_lines)
     grid = figure.add_gridspec(rows, columns, height_ratios=heights)
     labels: dict[str, Any] = {}
     for row, (title, (truth, estimates)) in enumerate(panels.items()):
@@ -215,7 +245,7 @@ def trajectories_figure(
         if truth is not None:
             draw_drift(figure.add_subplot(grid[row, 1]), truth, estimates)
     # In the left half, so that a telephone shows the legend with the first panel.
-    figure.legend(labels.values(), labels, loc="outside lower left", ncols=2)
+    add_legend(figure, labels, width, "outside lower left")
     return figure
 
 
@@ -223,7 +253,12 @@ def errors_figure(title: str, errors: Mapping[tuple[str, str], Array]) -> Figure
     """Bars of TE and RE by sequence and method, with deviations over S seeds; `errors` are (2, S) each."""
     sequences = list(dict.fromkeys(sequence for sequence, _ in errors))
     methods = list(dict.fromkeys(method for _, method in errors))
-    figure = figure_page(title, max(SMALL_PAGE[0], 0.8 * len(sequences)))
+    room = int((SMALL_PAGE[0] - 0.8) * LETTERS / len(sequences))
+    letters = max(letters_beside(sequences, 9), room)
+    names = [broken(name, letters) for name in sequences]
+    width = max(SMALL_PAGE[0], letters / LETTERS * len(sequences) + 0.8)
+    name_lines = 1 + max(name.count("\n") for name in names)
+    figure = figure_page(title, width, SMALL_PAGE[1] + LINE_HEIGHT * (name_lines - 1))
     axes = figure.subplots(2, sharex=True)
     share = 0.85 / len(methods)
     for kind, (axis, label) in enumerate(zip(axes, ("TE [%]", "RE [deg/100 m]"), strict=True)):
@@ -236,10 +271,11 @@ def errors_figure(title: str, errors: Mapping[tuple[str, str], Array]) -> Figure
             bars = axis.bar(x, means, share, yerr=deviations, color=method_colour(method, k), label=method)
             if len(sequences) == 1:
                 axis.bar_label(bars, fmt="%#.3g")
-        axis.set(axisbelow=True, xticks=range(len(sequences)), xticklabels=sequences)
+        axis.set(axisbelow=True, xticks=range(len(sequences)), xticklabels=names)
         axis.margins(0.02, 0.12)  # room for the labels
         label_axis(axis, "", label)
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    handles, of_handles = axes[0].get_legend_handles_labels()
+    add_legend(figure, dict(zip(of_handles, handles, strict=True)), width, "outside lower center")
     return figure
 
 
@@ -258,7 +294,10 @@ def error_curves_figure(title: str, by: str, curves: Mapping[str, ErrorCurve]) -
     label_axis(axes[1], "sub-sequence length [m]" if by == "length" else "speed [km/h]", "RE [deg/100 m]")
     for axis in axes:
         axis.set_ylim(bottom=0.0)
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    handles, of_handles = axes[0].get_legend_handles_labels()
+    add_legend(
+        figure, dict(zip(of_handles, handles, strict=True)), figure.get_figwidth(), "outside lower center"
+    )
     return figure
 
 

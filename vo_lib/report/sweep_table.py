@@ -23,6 +23,7 @@ from ..runs.drive import Run
 from ..runs.folder import read_run, warnings_of
 from ..runs.jobs import Job, Outcome
 from .blocks import Axes, Changes, changed, combinations, reasons_words, settings_folder, settings_words
+from .breaking import broken
 from .page import (
     NO_NUMBER,
     ReportTable,
@@ -32,7 +33,7 @@ from .page import (
     seeds_text,
     without_empty_columns,
 )
-from .plots import SMALL_PAGE, figure_page, png
+from .plots import LETTERS, LINE_HEIGHT, SMALL_PAGE, figure_page, letters_beside, png
 from .table1 import ERROR_KINDS, back_end_ms, measure_runs, number_fields, slug
 
 NOT_USED = " (not used)"
@@ -42,6 +43,8 @@ DEFAULT = "default"  # folder of the runs with the settings that are not changed
 APART_KINDS = {"end_apart_m": "end apart m", "rmse_apart_m": "rmse apart m"}
 METHOD_AXIS = "method"
 DEFAULT_SETTINGS = "the default settings"
+LEAST_LETTERS = 12  # in a line of a value below the heat map, whose column is then 1.1 inches wide
+ROW_LETTERS = 24  # in a line of the values beside it
 NO_COLOUR = "0.9"  # grey of the cells without a colour in the heat map
 
 
@@ -339,11 +342,16 @@ def heat_map(sweep: Sweep) -> bytes:
     from matplotlib import colormaps  # here, since its import takes half a second
 
     *down, across = sweep.axes
-    columns = [*map(settings.as_typed, sweep.axes[across])]
+    values_across = [*map(settings.as_typed, sweep.axes[across])]
     grid = itertools.product(*(sweep.axes[name] for name in down))
-    rows = [", ".join(map(settings.as_typed, values)) for values in grid]
-    width = max(SMALL_PAGE[0], 1.5 + 1.1 * len(columns))
-    height = 2 * (1.2 + 0.55 * len(rows)) + 0.8
+    letters = letters_beside(values_across, LEAST_LETTERS)
+    columns = [broken(value, letters) for value in values_across]
+    rows = [broken(", ".join(map(settings.as_typed, values)), ROW_LETTERS) for values in grid]
+    beside = max((len(line) for row in rows for line in row.split("\n")), default=0)
+    width = max(SMALL_PAGE[0], 1.5 + beside / LETTERS + letters / LEAST_LETTERS * 1.1 * len(columns))
+    row_height = max(0.55, LINE_HEIGHT * (1 + max(row.count("\n") for row in rows)))
+    below = LINE_HEIGHT * max(column.count("\n") for column in columns)
+    height = 2 * (1.2 + row_height * len(rows) + below) + 0.8
     figure = figure_page(sweep.title, width, height)
     better = "\nlower is better" if sweep.has_truth else f"\nfrom {sweep.reference}"
     colours = colormaps["YlGnBu"].with_extremes(bad=NO_COLOUR)
