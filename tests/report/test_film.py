@@ -224,3 +224,16 @@ def test_browser_plays_a_film(bands: Path) -> None:
         # Thirty frames at ten a second.
         assert page.eval_on_selector("video", PLAY) == [None, 3, 780]
         opened.close()
+
+
+@pytest.mark.parametrize("length", [10, 80, 300])
+def test_a_long_label_leaves_room_for_the_numbers(bands: Path, length: int) -> None:
+    result = run(open_sequence(bands), preset("solution_selection"))
+    *_, shown = film_frames(result)
+    inked = []
+    for label in ("", ("a_name_of_the_north_road_" * 20)[:length]):
+        picture = Film(bands.parent / "film.webm", result, label).picture(shown)
+        words = (picture[:WORDS_HEIGHT_PX] == 0).all(axis=2)
+        assert not words[:, -4:].any()  # nothing runs off the picture
+        inked.append(words[: WORDS_HEIGHT_PX // 3].sum())
+    assert inked[1] >= inked[0]  # the numbers are all there, behind the label

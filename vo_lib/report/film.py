@@ -208,7 +208,6 @@ class Film:
         sequence = self.run.sequence
         driven = self._driven[index]
         progress = [
-            self.label,
             f"frame {sequence.frames[index]}",
             f"{sequence.times[index] - sequence.times[0]:.1f} s",
             f"{driven:.0f} m driven",
@@ -223,7 +222,9 @@ class Film:
             f"{motion.used} used after bucketing",
             f"{motion.inliers} inliers",
         ]
-        _write(part, "  ".join([*progress, *motion.flags]), (12, LINE_HEIGHT_PX))
+        facts = "  ".join(["", *progress, *motion.flags])
+        room = part.shape[1] - 2 * 12 - _width(facts)
+        _write(part, _shortened(self.label, room) + facts, (12, LINE_HEIGHT_PX))
         _write(part, "  ".join(counts), (12, 2 * LINE_HEIGHT_PX))
         new, *_, old = plots.AGE_COLOURS
         legend = [("new match", new), ("old", old), ("removed", plots.REMOVED), ("path", self._colour)]
@@ -273,5 +274,21 @@ def _draw_line(part: Image, points: Array, colour: tuple[int, int, int], width: 
 def _write(part: Image, text: str, at: tuple[int, int]) -> int:
     """Write a line of text and return the column of its end, pixels."""
     cv2.putText(part, text, at, FONT, FONT_SCALE, BLACK, 1, cv2.LINE_AA)
+    return at[0] + _width(text)
+
+
+def _width(text: str) -> int:
+    """The width of a line of text, pixels."""
     (width, _), _ = cv2.getTextSize(text, FONT, FONT_SCALE, 1)
-    return at[0] + width
+    return int(width)
+
+
+def _shortened(text: str, width: int) -> str:
+    """A text of at most `width` pixels: of a longer text, the middle is left out."""
+    if _width(text) <= width:
+        return text
+    for kept in range(len(text) // 2, 0, -1):
+        short = f"{text[:kept]}...{text[-kept:]}"
+        if _width(short) <= width:
+            return short
+    return ""
