@@ -85,7 +85,7 @@ def _wrapped(title: str, width: float) -> str:
     return broken(whole, int(11 * width))
 
 
-def add_legend(figure: Figure, lines: Mapping[str, Any], width: float, place: str) -> None:
+def add_legend(figure: Figure, lines: Mapping[str, Any], width: float, side: str = "center") -> None:
     """Put a legend of lines or bars by name below a figure, `width` inches wide; the figure grows for it."""
     in_two = int((width - 2 * LEGEND_SIGN) / 2 * LETTERS)
     columns = 2 if max(map(len, lines), default=0) <= in_two else 1
@@ -93,6 +93,7 @@ def add_legend(figure: Figure, lines: Mapping[str, Any], width: float, place: st
     names = [broken(name, letters) for name in lines]
     count = math.ceil(sum(1 + name.count("\n") for name in names) / columns)
     figure.set_figheight(figure.get_figheight() + LINE_HEIGHT * max(0, count - USUAL_LEGEND_LINES))
+    place: Any = f"outside lower {side}"
     figure.legend(lines.values(), names, loc=place, ncols=columns)
 
 
@@ -245,7 +246,7 @@ def trajectories_figure(
         if truth is not None:
             draw_drift(figure.add_subplot(grid[row, 1]), truth, estimates)
     # In the left half, so that a telephone shows the legend with the first panel.
-    add_legend(figure, labels, width, "outside lower left")
+    add_legend(figure, labels, width, "left")
     return figure
 
 
@@ -275,7 +276,7 @@ def errors_figure(title: str, errors: Mapping[tuple[str, str], Array]) -> Figure
         axis.margins(0.02, 0.12)  # room for the labels
         label_axis(axis, "", label)
     handles, of_handles = axes[0].get_legend_handles_labels()
-    add_legend(figure, dict(zip(of_handles, handles, strict=True)), width, "outside lower center")
+    add_legend(figure, dict(zip(of_handles, handles, strict=True)), width)
     return figure
 
 
@@ -295,9 +296,7 @@ def error_curves_figure(title: str, by: str, curves: Mapping[str, ErrorCurve]) -
     for axis in axes:
         axis.set_ylim(bottom=0.0)
     handles, of_handles = axes[0].get_legend_handles_labels()
-    add_legend(
-        figure, dict(zip(of_handles, handles, strict=True)), figure.get_figwidth(), "outside lower center"
-    )
+    add_legend(figure, dict(zip(of_handles, handles, strict=True)), figure.get_figwidth())
     return figure
 
 
