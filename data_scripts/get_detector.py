@@ -59,7 +59,9 @@ def run(options: argparse.Namespace) -> int:
         command = typed(shlex.join(["vo", "data", "get_detector", name, "--from", str(path)]))
         raise DataError(f"is a file, expected a name; to register the file: {command}", path)
     elif ULTRALYTICS.fullmatch(options.name):
-        print_lines(*how_to_export(options.name))
+        words, commands = how_to_export(options.name)
+        print_wrapped(words)
+        print_lines(*(f"  {command}" for command in commands))
     else:
         near = did_you_mean(options.name, [*FETCHABLE, PAPERS_DETECTOR])
         raise DataError(f"unknown detector {options.name!r}; {near}expected one of {', '.join(FETCHABLE)}")

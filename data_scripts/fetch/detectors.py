@@ -46,18 +46,20 @@ _YOLOX = (
 FETCHABLE = {detector.name: detector for detector in _YOLOX}
 
 
-def how_to_export(name: str) -> tuple[str, ...]:
-    """Lines that say how to make the ONNX file of one of Ultralytics' models."""
+def how_to_export(name: str) -> tuple[str, list[str]]:
+    """How to make the ONNX file of one of Ultralytics' models: a sentence, and the commands."""
     what = "YOLOv8, the paper's detector" if name.startswith("yolov8") else f"{name}, a model of Ultralytics"
-    return (
-        f"The kit does not download {what}. Its weights are under AGPL-3.0",
-        "(Ultralytics): a program that is distributed or served with these weights must",
-        "offer its source code or needs a licence: https://www.ultralytics.com/license.",
-        "These commands make the ONNX file; use a separate environment:",
-        "  pip install ultralytics onnx",
-        f"  yolo export model={name}.pt format=onnx",
-        f"  vo data get_detector {name} --from {name}.onnx",
+    words = (
+        f"The kit does not download {what}. Its weights are under AGPL-3.0 (Ultralytics): a program that is "
+        "distributed or served with these weights must offer its source code or needs a licence: "
+        "https://www.ultralytics.com/license. These commands make the ONNX file; use a separate environment:"
     )
+    commands = [
+        "pip install ultralytics onnx",
+        f"yolo export model={name}.pt format=onnx",
+        f"vo data get_detector {name} --from {name}.onnx",
+    ]
+    return words, commands
 
 
 def fetch_detector(detector: Detector, folder: Path, progress: Progress | None = None) -> Path:

@@ -11,6 +11,7 @@ import pytest
 from terminal import shown_in_terminal
 
 from vo_lib.commands.table_layout import fitting_parts
+from vo_lib.report.breaking import broken, glued
 
 WIDTH = 80
 NUMBER = "11.602 ± 0.117"
@@ -96,3 +97,9 @@ def test_errors_are_wrapped_in_a_terminal(line: str, columns: int) -> None:
     assert max(map(len, (first, *more))) <= columns
     assert all(re.match(r"  \S", each) for each in more)
     assert more or columns > len(first)
+
+
+def test_what_is_read_as_one_is_not_broken() -> None:
+    for whole in ("11.602 ± 0.117", "`vo data get_detector NAME`", "vo data get_detector yolox-tiny"):
+        lines = broken(glued(f"{'word ' * 12}{whole} and more"), 70).split("\n")
+        assert any(whole in line for line in lines)

@@ -36,9 +36,11 @@ WORK = {
     HAND_IN,
     KIT_PYTHON,
 }  # files that the notebooks write
-OTHER_JUPYTERS = """In VS Code, open this folder and choose the kernel {python}
-In a Jupyter of your own, this command adds a kernel with the name Stereo VO:
-  {python} -m ipykernel install --user --name stereo-vo --display-name "Stereo VO\""""
+OTHER_JUPYTERS = (
+    "In VS Code, open this folder and choose the kernel {python}",
+    "In a Jupyter of your own, this command adds a kernel with the name Stereo VO:",
+)
+KERNEL_COMMAND = '  {python} -m ipykernel install --user --name stereo-vo --display-name "Stereo VO"'
 # Options with which JupyterLab starts as root, or does not start at all.
 STARTS_AS_ROOT = ("allow-root", "ServerApp.allow_root", "version", "help", "help-all", "h", "generate-config")
 KERNEL = "Python 3 (ipykernel)"  # how the kernel of a Python environment names itself
@@ -94,7 +96,10 @@ def _lab(options: argparse.Namespace) -> int:
     if options.hand_in is not None:
         return _hand_in(notebooks, folder, options.hand_in)
     if options.copy_only:
-        print_lines(f"The course is in {folder}.\n{OTHER_JUPYTERS.format(python=sys.executable)}")
+        print_wrapped(
+            f"The course is in {folder}.", *(line.format(python=sys.executable) for line in OTHER_JUPYTERS)
+        )
+        print_lines(KERNEL_COMMAND.format(python=sys.executable))
         return 0
     _refuse_root(options.jupyter)
     from jupyterlab.labapp import LabApp  # type: ignore[import-untyped]

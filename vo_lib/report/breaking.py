@@ -6,15 +6,18 @@ import re
 from collections.abc import Callable
 
 GLUE = "\N{NO-BREAK SPACE}"
+_DEVIATION = re.compile(r" ?± ?")
+_COMMAND = re.compile(r"`[^`\n]{1,60}`|\bvo data( \S+){1,3}")  # between backquotes, or with its first words
 _PIECE = re.compile(r"[^,;/=_.+-]*[,;/=_.+-]*")
 
 Width = Callable[[str], int]  # of a text in the terminal: some letters take two columns
 
 
 def glued(text: str) -> str:
-    """A text in which a number and its deviation, and a command between backquotes, have no usual blanks."""
-    text = re.sub(r" ?± ?", lambda found: found[0].replace(" ", GLUE), text)
-    return re.sub(r"`[^`\n]{1,60}`", lambda found: found[0].replace(" ", GLUE), text)
+    """A text in which a number and its deviation, and a short command, have no blanks at which it breaks."""
+    for pattern in (_DEVIATION, _COMMAND):
+        text = pattern.sub(lambda found: found[0].replace(" ", GLUE), text)
+    return text
 
 
 def broken(text: str, width: int, width_of: Width = len) -> str:
