@@ -29,7 +29,7 @@ def random_table(seed: int) -> tuple[list[str], list[list[str]], int]:
     rng = random.Random(seed)
     names = rng.randint(1, 4)
     numbers = rng.randint(1, 8)
-    kinds = ["TE %", "RE deg/100 m", "removed", "back end ms", "sub-seqs", "end apart m"]
+    kinds = ["TE %", "RE deg/100 m", "removed", "back-end ms", "sub-seqs", "end apart m"]
     columns = [*rng.sample(SETTINGS, names), *(rng.choice(kinds) for _ in range(numbers))]
     rows = []
     for _ in range(rng.randint(1, 5)):
@@ -100,6 +100,11 @@ def test_errors_are_wrapped_in_a_terminal(line: str, columns: int) -> None:
 
 
 def test_what_is_read_as_one_is_not_broken() -> None:
-    for whole in ("11.602 ± 0.117", "`vo data get_detector NAME`", "vo data get_detector yolox-tiny"):
+    for whole in (
+        "11.602 ± 0.117",
+        "deg/100 m",
+        "`vo data get_detector NAME`",
+        "vo data get_detector yolox-tiny",
+    ):
         lines = broken(glued(f"{'word ' * 12}{whole} and more"), 70).split("\n")
         assert any(whole in line for line in lines)

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable
 
 GLUE = "\N{NO-BREAK SPACE}"
-_DEVIATION = re.compile(r" ?± ?")
+_NUMBER = re.compile(r" ?± ?|(?<=\d) (?=[A-Za-z%°])")  # with its deviation, with its unit
 _COMMAND = re.compile(r"`[^`\n]{1,60}`|\bvo data( \S+){1,3}")  # between backquotes, or with its first words
 _PIECE = re.compile(r"[^,;/=_.+-]*[,;/=_.+-]*")
 
@@ -14,8 +14,8 @@ Width = Callable[[str], int]  # of a text in the terminal: some letters take two
 
 
 def glued(text: str) -> str:
-    """A text in which a number and its deviation, and a short command, have no blanks at which it breaks."""
-    for pattern in (_DEVIATION, _COMMAND):
+    """A text in which a number, its deviation and unit, and a short command have no blanks that break."""
+    for pattern in (_NUMBER, _COMMAND):
         text = pattern.sub(lambda found: found[0].replace(" ", GLUE), text)
     return text
 

@@ -300,7 +300,7 @@ def sweep_table(sweep: Sweep) -> ReportTable:
     only in the records.
     """
     lengths = [] if sweep.has_truth else ["length m"]
-    costs = ["removed", "back end ms"] if sweep.has_truth and METHOD_AXIS not in sweep.axes else []
+    costs = ["removed", "back-end ms"] if sweep.has_truth and METHOD_AXIS not in sweep.axes else []
     columns = [*sweep.axes, *lengths, *sweep.kinds.values(), *costs]
     rows = list[list[str]]()
     notes = list[str]()
