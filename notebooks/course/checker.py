@@ -15,7 +15,7 @@ import numpy as np
 
 from vo_lib.geometry.types import Array
 
-from .records import record
+from .records import answered_by, record
 from .results import (
     SHORT,
     Unusable,
@@ -30,7 +30,8 @@ from .results import (
     shown,
     unusable,
 )
-from .stored_answers import handed_back, is_stub, store_answer
+from .stored_answers import NAME as STORED
+from .stored_answers import NOT_SAVED, handed_back, is_stub, store_answer
 
 Case = tuple[Any, ...]  # the inputs of a call
 LONGEST = 80  # maximal length of an input in a message, characters
@@ -162,18 +163,24 @@ class Exercise:
             return decided(NO_ANSWER)
         self._given = ""
         verdict = self.grade(answer, *data)
-        record(self, answer, verdict)
+        kept = self._kept(answer) if verdict.passed and self.cases else ""
+        record(self, answer, verdict, kept)
         if verdict.passed:
             self.failures.clear()
-            return (
-                Verdict(True, verdict.message + store_answer(answer, self.grade)) if self.cases else verdict
-            )
+            return Verdict(True, verdict.message + kept)
         # All answers that cannot be compared count as one.
         self.failures.add("" if isinstance(verdict, Unusable) else self._given)
         told_again = len(self.failures) >= TRIES and self.more != verdict.hint
         return decided(
             replace(verdict, hint=f"{verdict.hint} {self.more}".strip()) if told_again else verdict
         )
+
+    def _kept(self, answer: Any) -> str:
+        """Save a right function; a sentence that says where it is, or why it is not saved."""
+        if other := answered_by(answer, self):
+            name = answer.__name__
+            return f" It {NOT_SAVED}: in `{STORED}`, `{name}` is the answer to {other}; give it another name."
+        return store_answer(answer, self.grade)
 
     def grade(self, answer: Any, *data: Any) -> Verdict:
         """The verdict on an answer, without counting failures or saving functions."""

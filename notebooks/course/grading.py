@@ -1,14 +1,15 @@
 """Marks of one student: the functions of `my_vo.py` run in a process of their own, with a limit of time.
 
-The process writes a line of JSON before and after each exercise. If it stops in the middle, this exercise has no
-marks, and another process continues with the next one. What the functions print goes nowhere.
+The process writes a line of JSON before and after each section of my_vo.py and each exercise, into a file outside the
+student's folder, with a word that only this run knows. If it stops in the middle, this section or exercise is left
+out, and another process does the rest. What the functions print goes nowhere, and what they start ends with them.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import signal
+import secrets
 import subprocess
 import sys
 import tempfile
@@ -21,21 +22,22 @@ from typing import Any, TextIO
 
 from vo_lib.errors import DataError
 
-from . import records, stored_answers
+from . import records, stored_answers, supervised
 from .results import RIGHT_CLASS, Verdict
 from .submissions import Submission
 from .tasks import Task, all_tasks
 
 PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
-LIMIT_S = 60.0  # for the checks of one function, and for reading my_vo.py
+LIMIT_S = 60.0  # for the checks of one function, and for reading a section of my_vo.py
 START_S = 120.0  # until the process has imported the course
+END_S = 30.0  # until the processes that a student's program started have ended
 POLL_S = 0.05
 MAX_SAYS = 500  # letters of a message
 MEMORY_BYTES = 8 << 30  # address space of the process, where the system can limit it
-READING = "reading"  # in place of the number of an exercise, while my_vo.py is read
 RUN = "run"  # the function was run now
 ANSWER = "answer"  # the answer was checked again
-SAID = "said"  # what the check said in the notebook, which had the data
+SAID = "said"  # what the check said in the notebook, by the student's file; it cannot be checked again
+UNSEEN = "unseen"  # the student's file says that a function was right, but the function is not in my_vo.py
 
 
 @dataclass(frozen=True)
@@ -46,22 +48,76 @@ class Mark:
     says: str
     found: str
 
+    @property
+    def checked(self) -> bool:
+        """Whether the exercise is solved, and its answer was checked now."""
+        return self.passed and self.found in (RUN, ANSWER)
+
+    @property
+    def cell(self) -> str:
+        """The mark in a table: 1, 0, "said" for a verdict of the student's file alone, or "?" for `UNSEEN`."""
+        if self.found == UNSEEN:
+            return "?"
+        if self.passed and self.found == SAID:
+            return SAID
+        return str(int(self.passed))
+
 
 def grade(
     submission: Submission, tasks: Sequence[Task], limit_s: float = LIMIT_S
 ) -> tuple[dict[str, Mark], list[str]]:
-    """The marks of a submission by the number of the exercise, and remarks on its file."""
-    with tempfile.TemporaryDirectory() as name:
+    """The marks of a submission by the number of the exercise, and remarks on its files."""
+    noted = dict[str, dict[str, Any]]()
+    code = ""
+    remarks = list(submission.remarks)
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name:
         folder = Path(name)
-        for file in (stored_answers.NAME, records.NAME):
-            (folder / file).write_bytes(submission.files.get(file, b""))
-        functions = [task.number for task in tasks if task.is_function]
-        marks, remarks = _run_functions(folder, functions, limit_s)
+        # The records are read before a student's function runs.
+        (folder / records.NAME).write_bytes(submission.files.get(records.NAME, b""))
         noted = records.read_records(folder / records.NAME)
+        (folder / records.NAME).unlink()
+        content = submission.files.get(stored_answers.NAME, b"")
+        names = {task.number: _names(task, noted) for task in tasks if task.is_function}
+        try:
+            code, remark = stored_answers.decoded(content, Path(stored_answers.NAME))
+            remarks += [f"{stored_answers.NAME}: {remark}"] if remark else []
+        except DataError as error:
+            remarks.append(str(error))
+        (folder / stored_answers.NAME).write_bytes(code.encode())
+        marks, faults = _run_functions(folder, names, limit_s)
+    remarks += faults
     for task in tasks:
         if task.number not in marks:
             marks[task.number] = _of_records(task, noted, submission)
+        remarks += _remarks_on(task, marks[task.number], noted)
+    known = {task.name for task in all_tasks()} | {str(entry.get("function")) for entry in noted.values()}
+    unknown = [section for section in stored_answers.SECTION.findall(code) if section not in known]
+    if unknown:
+        why = f"of no exercise in the notebooks, and {records.NAME} does not say whose they are"
+        remarks.append(_plain(f"{stored_answers.NAME}: {', '.join(unknown)}: names {why}"))
     return {task.number: marks[task.number] for task in tasks}, remarks
+
+
+def _names(task: Task, noted: dict[str, dict[str, Any]]) -> list[str]:
+    """The names under which the function of an exercise may be saved, that of the notebook's check first."""
+    noted_name = noted.get(records.name_of(task.exercise), {}).get("function")
+    names = [noted_name] if isinstance(noted_name, str) and noted_name.isidentifier() else []
+    return list(dict.fromkeys([*names, task.name]))
+
+
+def _remarks_on(task: Task, mark: Mark, noted: dict[str, dict[str, Any]]) -> list[str]:
+    """What a teacher should know about a mark, although the table does not say it."""
+    entry = noted.get(records.name_of(task.exercise), {})
+    was_right = entry.get("passed") is True
+    if mark.found == UNSEEN:
+        return [f"{task.number}: {mark.says}"]
+    if was_right and not mark.passed:
+        return [f"{task.number}: right in the notebook, but not here: {mark.says}"]
+    if mark.passed and was_right and entry.get("later"):
+        return [
+            _plain(f"{task.number}: the right answer counts; a later one was not right: {entry['later']}")
+        ]
+    return []
 
 
 def _of_records(task: Task, noted: dict[str, dict[str, Any]], submission: Submission) -> Mark:
@@ -70,14 +126,15 @@ def _of_records(task: Task, noted: dict[str, dict[str, Any]], submission: Submis
     if entry is None:
         shown = not task.is_function and _shows_right(task, submission)
         return Mark(shown, "" if shown else "not there", SAID)
+    passed = entry.get("passed") is True
     says = _plain(entry.get("says", ""))
-    if task.is_function:  # a function that passed is in my_vo.py
-        return Mark(False, says if not entry.get("passed") else "passed once, but is not in my_vo.py", SAID)
+    if task.is_function and passed:
+        kept = _plain(entry.get("kept") or "its function is not there")
+        return Mark(False, f"right by {records.NAME}, but not in {stored_answers.NAME}: {kept}", UNSEEN)
     answer = entry.get("answer")
     if not task.has_data and task.exercise.cases is None and answer is not None:
         verdict = task.exercise.grade(answer)
         return Mark(verdict.passed, "" if verdict.passed else _plain(verdict.message), ANSWER)
-    passed = entry.get("passed") is True
     return Mark(passed, "" if passed else says, SAID)
 
 
@@ -96,62 +153,83 @@ def _shows_right(task: Task, submission: Submission) -> bool:
     return False
 
 
-def _run_functions(folder: Path, numbers: list[str], limit_s: float) -> tuple[dict[str, Mark], list[str]]:
-    """Marks of the functions in the folder's my_vo.py that are there, and remarks on the file."""
+def _run_functions(
+    folder: Path, names: dict[str, list[str]], limit_s: float
+) -> tuple[dict[str, Mark], list[str]]:
+    """Marks of the functions in the folder's my_vo.py that are there, and remarks on the file.
+
+    names : by the number of an exercise, the names of its function.
+    """
     marks = dict[str, Mark]()
     remarks = list[str]()
-    left = list(numbers)
+    skipped = list[str]()  # sections that end the process
+    left = list(names)
     while left:
-        lines, stopped, why = _run_process(folder, left, limit_s)
+        lines, why = _run_process(folder, {number: names[number] for number in left}, skipped, limit_s)
         for line in lines:
             if "fault" in line:
                 fault = _plain(line["fault"])
                 remarks += [fault] if fault not in remarks else []
             elif "passed" in line:
                 marks[line["number"]] = Mark(line["passed"] is True, _plain(line["says"]), RUN)
-        if stopped is None:
+        if not why:
             return marks, remarks
-        if stopped == READING:
-            return marks, [*remarks, f"my_vo.py cannot be read: it {why}"]
-        marks[stopped] = Mark(False, f"it {why}", RUN)
-        left = left[left.index(stopped) + 1 :]
+        last = lines[-1] if lines else {}
+        if "section" in last:
+            skipped.append(last["section"])
+            remarks.append(f"{_place(last['section'])} cannot be read: it {why}")
+        elif "number" in last:
+            marks.setdefault(last["number"], Mark(False, f"it {why}", RUN))
+            left = left[left.index(last["number"]) + 1 :]
+        else:
+            return marks, [*remarks, f"{stored_answers.NAME}: its functions cannot be run: it {why}"]
     return marks, remarks
 
 
+def _place(section: object) -> str:
+    return _plain(f"{stored_answers.NAME}, {section}") if section else stored_answers.NAME
+
+
 def _run_process(
-    folder: Path, numbers: list[str], limit_s: float
-) -> tuple[list[dict[str, Any]], str | None, str]:
-    """The lines that a process wrote; the exercise in which it stopped, or None; and why it did."""
-    results = folder / "results.jsonl"
-    results.write_text("", encoding="utf-8")
-    command = [sys.executable, "-m", "course.grading", str(folder), *numbers]
-    path = os.pathsep.join(filter(None, [str(PACKAGE_FOLDER), os.environ.get("PYTHONPATH", "")]))
-    process = subprocess.Popen(
-        command,
-        cwd=folder,
-        env={**os.environ, "PYTHONPATH": path, "COURSE_STRICT": "0"},
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=os.name == "posix",
-    )
-    try:
-        size = -1
-        since = time.monotonic()
-        while process.poll() is None:
-            if results.stat().st_size != size:
-                size = results.stat().st_size
-                since = time.monotonic()
-            if time.monotonic() - since > (limit_s if size > 0 else START_S):
-                lines = _lines(results)
-                return lines, _unfinished(lines), f"did not end within {limit_s:g} s"
-            time.sleep(POLL_S)
-    finally:
-        _end(process)
-    lines = _lines(results)
+    folder: Path, names: dict[str, list[str]], skipped: list[str], limit_s: float
+) -> tuple[list[dict[str, Any]], str]:
+    """The lines that a process wrote, and why it stopped in the middle; "" if it did not."""
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as outside:
+        results = Path(outside) / "results.jsonl"
+        results.touch()
+        word = secrets.token_hex(16)
+        task = {"word": word, "results": str(results), "names": names, "skipped": skipped}
+        path = os.pathsep.join(filter(None, [str(PACKAGE_FOLDER), os.environ.get("PYTHONPATH", "")]))
+        supervisor = [sys.executable, "-P", supervised.__file__] if os.name == "posix" else []
+        process = subprocess.Popen(
+            [*supervisor, sys.executable, "-m", "course.grading"],
+            cwd=folder,
+            env={**os.environ, "PYTHONPATH": path, "COURSE_STRICT": "0"},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=os.name == "posix",
+        )
+        try:
+            if process.stdin is not None:
+                with suppress(BrokenPipeError), process.stdin as pipe:
+                    pipe.write(json.dumps(task).encode())
+            lines = list[dict[str, Any]]()
+            since = time.monotonic()
+            while process.poll() is None:
+                written = _lines(results, word)
+                if len(written) != len(lines):
+                    lines = written
+                    since = time.monotonic()
+                if time.monotonic() - since > (limit_s if lines else START_S):
+                    return lines, f"did not end within {limit_s:g} s"
+                time.sleep(POLL_S)
+        finally:
+            _end(process)
+        lines = _lines(results, word)
     if lines and lines[-1].get("done") is True:
-        return lines, None, ""
-    return lines, _unfinished(lines), f"ended the process (exit code {process.returncode})"
+        return lines, ""
+    return lines, f"ended the process (exit code {process.returncode})"
 
 
 def _plain(text: object) -> str:
@@ -160,59 +238,70 @@ def _plain(text: object) -> str:
     return "".join(letter if letter.isprintable() else "?" for letter in line)[:MAX_SAYS]
 
 
-def _lines(results: Path) -> list[dict[str, Any]]:
+def _lines(results: Path, word: str) -> list[dict[str, Any]]:
+    """The lines with the word of this run; what a student's function writes into the file does not count."""
     lines = list[dict[str, Any]]()
-    for text in results.read_text(encoding="utf-8", errors="replace").splitlines():
-        with suppress(ValueError):
-            line = json.loads(text)
-            lines += [line] if isinstance(line, dict) else []
+    with suppress(OSError):
+        for text in results.read_text(encoding="utf-8", errors="replace").splitlines():
+            with suppress(ValueError):
+                line = json.loads(text)
+                lines += [line] if isinstance(line, dict) and line.get("word") == word else []
     return lines
 
 
-def _unfinished(lines: list[dict[str, Any]]) -> str:
-    return next((str(line["start"]) for line in reversed(lines) if "start" in line), READING)
-
-
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """End a process and those that it started."""
+    """End a process and those that it started; the process itself sees to the latter."""
     with suppress(ProcessLookupError, PermissionError):
-        if os.name == "posix":
-            os.killpg(process.pid, signal.SIGKILL)
-        elif process.poll() is None:
-            process.kill()
-    process.wait()
+        process.terminate()
+    try:
+        process.wait(END_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
 
 
-def _check_functions(folder: Path, numbers: Sequence[str]) -> None:
-    """In the process: check the functions of the folder's my_vo.py, and write a line for each."""
+def _check_functions(task: dict[str, Any], my_vo: Path) -> None:
+    """In the process: check the functions of my_vo.py, and write a line for each.
+
+    task : "names" of the functions by number of the exercise, sections to be "skipped", the file for the
+        "results" and the "word" of each line.
+    """
     _limit_memory()
-    tasks = {task.number: task for task in all_tasks()}
-    with open(folder / "results.jsonl", "a", encoding="utf-8") as file:
-        _write(file, {"start": READING})
-        try:
-            definitions, faults = stored_answers.load_sections(folder / stored_answers.NAME)
-        except DataError as error:
-            definitions = {}
-            faults = {"": str(error).partition("my_vo.py: ")[2]}
+    tasks = {each.number: each for each in all_tasks()}
+    word = task["word"]
+    with open(task["results"], "a", encoding="utf-8") as file:
+        _write(file, word, {"ready": True})
+        definitions, faults = stored_answers.load_sections(
+            my_vo, task["skipped"], lambda section: _write(file, word, {"section": section})
+        )
+        _write(file, word, {"read": True})
         for section, fault in faults.items():
-            where = f"my_vo.py, {section}" if section else "my_vo.py"
-            _write(file, {"fault": f"{where}: {fault}"})
-        for number in numbers:
-            function = definitions.get(tasks[number].name)
-            if not callable(function):
+            _write(file, word, {"fault": f"{_place(section)}: {fault}"})
+        for number, names in task["names"].items():
+            functions = [definitions[name] for name in names if callable(definitions.get(name))]
+            if not functions:
                 continue
-            _write(file, {"start": number})
-            try:
-                verdict = tasks[number].exercise.grade(function)
-            except BaseException as error:  # such as SystemExit, which a check does not expect
-                verdict = Verdict(False, f"it raises {type(error).__name__}: {error}")
+            _write(file, word, {"number": number})
+            for function in functions:
+                try:
+                    verdict = _verdict(tasks[number], function)
+                except BaseException as error:  # such as SystemExit, which a check does not expect
+                    verdict = Verdict(False, f"it raises {type(error).__name__}: {error}")
+                if verdict.passed:
+                    break
             says = "" if verdict.passed else f"{verdict.message} {verdict.hint}".strip()
-            _write(file, {"number": number, "passed": bool(verdict.passed), "says": says})
-        _write(file, {"done": True})
+            _write(file, word, {"number": number, "passed": bool(verdict.passed), "says": says})
+        _write(file, word, {"done": True})
 
 
-def _write(file: TextIO, line: dict[str, Any]) -> None:
-    file.write(json.dumps(line) + "\n")
+def _verdict(task: Task, function: Any) -> Verdict:
+    if module := stored_answers.of_the_kit(function):
+        return Verdict(False, f"it is the kit's own function, of {module}.")
+    return task.exercise.grade(function)
+
+
+def _write(file: TextIO, word: str, line: dict[str, Any]) -> None:
+    file.write(json.dumps({"word": word, **line}) + "\n")
     file.flush()
 
 
@@ -226,4 +315,4 @@ def _limit_memory() -> None:
 
 
 if __name__ == "__main__":
-    _check_functions(Path(sys.argv[1]), sys.argv[2:])
+    _check_functions(json.loads(sys.stdin.buffer.read()), Path(stored_answers.NAME).resolve())

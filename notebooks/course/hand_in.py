@@ -24,9 +24,9 @@ from vo_lib.errors import DataError
 from vo_lib.files import read_bytes, write_atomic
 
 from . import records, stored_answers
-from .grading import grade
+from .grading import SAID, grade
 from .minutes import NOTEBOOKS
-from .submissions import MARKS, MAX_MEMBER_BYTES, NOTEBOOK, POSES, Submission
+from .submissions import ANSWERS, CHANGED, MARKS, MAX_MEMBER_BYTES, NOTEBOOK, POSES, Submission
 from .tasks import all_tasks
 
 DATE = (1980, 1, 1, 0, 0, 0)  # of all members, so that the same files give the same bytes
@@ -56,10 +56,14 @@ def write_hand_in(folder: Path, target: Path) -> None:
             continue
         files[path.name] = content
     marks, remarks = grade(Submission("", files), all_tasks())
-    passed = [number for number, mark in marks.items() if mark.passed]
+    passed = [number for number, mark in marks.items() if mark.checked]
+    said = [number for number, mark in marks.items() if mark.cell == SAID]
+    times = [(folder / name).stat().st_mtime for name in ANSWERS if name in files]
     summary = {
         "passed": len(passed),
+        "said": len(said),
         "of": len(marks),
+        CHANGED: max(times, default=None),
         "remarks": remarks,
         "exercises": {
             number: {"passed": mark.passed, "found": mark.found, "says": mark.says}
@@ -71,6 +75,10 @@ def write_hand_in(folder: Path, target: Path) -> None:
     print_wrapped(f"written: {target}")
     print_wrapped(f"It contains {', '.join(files)}, as last saved.")
     print_wrapped(f"{len(passed)} of {len(marks)} exercises pass: {' '.join(passed) or 'none'}")
+    if said:
+        print_wrapped(
+            f"{len(said)} more are right in your notebooks, and cannot be checked again: {' '.join(said)}"
+        )
     print_wrapped(*(f"note: {remark}" for remark in remarks))
     print_wrapped(*(f"note: {name} is missing: {why}" for name, why in WITHOUT.items() if name not in files))
     for name in too_large:

@@ -14,7 +14,9 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import tempfile
 from collections.abc import Sequence
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -22,42 +24,47 @@ from vo_lib.commands.console import ENDINGS, OneLineParser, exit_code
 from vo_lib.errors import DataError
 from vo_lib.files import csv_text, write_atomic
 
-from .grading import LIMIT_S, grade
-from .submissions import find_submissions, read_submission
+from .grading import LIMIT_S, SAID, grade
+from .submissions import find_submissions, namesakes, read_submission
 from .tasks import Task, chosen_tasks
 from .tasks import tasks as tasks
 
+WORDS = {"1": "passes", "said": "right, by the student's file alone", "?": "? "}  # by mark
 FORMULA = ("=", "+", "-", "@", "\t", "\r")  # beginnings that a spreadsheet takes for a formula
 
 
 def marks(student: str, path: Path, chosen: Sequence[Task], limit_s: float = LIMIT_S) -> dict[str, Any]:
     """The number of solved exercises of a student, each exercise with its answer and message, and remarks.
 
-    Raises `DataError` if the submission cannot be read.
+    "passed" counts the exercises whose answers were checked now, and "said" those for which there is only what the
+    student's file says. Raises `DataError` if the submission cannot be read.
     """
     of_numbers, remarks = grade(read_submission(student, path), chosen, limit_s)
     exercises = {
         task.number: {
             "answer": task.name,
+            "mark": of_numbers[task.number].cell,
             "passed": of_numbers[task.number].passed,
             "found": of_numbers[task.number].found,
             "says": of_numbers[task.number].says,
         }
         for task in chosen
     }
-    passed = sum(mark.passed for mark in of_numbers.values())
-    return {"passed": passed, "of": len(exercises), "remarks": remarks, "exercises": exercises}
+    passed = sum(mark.checked for mark in of_numbers.values())
+    said = sum(mark.cell == SAID for mark in of_numbers.values())
+    return {"passed": passed, "said": said, "of": len(exercises), "remarks": remarks, "exercises": exercises}
 
 
 def table(results: dict[str, dict[str, Any]], problems: dict[str, str], chosen: Sequence[Task]) -> str:
-    """The marks of a class as CSV: a row per student, 1 for each solved exercise, else 0."""
+    """The marks of a class as CSV: a row per student, and for each exercise `Mark.cell`."""
     numbers = [task.number for task in chosen]
-    rows: list[list[object]] = [["student", "passed", "of", *numbers, "remarks"]]
+    rows: list[list[object]] = [["student", "passed", "said", "of", *numbers, "remarks"]]
     for student, each in results.items():
-        cells = [int(each["exercises"][number]["passed"]) for number in numbers]
-        rows.append([_cell(student), each["passed"], each["of"], *cells, _cell("; ".join(each["remarks"]))])
+        cells = [each["exercises"][number]["mark"] for number in numbers]
+        counts = [each["passed"], each["said"], each["of"]]
+        rows.append([_cell(student), *counts, *cells, _cell("; ".join(each["remarks"]))])
     for student, problem in problems.items():
-        rows.append([_cell(student), 0, len(numbers), *[0] * len(numbers), _cell(problem)])
+        rows.append([_cell(student), 0, 0, len(numbers), *[0] * len(numbers), _cell(problem)])
     return csv_text(rows)
 
 
@@ -69,10 +76,11 @@ def _cell(text: str) -> str:
 
 def as_text(student: str, each: dict[str, Any]) -> str:
     """The marks of a student as lines of text."""
-    lines = [f"{student}: {each['passed']} of {each['of']} pass"]
+    said = f", {each['said']} more by the student's file alone" if each["said"] else ""
+    lines = [f"{student}: {each['passed']} of {each['of']} pass{said}"]
     lines += [f"  note: {remark}" for remark in each["remarks"]]
     for number, one in each["exercises"].items():
-        lines.append(f"  {number:4} {one['answer']:20} {'passes' if one['passed'] else one['says']}")
+        lines.append(f"  {number:4} {one['answer']:20} {WORDS.get(one['mark'], '')}{one['says']}".rstrip())
     return "\n".join(lines)
 
 
@@ -98,24 +106,71 @@ def _main(options: argparse.Namespace) -> int:
     if not 0 < options.limit < 1e6:
         raise DataError(f"--limit {options.limit:g}: expected seconds")
     chosen = chosen_tasks(options.chapters)
+    if options.csv is not None:
+        _try_to_write(options.csv)
     results: dict[str, dict[str, Any]] = {}
     problems: dict[str, str] = {}
-    for student, path in _named(find_submissions(options.paths)).items():
+    found = find_submissions(options.paths)
+    for path in found.others:
+        if options.csv is None or path.resolve() != options.csv.resolve():
+            print(f"note: not read: {path}", file=sys.stderr)
+    also = _also_handed_in(found.students)
+    for student, path in _named(found.students).items():
         try:
             results[student] = marks(student, path, chosen, options.limit)
         except DataError as error:
-            problems[student] = str(error)
+            problems[student] = "; ".join([str(error), *also.get(path, [])])
             print(f"error: {error}", file=sys.stderr)
             continue
+        results[student]["remarks"] += also.get(path, [])
         if not options.json:
             print(as_text(student, results[student]), flush=True)
     if options.json:
-        print(json.dumps(results, indent=1))
+        print(
+            json.dumps({**results, **{name: {"not read": why} for name, why in problems.items()}}, indent=1)
+        )
     if options.csv is not None:
         write_atomic(options.csv, table(results, problems, chosen))
         if not options.json:
             print(f"table: {options.csv}")
     return 2 if problems else 0
+
+
+def _try_to_write(path: Path) -> None:
+    """Raise an error now, and not after the whole class is graded, if a table cannot be written here."""
+    if path.is_dir():
+        raise DataError("is a folder, expected the name of a table", path)
+    try:
+        with tempfile.TemporaryFile(dir=path.parent):
+            pass
+    except OSError as error:
+        raise DataError(f"cannot be written: {error.strerror}", path) from None
+
+
+def _also_handed_in(students: list[tuple[str, Path]]) -> dict[Path, list[str]]:
+    """For each submission, remarks on the others of the same student: which one is the newer."""
+    remarks = dict[Path, list[str]]()
+    for group in namesakes(students):
+        times = dict[Path, float | str | None]()
+        for student, path in group:
+            try:
+                times[path] = read_submission(student, path).changed
+            except DataError:
+                times[path] = "cannot be read"
+        for _, path in group:
+            remarks[path] = [
+                _comparison(other, times[path], times[other]) for _, other in group if other != path
+            ]
+    return remarks
+
+
+def _comparison(other: Path, own_time: float | str | None, time_of_other: float | str | None) -> str:
+    if isinstance(time_of_other, str):
+        return f"also handed in as {other}, which {time_of_other}"
+    if not isinstance(own_time, float) or time_of_other is None or own_time == time_of_other:
+        return f"also handed in as {other}; which one is newer cannot be seen"
+    when = datetime.fromtimestamp(time_of_other).isoformat(" ", "minutes")
+    return f"also handed in as {other}, which is {'newer' if time_of_other > own_time else 'older'}: {when}"
 
 
 def _named(found: list[tuple[str, Path]]) -> dict[str, Path]:

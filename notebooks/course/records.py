@@ -11,6 +11,7 @@ import sys
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 import numpy as np
@@ -19,30 +20,49 @@ from vo_lib.errors import DataError
 from vo_lib.files import read_mapping, write_atomic
 
 from .results import Verdict
-from .stored_answers import MARK
+from .stored_answers import MARK, NOT_SAVED
 
 NAME = "my_answers.json"
 LARGEST = 100  # numbers of an answer that is written down
 
 
-def record(exercise: object, answer: Any, verdict: Verdict) -> None:
-    """Write a verdict and its answer down; a right answer is replaced only by another right answer.
+def record(exercise: object, answer: Any, verdict: Verdict, kept: str = "") -> None:
+    """Write a verdict and its answer down; after a right answer, a wrong one is only a note ("later").
 
-    In a folder without `00_start_here.ipynb` (of tests or scripts), nothing is written. Never raises.
+    kept : what `store_answer` said about a right function. In a folder without `00_start_here.ipynb` (of tests
+    or scripts), nothing is written. Never raises.
     """
     name = name_of(exercise)
     if not name or not Path(MARK).is_file():
         return
+    says = verdict.message if verdict.passed else f"{verdict.message} {verdict.hint}".strip()
     with suppress(DataError, OSError):
         records = read_records(Path(NAME))
-        if records.get(name, {}).get("passed") is True and not verdict.passed:
-            return
-        records[name] = {
-            "passed": verdict.passed,
-            "answer": as_json(answer),
-            "says": verdict.message if verdict.passed else f"{verdict.message} {verdict.hint}".strip(),
-        }
+        before = records.get(name, {})
+        if before.get("passed") is True and not verdict.passed:
+            records[name] = {**before, "later": says}
+        else:
+            named = (
+                isinstance(answer, FunctionType) and answer.__name__.isidentifier() and NOT_SAVED not in kept
+            )
+            records[name] = {
+                "passed": verdict.passed,
+                "answer": as_json(answer),
+                "says": says,
+                "function": answer.__name__ if named else "",
+                "kept": kept.strip(),
+            }
         write_atomic(Path(NAME), json.dumps(records, indent=1, sort_keys=True) + "\n")
+
+
+def answered_by(function: Any, exercise: object) -> str:
+    """The other exercise that a function of this name answered in this folder; "" if there is none."""
+    own = name_of(exercise)
+    called = getattr(function, "__name__", "")
+    for name, entry in read_records(Path(NAME)).items():
+        if called and entry.get("function") == called and name != own and entry.get("passed") is True:
+            return name
+    return ""
 
 
 def read_records(path: Path) -> dict[str, dict[str, Any]]:

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import ast
+import codecs
 import dis
 import inspect
 import re
 import sys
 import textwrap
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
 import numpy as np
 
+import vo_lib
 from vo_lib.errors import DataError
-from vo_lib.files import write_atomic
+from vo_lib.files import read_bytes, write_atomic
 
 NAME = "my_vo.py"
 SECTION = re.compile(r"^# ---- (\w+) ----\r?\n", re.MULTILINE)  # before a function and its dependencies
@@ -25,6 +29,14 @@ SECTION = re.compile(r"^# ---- (\w+) ----\r?\n", re.MULTILINE)  # before a funct
 CALLED = "LOAD_GLOBAL", "LOAD_ATTR", "LOAD_METHOD", "IMPORT_FROM"
 MARK = "00_start_here.ipynb"  # a file of the folders of notebooks and of solutions
 LARGEST = 5000  # maximal size of an array that is saved
+KIT = "vo_lib", __package__  # whose functions are nobody's answers
+KIT_FOLDERS = Path(vo_lib.__path__[0]), Path(__file__).parent
+DECLARED = re.compile(
+    rb"^[ \t\f]*#.*?coding[:=][ \t]*([-\w.]+)"
+)  # the encoding of a Python file, in lines 1 and 2
+USUAL = "cp1252"  # the encoding of editors on Windows that do not write UTF-8
+NOT_SAVED = "was not saved"  # in the sentences about functions that my_vo.py does not get
+LAYERS = 20  # of wrappers round a function
 HEAD = '"""My visual odometry: the functions that passed their checks in the notebooks."""'
 
 
@@ -38,6 +50,8 @@ def store_answer(function: Any, grade: Callable[[Any], Any] | None = None) -> st
     """
     if not (Path(MARK).is_file() and isinstance(function, FunctionType)):
         return ""
+    if module := of_the_kit(function):
+        return f" It {NOT_SAVED} in `{NAME}`: it is the kit's own, of `{module}`."
     try:
         _source(function)
     except (OSError, SyntaxError, ValueError):
@@ -46,14 +60,14 @@ def store_answer(function: Any, grade: Callable[[Any], Any] | None = None) -> st
     name = function.__name__
     try:
         load(path)  # or say that the file cannot be run
-        text = path.read_bytes().decode("utf-8") if path.exists() else HEAD
+        text = decoded(read_bytes(path), path)[0] if path.exists() else HEAD
         head, *parts = SECTION.split(text)
         sections = {**dict(zip(parts[::2], parts[1::2], strict=True)), name: _section(function)}
         whole = [head.rstrip(), *(f"# ---- {key} ----\n{part.rstrip()}" for key, part in sections.items())]
         write_atomic(path, "\n\n\n".join(whole) + "\n")
         verdict = grade(load(path)[name]) if grade else None
     except Exception as error:  # an edited file, or a folder without write permission
-        return f" It was not saved in `{NAME}`: {error}."
+        return f" It {NOT_SAVED} in `{NAME}`: {error}."
     if verdict is not None and not verdict.passed:
         return f" It is saved in `{NAME}`, but fails there: {verdict.message}"
     return f" It is saved in `{NAME}`."
@@ -70,10 +84,13 @@ def load(path: Path) -> dict[str, Any]:
     return definitions
 
 
-def load_sections(path: Path) -> tuple[dict[str, Any], dict[str, str]]:
+def load_sections(
+    path: Path, skipped: Collection[str] = (), begin: Callable[[str], None] | None = None
+) -> tuple[dict[str, Any], dict[str, str]]:
     """Definitions of a file of saved functions, and the faults of the sections that cannot be run, by name.
 
-    The part above the first section has the name "". Raises `DataError` if the file is no text.
+    The part above the first section has the name "". Sections in `skipped` are not run; `begin` is called with
+    the name of each other one, before it runs. Raises `DataError` if the file is no text.
     """
     if not path.is_file():
         return {}, {}
@@ -81,15 +98,18 @@ def load_sections(path: Path) -> tuple[dict[str, Any], dict[str, str]]:
     definitions = dict[str, Any]()
     named = dict[str, Any]()
     faults = dict[str, str]()
-    try:
-        head, *parts = SECTION.split(path.read_bytes().decode("utf-8"))
-    except UnicodeDecodeError as error:
-        raise DataError(f"the file cannot be run, {type(error).__name__}: {error}", path) from None
+    head, *parts = SECTION.split(decoded(read_bytes(path), path)[0])
     above = ""  # empty lines in place of the parts before, so that errors have the lines of the file
     for name, part in [("", head), *zip(parts[::2], parts[1::2], strict=True)]:
         own = dict(common) if name else common
+        code = above + part
+        above += "\n" * (part.count("\n") + 1)
+        if name in skipped:
+            continue
+        if begin is not None:
+            begin(name)
         try:
-            exec(compile(above + part, path, "exec"), own)
+            exec(compile(code, path, "exec"), own)
         except ImportError as error:
             faults[name] = f"{_line_of(error, path)}{error}: compare its imports with those of the chapter"
         except (Exception, SystemExit, KeyboardInterrupt) as error:
@@ -97,7 +117,6 @@ def load_sections(path: Path) -> tuple[dict[str, Any], dict[str, str]]:
         else:
             definitions |= own
             named |= {name: own[name]} if name in own else {}
-        above += "\n" * (part.count("\n") + 1)
     return definitions | named, faults
 
 
@@ -105,6 +124,26 @@ def _line_of(error: BaseException, path: Path) -> str:
     """The line of a file that raised an error, as the begin of a message; "" if the message names it anyway."""
     lines = [step.lineno for step in traceback.extract_tb(error.__traceback__) if step.filename == str(path)]
     return f"line {lines[-1]}: " if lines else ""
+
+
+def decoded(content: bytes, path: Path) -> tuple[str, str]:
+    """The text of a Python file, and a remark if its encoding is not UTF-8; "" otherwise.
+
+    Without UTF-8, the encoding is that of its byte order mark, of its line `# coding: …`, or that of Windows.
+    Raises `DataError`, with the line, if the bytes are no text in it.
+    """
+    try:
+        return content.decode("utf-8-sig"), ""
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        encoding = "utf-16"
+    else:
+        declared = [DECLARED.match(each) for each in content.splitlines()[:2]]
+        encoding = next((found[1].decode("ascii") for found in declared if found), USUAL)
+    with suppress(LookupError, ValueError):  # an unknown encoding, or bytes that it does not have
+        return content.decode(encoding), f"line {line} is not in UTF-8, so the file was read as {encoding}"
+    raise DataError("is not text in UTF-8: save the file with the encoding UTF-8", path, line)
 
 
 def _source(thing: Any) -> str:
@@ -183,6 +222,38 @@ def is_stub(answer: Any) -> bool:
     except (OSError, SyntaxError, TypeError, ValueError):
         return False
     return any(isinstance(line, ast.Expr) and getattr(line.value, "value", 0) is ... for line in lines)
+
+
+def of_the_kit(answer: Any) -> str:
+    """The module of the library or of the course from which the code of a function comes; "" for any other.
+
+    Looks through `functools.partial`, decorators and methods. A function that only calls one of the kit is not
+    recognised here.
+    """
+    for each in _layers(answer):
+        module = str(getattr(each, "__module__", ""))
+        code = getattr(each, "__code__", None)
+        file = Path(code.co_filename) if isinstance(code, CodeType) else Path()
+        if module.partition(".")[0] in KIT or any(file.is_relative_to(folder) for folder in KIT_FOLDERS):
+            return module
+    return ""
+
+
+def _layers(answer: Any) -> Iterator[Any]:
+    """An answer and the functions that it wraps."""
+    layer = answer
+    for _ in range(LAYERS):
+        yield layer
+        if isinstance(layer, partial):
+            layer = layer.func
+        elif hasattr(layer, "__wrapped__"):
+            layer = layer.__wrapped__
+        elif hasattr(layer, "__func__"):
+            layer = layer.__func__
+        elif not isinstance(layer, FunctionType) and isinstance(type(layer).__call__, FunctionType):
+            layer = type(layer).__call__
+        else:
+            return
 
 
 def handed_back(answer: Any, names: Sequence[str]) -> str:

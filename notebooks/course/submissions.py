@@ -1,15 +1,20 @@
 """What a student hands in: a zip of `vo lab --hand-in`, the folder of the course, or `my_vo.py` alone.
 
 A zip comes from somebody else, so nothing in it is unpacked to the disk under its own name: only files with known
-names are read, each up to a size, and everything else is refused with a sentence.
+names are read, each up to a size, and everything else is refused with a sentence. A zip that a desktop made of the
+folder of the course will do, too.
 """
 
 from __future__ import annotations
 
+import json
+import re
 import stat
+import time
 import zipfile
 import zlib
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
 from vo_lib.errors import DataError
@@ -20,70 +25,181 @@ from . import records, stored_answers
 MARKS = "marks.json"
 POSES = "my_poses.txt"
 ZIP = "hand_in.zip"
-FILES = (stored_answers.NAME, records.NAME, POSES, MARKS)
+ANSWERS = (stored_answers.NAME, records.NAME)
+FILES = (*ANSWERS, POSES, MARKS)
 NOTEBOOK = ".ipynb"
-MAX_MEMBERS = 100
+CHANGED = "last change"  # in marks.json: seconds since 1970
+MAX_MEMBERS = 5000  # of a zip of the whole folder, with the kit's modules and what the system adds
 MAX_MEMBER_BYTES = 30_000_000  # an answered notebook with its pictures takes a few MB
 MAX_BYTES = 200_000_000  # of all members together
+NAMED = 5  # files that a sentence names
+EXPECTED = "expected a zip, a folder of the course, or a my_vo.py"
+# Kinds of files that somebody may have handed in, although they cannot be read.
+HANDED_IN = (".zip", ".7z", ".rar", ".tar", ".gz", ".tgz", ".bz2", ".xz", ".zst", ".zipx", ".py", NOTEBOOK)
+OF_THE_SYSTEM = ("__MACOSX", "Thumbs.db", "desktop.ini")
+# What systems and browsers add to the name of a second copy.
+COPY = re.compile(r"( ?\(\d+\)| - (copy|kopie)( \(\d+\))?| copy( \d+)?)$", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
 class Submission:
-    """The files of a student by name, without folders."""
+    """The files of a student by name, without folders.
+
+    changed : when the last of them was written, in seconds since 1970; None if unknown.
+    """
 
     student: str
     files: dict[str, bytes]
+    remarks: tuple[str, ...] = ()
+    changed: float | None = None
 
 
-def find_submissions(paths: list[Path]) -> list[tuple[str, Path]]:
+@dataclass(frozen=True)
+class Found:
+    """What lies in the folders of a class: students with their files, and the files that are nobody's."""
+
+    students: list[tuple[str, Path]] = field(default_factory=list)
+    others: list[Path] = field(default_factory=list)
+
+
+def find_submissions(paths: list[Path]) -> Found:
     """Students and their files: each zip, `my_vo.py` or folder of a course, also inside a folder of a class.
 
-    Raises `DataError` for a path without any.
+    A file that somebody may have handed in counts as a student's, also if `read_submission` will refuse it, and so
+    does a folder without any submission. Raises `DataError` for a path that is missing or has nothing in it.
     """
-    found = list[tuple[str, Path]]()
+    found = Found()
     for path in paths:
         if not path.exists():
             raise DataError("is missing: expected a zip, a my_vo.py, or a folder of them", path)
-        if not path.is_dir() or _is_course(path):
-            found.append((_student(path, path.parent), path))
+        if not path.is_dir() or (path / stored_answers.MARK).is_file() or _is_alone(path):
+            found.students.append((_student(path, path.parent), path))
             continue
-        zips = [each for each in sorted(path.rglob("*.zip")) if each.is_file()]
-        folders = [each.parent for each in sorted(path.rglob(stored_answers.NAME))]
-        inside = [*zips, *(folder for folder in folders if not (folder / ZIP).is_file())]
-        if not inside:
+        inside = Found()
+        _look_into(path, inside)
+        if not inside.students:
             raise DataError("contains neither a zip nor a my_vo.py", path)
-        found += [(_student(each, path), each) for each in inside]
-    return found
+        found.students.extend((_student(each, path), each) for _, each in inside.students)
+        found.others.extend(inside.others)
+    places = {each.resolve(): (student, each) for student, each in reversed(found.students)}
+    return Found(list(reversed(places.values())), found.others)
+
+
+def _look_into(folder: Path, found: Found) -> None:
+    """Add what lies in a folder of a class, or in a folder of a student in it."""
+    for path in sorted(folder.iterdir()):
+        if _is_of_the_system(path.name):
+            found.others.append(path)
+        elif path.is_dir() and not path.is_symlink():
+            try:
+                _look_into_student(path, found)
+            except OSError:  # a folder without permission to read it: `read_submission` says so
+                found.students.append(("", path))
+        elif path.suffix.lower() in HANDED_IN or path.is_symlink() or zipfile.is_zipfile(path):
+            found.students.append(("", path))
+        else:
+            found.others.append(path)
+
+
+def _look_into_student(folder: Path, found: Found) -> None:
+    """Add a folder of the course, the submissions in a folder, or the folder itself if it has none."""
+    if (folder / stored_answers.MARK).is_file() or _is_alone(folder):
+        zips = [folder / ZIP] if (folder / ZIP).is_file() else []
+        found.students.extend(("", each) for each in zips)
+        if not zips or _differ(folder, zips[0]):
+            found.students.append(("", folder))
+        return
+    inside = Found()
+    _look_into(folder, inside)
+    found.students.extend(inside.students or [("", folder)])
+    found.others.extend(inside.others if inside.students else [])
+
+
+def _is_alone(folder: Path) -> bool:
+    """Whether a folder has the files of one student, and no submission but the zip of the same course."""
+    names = {each.name for each in folder.iterdir() if each.is_file()}
+    if not names & {*ANSWERS} and not any(name.endswith(NOTEBOOK) for name in names):
+        return False
+    inside = Found()
+    for each in folder.iterdir():
+        if each.is_dir() and not each.is_symlink() and not _is_of_the_system(each.name):
+            _look_into_student(each, inside)
+    below = [path for _, path in inside.students if _is_answered(path)]
+    return not below and not any(Path(name).suffix.lower() == ".zip" and name != ZIP for name in names)
+
+
+def _is_answered(path: Path) -> bool:
+    return not path.is_dir() or any((path / name).is_file() for name in ANSWERS)
+
+
+def _differ(folder: Path, path: Path) -> bool:
+    """Whether a folder has other answers than the zip that was made of it."""
+    with suppress(DataError):
+        of_folder = read_submission("", folder).files
+        of_zip = read_submission("", path).files
+        return any(of_folder.get(name) != of_zip.get(name) for name in ANSWERS)
+    return True
+
+
+def _is_of_the_system(name: str) -> bool:
+    return name.startswith(".") or name in OF_THE_SYSTEM
 
 
 def read_submission(student: str, path: Path) -> Submission:
     """The files of a submission. Raises `DataError` for a zip that is damaged, too large or unsafe."""
     if path.is_dir():
-        names = [*FILES, *sorted(each.name for each in path.glob(f"*{NOTEBOOK}"))]
-        files = {name: read_bytes(path / name) for name in names if (path / name).is_file()}
-    elif zipfile.is_zipfile(path):
-        files = _read_zip(path)
-    elif path.suffix == ".zip":
+        try:
+            return _read_folder(student, path)
+        except OSError as error:
+            raise DataError(f"was not read: {error.strerror}", path) from None
+    if zipfile.is_zipfile(path):
+        return _read_zip(student, path)
+    if path.suffix.lower() == ".zip":
         raise DataError("is no zip, or it is damaged", path)
-    else:
-        files = {stored_answers.NAME: read_bytes(path)}
-    return Submission(student, files)
+    content = read_bytes(path)
+    is_answers = path.name == stored_answers.NAME or stored_answers.SECTION.search(content.decode("latin-1"))
+    if path.suffix.lower() != ".py" or not is_answers:
+        raise DataError(f"was not read: {EXPECTED}", path)
+    return Submission(student, {stored_answers.NAME: content}, (), path.stat().st_mtime)
 
 
-def _is_course(folder: Path) -> bool:
-    return (folder / stored_answers.NAME).is_file() or (folder / stored_answers.MARK).is_file()
+def _read_folder(student: str, folder: Path) -> Submission:
+    names = [*FILES, *sorted(each.name for each in folder.glob(f"*{NOTEBOOK}"))]
+    present = [name for name in names if (folder / name).is_file()]
+    if not present:
+        inside = sorted(each.name for each in folder.iterdir())
+        raise DataError(f"was not read: {EXPECTED}; found {_listed(inside)}", folder)
+    files = {name: read_bytes(folder / name) for name in present}
+    times = [(folder / name).stat().st_mtime for name in present if name in ANSWERS]
+    missing = () if {*present} & {*ANSWERS} else (f"there is no {' and no '.join(ANSWERS)}",)
+    return Submission(student, files, missing, max(times, default=None))
+
+
+def _listed(names: list[str]) -> str:
+    """Some of the names, for a sentence."""
+    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    return (", ".join(name[:80] for name in names[:NAMED]) or "nothing") + more
+
+
+def namesakes(found: list[tuple[str, Path]]) -> list[list[tuple[str, Path]]]:
+    """The submissions of each student who has more than one, by the names without marks of copies."""
+    groups = dict[str, list[tuple[str, Path]]]()
+    for student, path in found:
+        groups.setdefault(COPY.sub("", student).casefold(), []).append((student, path))
+    return [group for group in groups.values() if len(group) > 1]
 
 
 def _student(path: Path, above: Path) -> str:
     """The name of a student: of the zip, or of the folder if the file has its usual name."""
-    if path.name in (ZIP, stored_answers.NAME):
+    if COPY.sub("", path.stem) + path.suffix.lower() in (ZIP, stored_answers.NAME):
         path = path.resolve().parent
-    elif path.suffix in (".zip", ".py"):
+        above = above.resolve()
+    elif path.suffix.lower() in HANDED_IN:
         path = path.with_suffix("")
     return path.relative_to(above).as_posix() if path.is_relative_to(above) and path != above else path.name
 
 
-def _read_zip(path: Path) -> dict[str, bytes]:
+def _read_zip(student: str, path: Path) -> Submission:
     files = dict[str, bytes]()
     total = 0
     try:
@@ -91,12 +207,11 @@ def _read_zip(path: Path) -> dict[str, bytes]:
             members = [member for member in archive.infolist() if not member.is_dir()]
             if len(members) > MAX_MEMBERS:
                 raise DataError(f"has {len(members)} files, expected at most {MAX_MEMBERS}", path)
-            for member in members:
-                name = _safe_name(member, path)
-                if name is None:
-                    continue
-                if name in files:
-                    raise DataError(f"contains {name} twice", path)
+            places = [(_safe_place(member, path), member) for member in members]
+            folder = _folder_of_answers([place for place, _ in places], path)
+            chosen = [(place.name, member) for place, member in places if place.parent == folder]
+            chosen = [(name, member) for name, member in chosen if name in FILES or name.endswith(NOTEBOOK)]
+            for name, member in chosen:
                 with archive.open(member) as file:
                     # The size in the list of members may be wrong, so it is not trusted.
                     content = file.read(MAX_MEMBER_BYTES + 1)
@@ -108,23 +223,53 @@ def _read_zip(path: Path) -> dict[str, bytes]:
     # Encrypted members and unknown methods of compression raise the last two.
     except (zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError, NotImplementedError) as error:
         raise DataError(f"the zip cannot be read: {error}", path) from None
-    if not {*files} & {*FILES}:
-        raise DataError(f"contains no {stored_answers.NAME} and no {records.NAME}", path)
-    return files
+    times = [_time_of(member) for name, member in chosen if name in ANSWERS]
+    return Submission(student, files, (), _noted_time(files) or max(times, default=None))
 
 
-def _safe_name(member: zipfile.ZipInfo, path: Path) -> str | None:
-    """The name of a member without its folder; None for a file that no hand-in has.
+def _time_of(member: zipfile.ZipInfo) -> float:
+    with suppress(ValueError, OverflowError):
+        return time.mktime((*member.date_time, 0, 0, -1))
+    return 0.0
+
+
+def _noted_time(files: dict[str, bytes]) -> float | None:
+    """When the answers of a hand-in were last changed, as marks.json says."""
+    with suppress(ValueError, AttributeError):
+        noted = json.loads(files.get(MARKS, b"{}")).get(CHANGED)
+        return float(noted) if isinstance(noted, (int, float)) else None
+    return None
+
+
+def _folder_of_answers(places: list[PurePosixPath], path: Path) -> PurePosixPath:
+    """The folder in a zip that has the answers. Raises `DataError` if there is none, or more than one."""
+    places = [place for place in places if not any(map(_is_of_the_system, place.parts))]
+    for wanted in (ANSWERS, FILES):
+        found = [place for place in places if place.name in wanted]
+        for name in wanted:
+            same = [str(place) for place in found if place.name == name]
+            if len(same) > 1:
+                where = _listed(same) if len({*same}) > 1 else same[0]
+                raise DataError(f"contains {name} twice, {where}: expected one", path)
+        folders = {place.parent for place in found}
+        if len(folders) > 1:
+            raise DataError(f"contains answers in several folders, {_listed(sorted(map(str, found)))}", path)
+        if folders:
+            return folders.pop()
+    inside = _listed(sorted(map(str, places)))
+    raise DataError(f"contains no {' and no '.join(ANSWERS)}; found {inside}", path)
+
+
+def _safe_place(member: zipfile.ZipInfo, path: Path) -> PurePosixPath:
+    """The place of a member inside the zip.
 
     Raises `DataError` for a name that leaves its folder, and for a link.
     """
     name = member.filename.replace("\\", "/")
-    parts = PurePosixPath(name).parts
-    if name.startswith("/") or ".." in parts or ":" in name or not parts:
+    place = PurePosixPath(name)
+    if name.startswith("/") or ".." in place.parts or ":" in name or not place.parts:
         raise DataError(f"contains {member.filename[:80]!r}, a name outside its folder", path)
     mode = member.external_attr >> 16
     if mode and stat.S_IFMT(mode) not in (0, stat.S_IFREG):
         raise DataError(f"contains {member.filename[:80]!r}, which is a link or a device", path)
-    if len(parts) > 2 or parts[0] == "__MACOSX":  # a zip may contain one folder, but nothing deeper counts
-        return None
-    return parts[-1] if parts[-1] in FILES or parts[-1].endswith(NOTEBOOK) else None
+    return place

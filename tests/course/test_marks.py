@@ -5,8 +5,10 @@ from __future__ import annotations
 import csv
 import io
 import json
+import linecache
 import re
 import shutil
+import subprocess
 import sys
 import zipfile
 from pathlib import Path
@@ -126,7 +128,8 @@ def test_a_faulty_function_costs_only_its_own_exercise(bodies: dict[str, tuple[s
         ("1 / 0\n", "my_vo.py: ZeroDivisionError"),
         ("while True: pass\n", "my_vo.py cannot be read: it did not end within 2 s"),
         ("import os; os._exit(0)\n", "my_vo.py cannot be read: it ended the process"),
-        ("\xff", "my_vo.py: the file cannot be run, UnicodeDecodeError"),
+        ("# \xff\n", "my_vo.py: line 1 is not in UTF-8, so the file was read as cp1252"),
+        ("\x81", "my_vo.py, line 1: is not text in UTF-8: save the file with the encoding UTF-8"),
     ],
 )
 def test_a_file_that_cannot_be_run_is_a_remark(head: str, remark: str) -> None:
@@ -251,12 +254,43 @@ def test_hostile_zips_are_refused(tmp_path: Path, kind: str, words: str) -> None
     assert [each.name for each in tmp_path.iterdir()] == ["eve.zip"]
 
 
-def test_a_zip_may_contain_one_folder_and_files_of_the_system(tmp_path: Path) -> None:
+@pytest.mark.parametrize("folder", ["", "work/", "Abgabe/stereo-vo-course/"])
+def test_a_zip_may_contain_folders_and_files_of_the_system(tmp_path: Path, folder: str) -> None:
+    path = tmp_path / "anna.zip"
+    names = ("my_vo.py", "notes.txt", "course/results.py", "00_start_here.ipynb", "deep/00_start_here.ipynb")
+    with zipfile.ZipFile(path, "w") as archive:
+        for name in names:
+            archive.writestr(folder + name, name)
+        for name in ("._my_vo.py", "my_vo.py"):
+            archive.writestr(f"__MACOSX/{folder}{name}", "")
+        for number in range(300):  # a folder of the course has the kit's modules
+            archive.writestr(f"{folder}course/module_{number}.py", "")
+    files = read_submission("anna", path).files
+    assert files == {name: name.encode() for name in ("my_vo.py", "00_start_here.ipynb")}
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        (("work/my_vo.py", "work/deep/my_vo.py"), "my_vo.py twice, work/my_vo.py, work/deep/my_vo.py"),
+        (("a/my_vo.py", "b/my_answers.json"), "in several folders, a/my_vo.py, b/my_answers.json"),
+        (
+            ("Abgabe/hand_in.zip", "__MACOSX/my_vo.py"),
+            "no my_vo.py and no my_answers.json; found Abgabe/hand_in.zip",
+        ),
+        ((), "found nothing"),
+        (tuple(f"{name}.txt" for name in "abcdefg"), "found a.txt, b.txt, c.txt, d.txt, e.txt and 2 more"),
+    ],
+)
+def test_a_zip_that_is_not_clear_says_what_is_in_it(
+    tmp_path: Path, names: tuple[str, ...], words: str
+) -> None:
     path = tmp_path / "anna.zip"
     with zipfile.ZipFile(path, "w") as archive:
-        for name in ("work/my_vo.py", "__MACOSX/._my_vo.py", "work/notes.txt", "work/deep/my_vo.py"):
-            archive.writestr(name, name)
-    assert read_submission("anna", path).files == {"my_vo.py": b"work/my_vo.py"}
+        for name in names:
+            archive.writestr(name, "")
+    with pytest.raises(DataError, match=re.escape(words)):
+        read_submission("anna", path)
 
 
 def test_a_class_becomes_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -295,7 +329,7 @@ def test_students_have_names_of_their_own(tmp_path: Path) -> None:
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
         zipped(tmp_path / name / "work.zip", my_vo__py="")
-    assert [student for student, _ in find_submissions([tmp_path])] == ["a/work", "b/work"]
+    assert [student for student, _ in find_submissions([tmp_path]).students] == ["a/work", "b/work"]
 
 
 def test_hand_in_contains_what_was_done(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -355,3 +389,286 @@ def test_answers_are_written_down_as_json() -> None:
     assert records.as_json(np.zeros(1000)) is None
     assert records.as_json(sys) is None
     assert records.as_json({"a": sys}) is None
+
+
+def in_course(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, source: str) -> Any:
+    """A function of a notebook's cell in a folder of the course."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "00_start_here.ipynb").touch()
+    cell = tmp_path / "cell.py"
+    cell.write_text(source, encoding="utf-8")
+    linecache.checkcache()
+    here: dict[str, Any] = {"__name__": "__main__"}
+    exec(compile(source, str(cell), "exec"), here)
+    return here[name]
+
+
+def handed_in(folder: Path) -> Submission:
+    return read_submission("anna", folder)
+
+
+def test_a_function_with_another_name_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source = CHAIN.replace("chain(", "my_chain(").replace("# ---- chain ----\n", "")
+    my_chain = in_course(tmp_path, monkeypatch, "my_chain", source)
+    assert "saved in `my_vo.py`" in ch00.chain(my_chain).message
+    number = tasks()["chain"][0]
+    found, remarks = grade(handed_in(tmp_path), chosen_tasks("0"))
+    assert (found[number].passed, found[number].found, remarks) == (True, "run", [])
+    (tmp_path / "my_answers.json").unlink()
+    found, (remark,) = grade(handed_in(tmp_path), chosen_tasks("0"))
+    assert found[number].cell == "0"
+    assert "my_chain: names of no exercise" in remark
+
+
+def test_one_name_for_two_exercises_is_told_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source = CHAIN.replace("chain(", "f(").replace("# ---- chain ----\n", "")
+    assert "saved in `my_vo.py`" in ch00.chain(in_course(tmp_path, monkeypatch, "f", source)).message
+    other = WEIGHTS.partition("\n")[2].replace("weights(", "f(").replace("BODY", "pass")
+    verdict = ch04.robust_weight(in_course(tmp_path, monkeypatch, "f", other))
+    assert (
+        "not saved: in `my_vo.py`, `f` is the answer to ch00.chain; give it another name" in verdict.message
+    )
+    found, (remark,) = grade(handed_in(tmp_path), chosen_tasks("0,4"))
+    assert found[tasks()["chain"][0]].cell == "1"
+    assert found[tasks()["weights"][0]].cell == "?"
+    assert "`f` is the answer to ch00.chain" in remark
+
+
+@pytest.mark.parametrize(
+    ("source", "why"),
+    [
+        (
+            "panel = object()\ndef weights(r, s):\n    panel\n    return 1 / (1 + (r / s) ** 2)\n",
+            "uses `panel`",
+        ),
+        ("weights = lambda r, s: 1 / (1 + (r / s) ** 2)\n", "its function is not there"),
+        ("from course.ch04.exercises import robust_weight as e\nweights = e.right\n", "it is the kit's own"),
+    ],
+)
+def test_a_right_function_that_is_not_saved_has_a_mark_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], source: str, why: str
+) -> None:
+    assert ch04.robust_weight(in_course(tmp_path, monkeypatch, "weights", source)).passed
+    table = tmp_path / "table.csv"
+    assert marks.main([str(tmp_path), "--chapters", "4", "--csv", str(table)]) == 0
+    (row,) = csv.DictReader(io.StringIO(table.read_text(encoding="utf-8")))
+    number = tasks()["weights"][0]
+    assert (row[number], row["passed"], row["said"]) == ("?", "0", "0")
+    assert f"{number}: right by my_answers.json, but not in my_vo.py" in row["remarks"]
+    assert why in row["remarks"]
+    assert f"{number}  weights              ? right by" in capsys.readouterr().out
+
+
+def test_a_right_answer_stays_and_a_later_wrong_one_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    weights = WEIGHTS.partition("\n")[2].replace("BODY", "pass")
+    assert ch04.robust_weight(in_course(tmp_path, monkeypatch, "weights", weights)).passed
+    assert not ch04.robust_weight(
+        in_course(tmp_path, monkeypatch, "weights", weights.replace("1 /", "-1 /"))
+    ).passed
+    right = ch00.depth_error_ratio.right
+    for answer in (right, right + 1):
+        ch00.depth_error_ratio(answer)
+    _, remarks = grade(handed_in(tmp_path), chosen_tasks("0,4"))
+    assert [remark.partition(":")[0] for remark in remarks] == ["0.3", tasks()["weights"][0]]
+    assert all("the right answer counts; a later one was not right" in remark for remark in remarks)
+    ch00.depth_error_ratio(right)
+    assert len(grade(handed_in(tmp_path), chosen_tasks("0"))[1]) == 0
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "from course.ch04.exercises import robust_weight\nweights = robust_weight.right\n",
+        "from course.ch04 import exercises as e\nglobals().update({'weights': e.robust_weight.right})\n",
+        "import functools\nfrom course.ch04 import exercises as e\n"
+        "weights = functools.partial(e.robust_weight.right)\n",
+        "import functools\nfrom course.ch04 import exercises as e\n"
+        "weights = functools.lru_cache(e.robust_weight.right)\n",
+        "from course.ch04.exercises import robust_weight as weights\n",
+        "from types import FunctionType\nfrom course.ch04.exercises import robust_weight as e\n"
+        "weights = FunctionType(e.right.__code__, e.right.__globals__)\nweights.__module__ = 'my_vo'\n",
+    ],
+)
+def test_functions_of_the_kit_have_no_marks(source: str) -> None:
+    content = f"# ---- weights ----\n{source}".encode()
+    found, _ = grade(Submission("eve", {"my_vo.py": content}), chosen_tasks("4"))
+    mark = found[tasks()["weights"][0]]
+    assert not mark.passed
+    assert "it is the kit's own function" in mark.says
+
+
+def test_results_cannot_be_written_by_the_student() -> None:
+    number = tasks()["weights"][0]
+    forged = json.dumps({"number": number, "passed": True, "says": ""})
+    body = f"""import glob, os
+    for name in ['results.jsonl', *glob.glob('/tmp/*/results.jsonl'), *glob.glob('/proc/self/fd/*')]:
+        try:
+            with open(name, 'a') as file:
+                file.write({forged!r} + chr(10) + '{{"done": true}}' + chr(10))
+        except OSError:
+            pass
+    os._exit(0)"""
+    found, _ = grade(Submission("eve", {"my_vo.py": my_vo(body).encode()}), chosen_tasks("0,4"))
+    assert not found[number].passed
+    assert found[tasks()["chain"][0]].passed
+
+
+def test_verdicts_of_the_students_file_are_told_apart(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = {"ch08.drift": {"passed": True, "answer": 3.0, "says": ""}}
+    zipped(tmp_path / "eve.zip", my_vo__py=my_vo(), my_answers__json=json.dumps(said))
+    table = tmp_path / "marks.csv"
+    assert marks.main([str(tmp_path), "--chapters", "0,4,8", "--csv", str(table)]) == 0
+    (row,) = csv.DictReader(io.StringIO(table.read_text(encoding="utf-8")))
+    assert (row["8.2"], row[tasks()["chain"][0]], row["8.3"]) == ("said", "1", "0")
+    assert (row["passed"], row["said"]) == ("2", "1")
+    printed = capsys.readouterr().out
+    assert "eve: 2 of 19 pass, 1 more by the student's file alone" in printed
+    assert re.search(r"8\.2 +percent +right, by the student's file alone", printed)
+
+
+@pytest.mark.parametrize(
+    ("encoded", "remark"),
+    [
+        (("# Größe\n" + my_vo()).encode("latin-1"), "line 1 is not in UTF-8, so the file was read as cp1252"),
+        (("# coding: latin-1\n# Größe\n" + my_vo()).encode("latin-1"), "so the file was read as latin-1"),
+        (("# Größe\n" + my_vo()).encode("utf-16"), "so the file was read as utf-16"),
+        (("# Größe\n" + my_vo()).encode("utf-8-sig"), ""),
+        (my_vo().encode("utf-8-sig"), ""),
+        (my_vo("é = 1").encode("latin-1"), "line 3 is not in UTF-8"),
+    ],
+)
+def test_other_encodings_are_read(encoded: bytes, remark: str) -> None:
+    found, remarks = grade(Submission("ben", {"my_vo.py": encoded}), chosen_tasks("0,4"))
+    assert found[tasks()["weights"][0]].passed
+    assert found[tasks()["chain"][0]].passed
+    assert len(remarks) == bool(remark)
+    assert remark in "".join(remarks)
+
+
+@pytest.mark.parametrize(
+    ("line", "why"),
+    [
+        ("import os; os._exit(3)", "ended the process (exit code 3)"),
+        ("while True: pass", "did not end within 2 s"),
+        ("import ctypes; ctypes.string_at(0)", "ended the process"),
+        ("\0", "SyntaxError"),
+    ],
+)
+def test_a_section_that_ends_the_process_costs_only_itself(line: str, why: str) -> None:
+    content = my_vo().replace("# ---- weights ----\n", f"# ---- weights ----\n{line}\n").encode()
+    found, (remark,) = grade(Submission("ben", {"my_vo.py": content}), chosen_tasks("0,4"), limit_s=2.0)
+    assert found[tasks()["chain"][0]].passed
+    assert not found[tasks()["weights"][0]].passed
+    assert remark.startswith("my_vo.py, weights")
+    assert why in remark
+
+
+def test_nobody_vanishes_from_the_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Each entry of the class has a row, or a line that names it."""
+    zipped(tmp_path / "UPPER.ZIP", my_vo__py=my_vo())
+    for name in ("only_answers", "empty", "texts", "group/ina", "moodle_12", "course"):
+        (tmp_path / name).mkdir(parents=True)
+    (tmp_path / "only_answers" / "my_answers.json").write_text("{}", encoding="utf-8")
+    (tmp_path / "texts" / "a.pdf").write_text("", encoding="utf-8")
+    (tmp_path / "course" / "00_start_here.ipynb").write_text("{}", encoding="utf-8")
+    zipped(tmp_path / "group" / "ina" / "hand_in.zip", my_vo__py=my_vo())
+    (tmp_path / "group" / "jo.rar").write_bytes(b"Rar!")
+    zipped(tmp_path / "moodle_12" / "Work.Zip", my_vo__py=my_vo())
+    (tmp_path / "moodle_12" / "report.pdf").write_bytes(b"")
+    (tmp_path / "my_vo.py").write_text(my_vo(), encoding="utf-8")  # somebody's, not the class's
+    (tmp_path / "kim.py").write_text(my_vo(), encoding="utf-8")
+    (tmp_path / "script.py").write_text("raise SystemExit(1)", encoding="utf-8")
+    for name in ("dora.7z", "emil.tar.gz", "finn.ipynb", ".DS_Store", "list.txt"):
+        (tmp_path / name).write_bytes(b"7z")
+    (tmp_path / "lost.zip").symlink_to("nowhere.zip")
+    table = tmp_path / "marks.csv"
+    for _ in range(2):  # the table of the first call is nobody's
+        assert marks.main([str(tmp_path), "--chapters", "4", "--csv", str(table)]) == 2
+    told = capsys.readouterr()
+    rows = {row["student"]: row for row in csv.DictReader(io.StringIO(table.read_text(encoding="utf-8")))}
+    solved = {"UPPER", "group/ina", "moodle_12/Work", tmp_path.name, "kim"}
+    refused = {"empty", "texts", "group/jo", "script", "dora", "emil.tar", "finn", "lost"}
+    assert {*rows} == solved | refused | {"only_answers", "course"}
+    assert {name for name, row in rows.items() if row["passed"] == "1"} == solved
+    words = re.compile("was not read|is no zip|is missing")
+    assert [name for name in refused if not words.search(rows[name]["remarks"])] == []
+    assert "found a.pdf" in rows["texts"]["remarks"]
+    assert "there is no my_vo.py and no my_answers.json" in rows["course"]["remarks"]
+    for name in (".DS_Store", "list.txt", "report.pdf"):
+        assert re.search(f"note: not read: .*{re.escape(name)}", told.err)
+    assert "marks.csv" not in told.err
+
+
+def test_who_hands_in_twice_is_told_in_both_rows(tmp_path: Path) -> None:
+    for name in ("cleo", "ben"):
+        (tmp_path / name).mkdir()
+    earlier = json.dumps({"last change": 1_000_000_000.0})
+    later = json.dumps({"last change": 1_700_000_000.0})
+    zipped(tmp_path / "cleo" / "hand_in.zip", my_vo__py=my_vo(), marks__json=earlier)
+    zipped(tmp_path / "cleo" / "hand_in (1).zip", my_vo__py=my_vo(), marks__json=later)
+    zipped(tmp_path / "anna.zip", my_vo__py=my_vo(), marks__json=earlier)
+    zipped(tmp_path / "Anna (2).zip", my_vo__py=my_vo(), marks__json=earlier)
+    zipped(tmp_path / "ben.zip", my_vo__py=my_vo(), marks__json=earlier)
+    (tmp_path / "ben" / "my_vo.py").write_text(my_vo(), encoding="utf-8")  # now
+    zipped(tmp_path / "dora.zip", my_vo__py=my_vo())
+    (tmp_path / "dora - Copy.zip").write_bytes(b"PK")
+    table = tmp_path / "marks.csv"
+    assert marks.main([str(tmp_path), "--chapters", "4", "--csv", str(table)]) == 2
+    remarks = {
+        row["student"].removeprefix(f"{tmp_path}/"): row["remarks"]
+        for row in csv.DictReader(io.StringIO(table.read_text(encoding="utf-8")))
+    }
+    assert "hand_in (1).zip, which is newer: 2023-11" in remarks["cleo/hand_in.zip"]
+    assert "hand_in.zip, which is older: 2001-09" in remarks["cleo/hand_in (1).zip"]
+    assert "anna.zip; which one is newer cannot be seen" in remarks["Anna (2)"]
+    assert "ben.zip, which is older" in remarks["ben"]
+    assert "ben, which is newer" in remarks["ben.zip"]
+    assert "dora - Copy.zip, which cannot be read" in remarks["dora"]
+    assert "is no zip, or it is damaged; also handed in as" in remarks["dora - Copy"]
+
+
+def test_a_copy_of_the_course_with_its_own_zip_is_one_student(tmp_path: Path) -> None:
+    (tmp_path / "anna").mkdir()
+    (tmp_path / "anna" / "my_vo.py").write_text(my_vo(), encoding="utf-8")
+    zipped(tmp_path / "anna" / "hand_in.zip", my_vo__py=my_vo())
+    assert [path.name for _, path in find_submissions([tmp_path]).students] == ["hand_in.zip"]
+    (tmp_path / "anna" / "my_vo.py").write_text(my_vo("1"), encoding="utf-8")
+    assert [path.name for _, path in find_submissions([tmp_path]).students] == ["hand_in.zip", "anna"]
+
+
+SLEEPER = "import sys, time; open(sys.argv[1], 'w').write(str(__import__('os').getpid())); time.sleep(600)"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells which processes a process started")
+@pytest.mark.parametrize("end", ["pass", "while True: pass", "os._exit(1)"])
+def test_no_process_of_a_student_is_left(tmp_path: Path, end: str) -> None:
+    mine = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
+    note = tmp_path / "pid"
+    body = f"""import subprocess, sys, os, time
+    child = [sys.executable, '-c', {SLEEPER!r}, {str(note)!r}]
+    if not os.path.exists({str(note)!r}):
+        subprocess.Popen(child, start_new_session=True, env={{}})
+        while not (os.path.exists({str(note)!r}) and open({str(note)!r}).read()): time.sleep(0.01)
+    {end}"""
+    try:
+        grade(Submission("eve", {"my_vo.py": my_vo(body).encode()}), chosen_tasks("4"), limit_s=3.0)
+        assert not Path(f"/proc/{note.read_text(encoding='utf-8')}").exists()
+        assert mine.poll() is None
+    finally:
+        mine.kill()
+        mine.wait()
+
+
+def test_a_table_that_cannot_be_written_is_told_before_the_class_is_graded(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    zipped(tmp_path / "anna.zip", my_vo__py=my_vo())
+    for table, why in ((tmp_path / "gone" / "marks.csv", "cannot be written"), (tmp_path, "is a folder")):
+        assert marks.main([str(tmp_path / "anna.zip"), "--csv", str(table)]) == 2
+        told = capsys.readouterr()
+        assert why in told.err
+        assert told.out == ""
