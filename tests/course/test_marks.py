@@ -125,7 +125,7 @@ def test_a_faulty_function_costs_only_its_own_exercise(bodies: dict[str, tuple[s
 @pytest.mark.parametrize(
     ("head", "remark"),
     [
-        ("1 / 0\n", "my_vo.py: ZeroDivisionError"),
+        ("1 / 0\n", "my_vo.py: line 1: ZeroDivisionError"),
         ("while True: pass\n", "my_vo.py cannot be read: it did not end within 2 s"),
         ("import os; os._exit(0)\n", "my_vo.py cannot be read: it ended the process"),
         ("# \xff\n", "my_vo.py: line 1 is not in UTF-8, so the file was read as cp1252"),

@@ -422,7 +422,7 @@ def test_errors_are_over_pieces_that_fit_the_thirty_frames(
         "mine": own.join(),
         "right": right,
         "street": None,
-        "has_data": lambda sequence: True,
+        "known": True,
         "paths": {"a path": [right, winding_road(30, 0.012, step)]},
         "trajectory_distances": trajectory_distances,
         "plus_minus": plus_minus,

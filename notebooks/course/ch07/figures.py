@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from vo_lib.data.catalogue import KITTI
@@ -17,7 +18,7 @@ from vo_lib.evaluation.kitti_errors import trajectory_distances
 from vo_lib.geometry.types import Array
 from vo_lib.report import table1
 from vo_lib.report.page import ReportTable
-from vo_lib.report.plots import draw_drift, draw_trajectories
+from vo_lib.report.plots import TRUTH, draw_drift, draw_trajectories
 from vo_lib.report.table1 import Entry, group_entries
 from vo_lib.report.table1_page import layout_tables
 
@@ -31,27 +32,52 @@ from .verdict import Gain
 
 PATHS_HEIGHT = 340
 SHAPES = "os^vDP*Xh"
+NAME_HEIGHT = 20  # pixels of a line of a legend, with its margin
 CELL = '<{0} style="padding:1px 10px;text-align:{1}">{2}</{0}>'
 
 
-def paths_figure(title: str, truth: Array, runs: dict[str, Array], frame: int = 0, words: str = "") -> Figure:
+def paths_figure(
+    title: str,
+    truth: Array,
+    runs: dict[str, Array],
+    frame: int = 0,
+    words: str = "",
+    reference: str = TRUTH,
+) -> Figure:
     """Paths from above, as in the paper's Figure 4, and beside them the distances from the truth.
 
     truth : (N, 4, 4); runs : (N, 4, 4) by name; frame : marked frame; words : text if `runs` is empty.
+    reference : what `truth` is, if it is another path in place of a truth, such as "the kit's path".
     """
     made, (paths, drift) = figure(PATHS_HEIGHT, 2)
     draw_trajectories(paths, "", truth, runs)
+    for line in paths.get_lines():
+        if line.get_label() == TRUTH:
+            line.set_label(reference)
     place = from_first(truth)[frame, [0, 2], 3]
     paths.plot(*place, "o", color=DARK, markersize=7, markerfacecolor="none")
-    finish(paths, title, "x, right [m]", "z, forward [m]")
+    _leave_room_above(paths, 1 + len(runs))
+    finish(paths, title, "x, right [m]", "z, forward [m]", "upper right")
     if not runs:
         write_instead(drift, words)
         return made
     draw_drift(drift, truth, runs)
     drift.axvline(float(trajectory_distances(truth)[frame]), color=PALE, linewidth=1)
     # The colours are explained beside the paths.
-    finish(drift, "distance from the truth", "along the path [m]", "distance [m]", "none")
+    whole = "the truth" if reference == TRUTH else reference
+    finish(drift, f"distance from {whole}", "along the path [m]", "distance [m]", "none")
     return made
+
+
+def _leave_room_above(axis: Axes, names: int) -> None:
+    """Leave room for a legend of some names above the paths of an axis with equal scales."""
+    box = axis.get_window_extent()
+    needed = min(names * NAME_HEIGHT, 0.5 * box.height)
+    left, right = axis.xaxis.get_data_interval()
+    low, high = axis.yaxis.get_data_interval()
+    per_pixel = max((right - left) / box.width, (high - low) / (box.height - needed))  # metres
+    axis.update_datalim([(0.5 * (left + right), high + per_pixel * needed)])
+    axis.autoscale_view()
 
 
 def tables_of(entries: list[Entry]) -> list[ReportTable]:

@@ -61,6 +61,10 @@ INDICES = ("buckets", "select")  # among the entries of their first input
 class StageError(DataError):
     """A stage that failed in the loop, or got a wrong input: the message names the frame, the stage, the reason."""
 
+    def _render_traceback_(self) -> list[str]:
+        """What a notebook shows: the message alone, as the lines of the course say nothing about the fault."""
+        return [f"{type(self).__name__}: {self}"]
+
 
 class Endless(Unusable):
     """The result of a call that was ended from outside, as it took too long, or that tried to end Python."""

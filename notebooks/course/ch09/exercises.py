@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 from vo_lib.geometry.types import Array, IntArray
 
 from ..checker import Case, Condition, Exercise
+from ..results import outcome, result
 
 
 def nearest_earlier(S: Array, gap: int) -> IntArray:
@@ -47,10 +49,39 @@ def edge_residual(p_i: Array, p_j: Array, m: Array, axes: float | None = None, w
     return np.array([*place, wrap(p_j[2] - p_i[2] - m[2])])
 
 
-def usual_residual(p_i: Array, p_j: Array, m: Array) -> Array:
+def usual_residual(p_i: Array, p_j: Array, m: Array, wrap: Any = _wrapped) -> Array:
     """The residual of M⁻¹ (Tᵢ⁻¹ Tⱼ), as in the tutorial of Grisetti et al.: in the axes of the measured pose."""
-    residual = edge_residual(p_i, p_j, m)
+    residual = edge_residual(p_i, p_j, m, wrap=wrap)
     return np.array([*(turn(m[2]).T @ residual[:2]), residual[2]])
+
+
+def _as_pose(*poses: Array) -> Array:
+    """The pose (x, z, heading) of several poses, each in the axes of the one before."""
+    place = np.zeros(2)
+    heading = 0.0
+    for x, z, angle in poses:
+        place = place + turn(heading) @ np.array([x, z])
+        heading += angle
+    return np.array([*place, _wrapped(heading)])
+
+
+def _inverse(pose: Array) -> Array:
+    return np.array([*(-turn(pose[2]).T @ pose[:2]), -pose[2]])
+
+
+def _seen_from(p_i: Array, p_j: Array) -> Array:
+    """Pose j in the axes of pose i, Tᵢ⁻¹ Tⱼ."""
+    return _as_pose(_inverse(p_i), p_j)
+
+
+def residual_in_the_axes_of(answer: Any) -> Callable[..., Array]:
+    """The library's residual in the axes that an answer uses: those of pose i, or of the measured pose."""
+    for case in plane_edges():
+        got = result(outcome(answer, case))
+        right = usual_residual(*case)
+        if not (isinstance(got, np.ndarray) and got.shape == right.shape and np.allclose(got, right)):
+            return edge_residual
+    return usual_residual
 
 
 def plane_edges() -> list[Case]:
@@ -134,6 +165,23 @@ residual = Exercise(
         "the rotation is inverted: the axes of pose i are the columns of turn(heading).": (
             lambda p_i, p_j, m: edge_residual(p_i, p_j, m, -p_i[2])
         ),
+        "this is the residual of the inverse, (Tⱼ⁻¹ Tᵢ) M, in the axes of pose j: it is 0 for the same poses, but "
+        "the task asks for pose j in the axes of pose i, Tᵢ⁻¹ Tⱼ.": (
+            lambda p_i, p_j, m: _as_pose(_seen_from(p_j, p_i), m),
+            lambda p_i, p_j, m: _seen_from(p_j, p_i) - _inverse(m),
+        ),
+        "the measured pose is inverted on the other side, as (Tᵢ⁻¹ Tⱼ) M⁻¹ or M (Tⱼ⁻¹ Tᵢ): write M⁻¹ (Tᵢ⁻¹ Tⱼ), or "
+        "subtract m.": (
+            lambda p_i, p_j, m: _as_pose(_seen_from(p_i, p_j), _inverse(m)),
+            lambda p_i, p_j, m: _as_pose(m, _seen_from(p_j, p_i)),
+        ),
+        "the measured pose is not inverted: M (Tᵢ⁻¹ Tⱼ) or (Tᵢ⁻¹ Tⱼ) M adds the edge to the motion.": (
+            lambda p_i, p_j, m: _as_pose(m, _seen_from(p_i, p_j)),
+            lambda p_i, p_j, m: _as_pose(_seen_from(p_i, p_j), m),
+        ),
+        "the sign is wrong: m is subtracted from the motion, not the motion from m.": lambda *x: (
+            -usual_residual(*x)
+        ),
         "poses i and j are exchanged.": lambda p_i, p_j, m: edge_residual(p_j, p_i, m),
         "the measured pose m is not subtracted.": lambda p_i, p_j, m: edge_residual(p_i, p_j, 0.0 * m),
         "the difference is in the axes of the world or of pose j; use those of pose i.": (
@@ -141,14 +189,19 @@ residual = Exercise(
             lambda *x: np.array([*(turn(x[0][2]) @ edge_residual(*x)[:2]), edge_residual(*x)[2]]),
         ),
         "the angle is in degrees; the residual has radians.": (
-            partial(edge_residual, wrap=lambda angle: np.degrees(_wrapped(angle)))
+            partial(edge_residual, wrap=lambda angle: np.degrees(_wrapped(angle))),
+            partial(usual_residual, wrap=lambda angle: np.degrees(_wrapped(angle))),
         ),
-        "wrap the angle to [-π, π), not to [0, 2π).": partial(edge_residual, wrap=lambda a: a % (2 * np.pi)),
+        "wrap the angle to [-π, π), not to [0, 2π).": (
+            partial(edge_residual, wrap=lambda a: a % (2 * np.pi)),
+            partial(usual_residual, wrap=lambda a: a % (2 * np.pi)),
+        ),
         "the angle is wrapped too early: wrap it after m is subtracted.": lambda p_i, p_j, m: np.array(
             [*edge_residual(p_i, p_j, m)[:2], _wrapped(p_j[2] - p_i[2]) - m[2]]
         ),
-        "the angle is not wrapped: from 179° to -179° it is 2°, not 358°.": partial(
-            edge_residual, wrap=float
+        "the angle is not wrapped: from 179° to -179° it is 2°, not 358°.": (
+            partial(edge_residual, wrap=float),
+            partial(usual_residual, wrap=float),
         ),
     },
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import cv2
 import numpy as np
@@ -18,6 +19,13 @@ from ..drawing import Place, figure, finish, log_axis, photo, round_limits
 
 BEFORE = BAD
 AFTER = GOOD
+# A thin line on top of a wide one leaves both to be seen where they coincide.
+LINES: Mapping[str, Mapping[str, Any]] = {
+    "before": {"color": BEFORE, "linewidth": 1.6, "zorder": 2.1},
+    "closed": {"color": AFTER, "linewidth": 3.0, "zorder": 2.0},
+    "truth": {"color": DARK, "linewidth": 0.9, "zorder": 2.2},
+}
+SMALLEST_M = 0.02  # the streets are no plane: even edges of the path itself miss it by some millimetres
 GREEN_BGR = (90, 160, 0)
 RED_BGR = (60, 60, 220)
 
@@ -35,8 +43,8 @@ def similarity_figure(
     return page
 
 
-def residual_vectors(name: str, residuals: Array, library: Array) -> Figure:
-    """Residuals (N, 3) of loops from above: lines to the distances right and forward; rings: the library's."""
+def residual_vectors(name: str, residuals: Array, library: Array, title: str) -> Figure:
+    """Residuals (N, 3) of edges from above: lines to the distances right and forward; rings: the library's."""
     page, (axis,) = figure(300, width=460)
     for right, forward in residuals[:, :2]:
         axis.plot([0, right], [0, forward], color=BEFORE, linewidth=1.4)
@@ -44,8 +52,13 @@ def residual_vectors(name: str, residuals: Array, library: Array) -> Figure:
     axis.plot(*library[:, :2].T, "o", color=DARK, markersize=9, markerfacecolor="none", label="library")
     axis.plot(0, 0, "+", color=DARK)
     axis.set_aspect("equal", adjustable="datalim")
-    finish(axis, "where the path puts the place again", "right [m]", "forward [m]", "best")
-    axis.yaxis.labelpad = 0  # negative numbers with a decimal are wide
+    if np.abs(residuals[:, :2]).max(initial=0.0) < SMALLEST_M:
+        axis.update_datalim([(-1.0, -1.0), (1.0, 1.0)])
+    round_limits(axis.xaxis, axis.yaxis)
+    finish(axis, title, "right [m]", "forward [m]", "best")
+    place = axis.get_position()
+    room = 0.03  # of the width: negative numbers with a decimal are wide
+    axis.set_position((place.x0 + room, place.y0, place.width - room, place.height))
     return page
 
 
@@ -59,16 +72,14 @@ def bars_by_loop(sizes: Mapping[str, Array], unit: str, title: str) -> Figure:
     low, high = axis.get_ylim()
     axis.set_ylim(low, high + 0.35 * (high - low))  # room for the names
     finish(axis, title, "loop", unit)
-    axis.yaxis.labelpad = 0
     return page
 
 
 def plane_figure(paths: Mapping[str, Array], title: str = "the places, from above") -> Figure:
     """Places (N, 3) in the plane as x, z, heading: several paths from above."""
     page, (axis,) = figure(340, width=620)
-    colours = {"before": BEFORE, "truth": DARK}
     for name, places in paths.items():
-        axis.plot(places[:, 0], places[:, 1], color=colours.get(name, AFTER), label=name, linewidth=1.6)
+        axis.plot(places[:, 0], places[:, 1], label=name, **LINES.get(name, LINES["closed"]))
     axis.set_aspect("equal", adjustable="datalim")
     round_limits(axis.xaxis, axis.yaxis)
     finish(axis, title, "x [m]", "z [m]", "best")
@@ -90,7 +101,8 @@ def draw_path(
 ) -> None:
     """Paths (N, 4, 4) from above, each in its colour."""
     for name, (poses, colour) in paths.items():
-        axis.plot(*poses[:, [0, 2], 3].T, color=colour, label=name, linewidth=1.6)
+        line = {"linewidth": 1.6, **LINES.get(name, {}), "color": colour}
+        axis.plot(*poses[:, [0, 2], 3].T, label=name, **line)
     axis.set_aspect("equal", adjustable="datalim")
     round_limits(axis.xaxis, axis.yaxis)
     finish(axis, title, "x [m]", "z [m]", legend)
