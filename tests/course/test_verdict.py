@@ -274,6 +274,31 @@ def test_the_printed_average_of_viso2_contradicts_its_rows_and_gets_no_verdict()
     assert cell.outcome == "no verdict: the printed average is not the mean of its rows"
 
 
+TABLE_HEAD = "variant,sequence,method,seeds,paper_te_percent,paper_re_deg_per_100m,te_percent,te_percent_std,"
+TABLE_HEAD += "re_deg_per_100m,re_deg_per_100m_std,removed_share"
+GOOD_LINE = "published,kitti/04,viso2,5,1.02,0.866,1.04,0.01,0.9,0.01,0"
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        GOOD_LINE,  # twice
+        GOOD_LINE.replace("/04", "/07").replace(",5,", ",0,"),
+        GOOD_LINE.replace("/04", "/07").replace(",5,", ",5.5,"),
+        GOOD_LINE.replace("/04", "/07").replace(",1.04,", ",inf,"),
+        GOOD_LINE.replace("/04", "/07").replace(",1.04,", ",nan,"),
+        GOOD_LINE.replace("/04", "/07").replace(",1.04,", ",-1.04,"),
+        GOOD_LINE.replace("/04", "/07").replace(",1.04,0.01,", ",1.04,,"),  # five seeds without a deviation
+        GOOD_LINE.replace("/04", "/07").replace(",1.04,", ",true,"),
+    ],
+)
+def test_a_wrong_line_of_a_table_is_named(tmp_path: Path, line: str) -> None:
+    (tmp_path / "table1.csv").write_text(f"{TABLE_HEAD}\n{GOOD_LINE}\n{line}\n", encoding="utf-8")
+    with pytest.raises(DataError, match=r"table1\.csv, line 3: ") as caught:
+        read_report(tmp_path)
+    assert open_report(tmp_path)[1] == [f"The report cannot be used: {caught.value}."]
+
+
 @pytest.mark.parametrize("text", ["", "variant,sequence\npublished,00,1\n", "a\nb\n"])
 def test_a_damaged_table_is_named(tmp_path: Path, text: str) -> None:
     (tmp_path / "table1.csv").write_text(text, encoding="utf-8")
