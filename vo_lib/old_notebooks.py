@@ -39,6 +39,8 @@ def explanation(error: BaseException, notebook: str = "") -> str:
     this = notebook or "this notebook"
     if current is not None:
         remedy = f"open {current} beside it, which is current and has your answers"
+    elif not notebook and len(found := _new_versions()) > 1:
+        remedy = f"open its current version, with your answers, beside it: one of {', '.join(found)}"
     else:
         remedy = "`vo lab --copy-only` puts the current one beside it, with your answers"
     return f"{where} is not there: {this} is of an older version; {remedy}. ({error})"
@@ -71,12 +73,19 @@ def _is_ours(module: str) -> bool:
 
 def _current(notebook: str) -> str | None:
     """The name of the current version beside a notebook, or beside the only one that has such a version."""
-    if notebook:
-        stem = notebook.removesuffix(NOTEBOOK)
-        found = [f"{stem}{NEW}{NOTEBOOK}"]
-    else:
-        found = sorted(path.name for path in Path().glob(f"*{NEW}{NOTEBOOK}"))
-    return found[0] if len(found) == 1 and Path(found[0]).is_file() else None
+    if not notebook:
+        found = _new_versions()
+        return found[0] if len(found) == 1 else None
+    stem = notebook.removesuffix(NOTEBOOK)
+    while Path(f"{stem}{NEW}{NOTEBOOK}").is_file():  # a new version that was changed has a newer one
+        stem += NEW
+    return None if stem == notebook.removesuffix(NOTEBOOK) else f"{stem}{NOTEBOOK}"
+
+
+def _new_versions() -> list[str]:
+    """The current versions in this folder of the notebooks that their reader has changed."""
+    names = {path.name.removesuffix(NOTEBOOK) for path in Path().glob(f"*{NEW}{NOTEBOOK}")}
+    return sorted(f"{name}{NOTEBOOK}" for name in names if f"{name}{NEW}" not in names)
 
 
 def _notebook(shell: Any) -> str:

@@ -49,6 +49,19 @@ def test_every_name_that_is_gone_leads_to_the_current_notebook(
     assert "03_solution_selection.new.ipynb" in explanation(error)  # also where the notebook is not known
 
 
+def test_the_newest_of_several_new_notebooks_is_named(folder: Path) -> None:
+    error = _error_of("course", "sketches")
+    assert error is not None
+    for name in ("04_translation.ipynb", "04_translation.new.ipynb", "04_translation.new.new.ipynb"):
+        (folder / name).write_text("{}", encoding="utf-8")
+    said = explanation(error)
+    assert "one of 03_solution_selection.new.ipynb, 04_translation.new.new.ipynb" in said
+    assert "--copy-only" not in said
+    assert "open 04_translation.new.new.ipynb beside it" in explanation(error, "04_translation.ipynb")
+    assert "open 04_translation.new.new.ipynb beside it" in explanation(error, "04_translation.new.ipynb")
+    assert "--copy-only" in explanation(error, "05_yolo_box_filtering.ipynb")
+
+
 def _error_of(where: str, name: str) -> BaseException | None:
     """The error of an import, or of an attribute of a module; None without one."""
     try:

@@ -201,13 +201,19 @@ def copy_course(source: Path, target: Path, teacher: bool) -> None:
 
 def _with_answers(changed: list[bytes], content: bytes) -> tuple[bytes, str]:
     """A new notebook with the answers of the changed ones, the latest first, and words that name them."""
-    carried = list[str]()
+    as_code = list[str]()
+    as_comments = list[str]()
     for notebook in reversed(changed):
-        content, names = carry_over(notebook, content)
-        carried += names
-    if not carried:
-        return content, ""
-    return content, f", with your answers: {', '.join(carried)}"
+        content, code, comments = carry_over(notebook, content)
+        as_code += code
+        as_comments += comments
+    words = ""
+    if as_code:
+        words = f", with your answers: {', '.join(as_code)}"
+    if as_comments:
+        names = ", ".join(dict.fromkeys(as_comments))
+        words += f"; as comments, since they do not fit the new exercises: {names}"
+    return content, words
 
 
 def _as_jupyter_writes(content: bytes) -> bytes:
