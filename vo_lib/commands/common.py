@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 BOTH = "both"
 DEFAULT_METHOD = "feature_selection"
 DEFAULT_VARIANT = "published"
+REPLACE_RUNS = "fresh runs"  # the remedy of `console.REMEDIES` where a folder has other runs
 MASKS_MEASURED = 20  # a mask takes 2.5 ms; a KITTI sequence may have thousands of masks
 
 
@@ -278,6 +279,7 @@ def run_with_options(
         options.fresh,
         durations,
         lambda seconds, again: print_rest(seconds, durations, again),
+        REPLACE_RUNS,
     )
 
 

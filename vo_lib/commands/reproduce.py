@@ -122,7 +122,7 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
         opener = vehicle_boxes.Opener(opened, options, durations)
         if not options.fresh:  # another detector is refused before it detects
             planned = plan_cells(blocks, methods, opener.names, seeds, folder, opener.undetected)
-            refuse_other_runs(jobs_of(planned), opener.detector_of)
+            refuse_other_runs(jobs_of(planned), opener.detector_of, common.REPLACE_RUNS)
         cells = plan_cells(blocks, methods, opener.names, seeds, folder, opener)
         jobs = jobs_of(cells)
         remarks = (*remarks, *_note_lengths(opened, measure))

@@ -97,7 +97,7 @@ def _sweep(options: argparse.Namespace) -> int:
         refuse_foreign(folder, (TABLE, *maps), own)  # before the lock, which marks the folder as the kit's
         if not options.fresh:  # another detector is refused before it detects
             planned = planned_jobs(opener.names, bases, axes, seeds, folder, opener.undetected)
-            refuse_other_runs(planned, opener.detector_of)
+            refuse_other_runs(planned, opener.detector_of, common.REPLACE_RUNS)
         runs = []
         for config in bases.values():
             for changes in combinations(axes):

@@ -140,12 +140,15 @@ class Job:
 
 
 def refuse_other_runs(
-    jobs: Iterable[Job], detector_of: Callable[[Job], dict[str, Any] | None] = lambda job: None
+    jobs: Iterable[Job],
+    detector_of: Callable[[Job], dict[str, Any] | None] = lambda job: None,
+    remedy: str = "",
 ) -> None:
     """Raise one `DataError` if folders of the jobs contain finished runs with other inputs.
 
     detector_of : the record of the detector (`label_folders.detection_record`) whose boxes a job will get, or
         None for a job that has its boxes. So a table with another detector is refused before it detects.
+    remedy : of the `DataError`.
     """
     refused: dict[Path, list[str]] = {}
     identities: dict[tuple[int, MethodConfig, str], dict[str, Any]] = {}
@@ -166,7 +169,7 @@ def refuse_other_runs(
     raise DataError(
         f"{start} in {_few_of(names)} from the runs to do, so nothing was computed; choose another folder",
         os.path.commonpath(refused),
-        remedy="fresh runs",
+        remedy=remedy,
     )
 
 
@@ -223,6 +226,7 @@ def run_jobs(
     fresh: bool = False,
     durations: Durations | None = None,
     estimated: Callable[[float, bool], None] = lambda seconds, again: None,
+    remedy: str = "",
 ) -> list[Outcome]:
     """Do all jobs; each front end runs once per sequence and stores its matches in the match cache.
 
@@ -238,6 +242,7 @@ def run_jobs(
     durations : gets the time of each job, and the number of processes.
     estimated : called with the estimated seconds of the rest, after the first jobs, those on the shortest
         sequences; and a second time, with True, if the rest turns out much different.
+    remedy : as in `refuse_other_runs`.
 
     Returns
     -------
@@ -251,7 +256,7 @@ def run_jobs(
     if len({job.folder for job in jobs}) < len(jobs):
         raise DataError("two jobs share a folder")
     if not fresh:
-        refuse_other_runs(jobs)
+        refuse_other_runs(jobs, remedy=remedy)
     cache = None if cache is None else cache.resolve()
     durations = Durations() if durations is None else durations
     changed = {job.folder: () if fresh else tuple(changed_files(job.folder)) for job in jobs}
@@ -262,7 +267,7 @@ def run_jobs(
     total = sum(len(job.sequence) for job in [*jobs, *MATCHING_FRAMES * list(front_ends.values())])
     done = 0
 
-    def frames_done(frames: int, future: object = None) -> None:
+    def frames_done(frames: int) -> None:
         nonlocal done
         done += frames
         if progress is not None:
