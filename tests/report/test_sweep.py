@@ -138,7 +138,9 @@ def test_sweep_of_a_short_path_has_no_errors(
     words = ["sweep", "--sequence", str(sequence.folder), "--frames", "0:5", "--seeds", "1", "--set"]
     places = ["--cache", str(tmp_path / "cache"), "--out", str(tmp_path / "out")]
     assert main([*words, "selection.sets=10,20", *places]) == 0
-    assert "No errors and no heat map" in capsys.readouterr().out
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "No errors and no heat map, since its path has" in printed
+    assert "m, the shortest sub-sequence 20 m." in printed
     assert not (tmp_path / "out" / "sweep.png").exists()
 
 

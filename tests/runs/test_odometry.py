@@ -53,6 +53,16 @@ def test_times_in_other_units_cause_a_warning(bands: Path, unit: float) -> None:
     assert [sentence.partition(" s ")[0] for sentence in warnings] == begin
 
 
+def test_whole_times_may_be_numbers_of_frames(bands: Path) -> None:
+    sequence = open_sequence(bands)
+    for first, suspected in ((0.0, True), (7.0, True), (0.25, False), (1.4e9, False)):
+        times = first + np.arange(6.0)
+        warnings = warnings_of(run(dataclasses.replace(sequence, times=times), small()))
+        assert (
+            any("if these are numbers of frames, speeds are wrong" in each for each in warnings) is suspected
+        )
+
+
 def test_black_frame_repeats_the_last_motion(tmp_path: Path) -> None:
     folder = write_bands(tmp_path / "black", frames=8)
     for side in ("image_0", "image_1"):

@@ -34,7 +34,7 @@ from .page import (
     without_empty_columns,
 )
 from .plots import LETTERS, LINE_HEIGHT, SMALL_PAGE, figure_page, letters_beside, png
-from .table1 import ERROR_KINDS, back_end_ms, measure_runs, number_fields, slug
+from .table1 import ERROR_KINDS, back_end_ms, measure_runs, number_fields, slug, too_short_words
 
 NOT_USED = " (not used)"
 CELLS = "cells"  # folder of the runs in the folder of a sweep
@@ -148,6 +148,10 @@ def run_sweep(
             for (at, _), default in defaults.items()
             if at == name and seeds > 1
         ]
+        if sequence.truth is not None:
+            short = too_short_words(sequence.truth, suitable_protocol(sequence.truth))
+            if short:
+                notes.append(f"No errors and no heat map, since {short}.")
         done = [outcome for outcome in outcomes if outcome.job.sequence.name == name]
         has_truth = sequence.truth is not None
         sweeps.append(Sweep(title, table_axes, records, done, has_truth, tuple(notes), reference))
@@ -328,8 +332,6 @@ def sweep_table(sweep: Sweep) -> ReportTable:
             "the same start, at the end and as rmse. These are no errors: they do not tell "
             "which path is right."
         )
-    elif not sweep.has_numbers:
-        notes.append("No errors and no heat map: the path is shorter than every sub-sequence.")
     table = ReportTable(sweep.title, columns, rows, [*notes, *sweep.notes], names=len(sweep.axes))
     return without_empty_columns(table)
 

@@ -18,7 +18,7 @@ from .. import settings
 from ..config import config_class
 from ..data.kitti import has_images
 from ..data.label_names import DETECTOR_RECORD
-from ..data.pose_times import FRAME_INTERVALS_S
+from ..data.pose_times import FRAME_INTERVALS_S, are_frame_numbers
 from ..data.poses import format_kitti_poses, format_tum, read_kitti_poses
 from ..data.sequence import Sequence
 from ..errors import DataError
@@ -213,6 +213,8 @@ def warnings_of(result: Run) -> list[str]:
     if not shortest <= seconds <= longest:
         expected = f"expected {shortest:g} to {longest:g} s: speeds are wrong"
         warnings.append(f"times.txt has an interval of {seconds:.3g} s between frames, {expected}")
+    elif are_frame_numbers(result.sequence.times):
+        warnings.append("times.txt has whole numbers: if these are numbers of frames, speeds are wrong")
     contradicted = sum(Flag.CONTRADICTS_STEREO in motion.flags for motion in result.motions)
     if contradicted > MAX_CONTRADICTED_SHARE * len(result.motions):
         warnings.append(
