@@ -18,7 +18,7 @@ from vo_lib.commands.cli import main
 from vo_lib.detection.network_image import yolox_cells
 from vo_lib.runs.folder import DETECTOR_OF_BOXES
 
-SMALL = ["--methods", "mesvo_f,feature_selection", "--variant", "published", "--seeds", "2"]
+SMALL = ["--methods", "mesvo_f,feature_selection", "--variant", "published", "--seeds", "1"]
 COMMANDS = {
     "reproduce": ["reproduce", *SMALL, "--sequences"],
     "sweep": ["sweep", *SMALL, "--set", "selection.sets=10,20", "--sequence"],
