@@ -119,8 +119,9 @@ def fetch_missing(root: Path, sequences: set[str], options: argparse.Namespace) 
         if todo:
             with reporting("unpacking" if options.from_zip else "downloading", in_bytes=True) as report:
                 fetch(archives, todo, root, options.jobs, report)
-        for folder in marks if options.raw is not None else ():
-            if note := write_drive_tables(folder):
-                print_wrapped(f"note: {note}")
+        if options.raw is not None:
+            for folder in marks:
+                if note := write_drive_tables(folder):
+                    print_wrapped(f"note: {note}")
         print_lines("done; to check the files: " + typed(f"vo data check_kitti --root {root}"))
         return 0

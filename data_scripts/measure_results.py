@@ -106,7 +106,8 @@ def open_all(options: argparse.Namespace, score: float = 0.25) -> list[Sequence]
 def _page(tables: list[ReportTable], options: argparse.Namespace) -> str:
     """The text of the page: the command, the date and the versions, then the tables."""
     words = ["vo", "data", "measure_results", "--sequences", options.sequences]
-    words += [] if options.detector is None else ["--detector", Path(options.detector).name]
+    if options.detector is not None:
+        words += ["--detector", Path(options.detector).name]
     origin = [*provenance(), platform.processor() or platform.machine()]
     head = [
         "# Measured results",

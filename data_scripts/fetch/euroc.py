@@ -46,7 +46,8 @@ def read_euroc_drive(folder: Path, max_delay: float = MAX_DELAY_S) -> Drive:
             chosen = slice(int(at[0]), int(at[-1]) + 1)
             poses = from_first(bodies[at_truth] @ T_body_camera)
             left_out = len(pairs.paths) - len(at)
-            notes += [f"{left_out} pairs before or after the truth are skipped"] if left_out else []
+            if left_out:
+                notes.append(f"{left_out} pairs before or after the truth are skipped")
     else:
         notes.append(f"no true poses: {base / TRUTH} is missing")
     return Drive(

@@ -34,7 +34,7 @@ Targets = dict[str, str]
 
 def sequence_archives(host: str, sequences: Iterable[str], color: bool = False) -> tuple[list[str], Targets]:
     """Addresses of the benchmark's archives, and path patterns of the files of sequences "00" … "21"."""
-    kinds = [GRAY, *([COLOR] if color else []), CALIB, POSES]
+    kinds = [GRAY, COLOR, CALIB, POSES] if color else [GRAY, CALIB, POSES]
     names = f"(?:{'|'.join(sequences)})"
     inside = rf"(sequences/{names}/(?:image_[0-3]/\d+\.png|calib\.txt|times\.txt)|poses/{names}\.txt)"
     return [f"{host.rstrip('/')}/{kind}" for kind in kinds], {inside: r"\1"}

@@ -83,7 +83,8 @@ def describe_drive(
     notes = [pairs.note] if pairs.note else []
     if cameras != CAMERAS[0]:
         notes.append(f"there are only colour images: cameras {cameras[0]} and {cameras[1]} are read as grey")
-    notes += [note] if note else []
+    if note:
+        notes.append(note)
     return Drive(paths, times - times[0], "; ".join(notes), rig=rig, poses=poses, bits=pairs.bits)
 
 

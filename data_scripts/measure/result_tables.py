@@ -131,7 +131,10 @@ def result_tables(
     doubts = list[str]()  # about the fitted axes
     for sequence in sequences:
         drawn = sequence.name.startswith(SYNTHETIC)
-        label, measure = _measures(sequence)[-1 if drawn else 0]
+        measures = _measures(sequence)
+        if drawn:
+            measures = measures[-1:]
+        label, measure = measures[0]
         for method in RULED:
             names = {rule: PRESET_OF_RULE.get((method, rule), f"{method} {rule}") for rule in RULES} | {
                 "none": method
@@ -144,7 +147,7 @@ def result_tables(
         method = _judged(sequence)
         learnt = runs[sequence.name, "kit", method]
         off = runs[sequence.name, "kit", f"{method} off"]
-        for label, measure in _measures(sequence)[-1:] if drawn else _measures(sequence):
+        for label, measure in measures:
             label = f"{label}, {method}"
             learning[label] = {"off": _cell(off, measure), "learnt": _cell(learnt, measure)}
             axes[label] = {"length %, learnt": _length(sequence, learnt)}

@@ -146,7 +146,8 @@ def split(images: list[Labelled], share: float, seed: int) -> dict[str, list[Lab
     valid = {units[k] for k in order[: min(max(1, round(share * len(units))), len(units) - 1)]}
     parts: dict[str, list[Labelled]] = {"train": [], "valid": []}
     for image in images:
-        parts["valid" if (image.drive or image.stem) in valid else "train"].append(image)
+        name = "valid" if (image.drive or image.stem) in valid else "train"
+        parts[name].append(image)
     return parts
 
 

@@ -177,5 +177,7 @@ def start_set(folder: Path, splits: Iterable[str], description: str) -> None:
 
 def data_yaml(names: tuple[str, ...], test: bool = True) -> str:
     """The text of data.yaml in the format of Ultralytics and Roboflow, with or without a test split."""
-    lines = ["train: train/images", "val: valid/images", *(["test: test/images"] if test else [])]
+    lines = ["train: train/images", "val: valid/images"]
+    if test:
+        lines.append("test: test/images")
     return "\n".join([*lines, f"nc: {len(names)}", "names:", *(f"  - {name}" for name in names), ""])

@@ -152,7 +152,8 @@ class Exercise:
         self.answers: dict[str, list[Any]] = {}
         self.tests: dict[str, Callable[..., Any]] = {}
         for says, examples in self.mistakes.items():
-            for each in examples if isinstance(examples, tuple) else (examples,):
+            several = examples if isinstance(examples, tuple) else (examples,)
+            for each in several:
                 if isinstance(each, Condition) or isinstance(self.right, Mapping):
                     self.tests[says] = each.test if isinstance(each, Condition) else each
                 else:

@@ -169,7 +169,8 @@ def _run_functions(
         for line in lines:
             if "fault" in line:
                 fault = _plain(line["fault"])
-                remarks += [fault] if fault not in remarks else []
+                if fault not in remarks:
+                    remarks.append(fault)
             elif "passed" in line:
                 marks[line["number"]] = Mark(line["passed"] is True, _plain(line["says"]), RUN)
         if not why:
@@ -245,7 +246,8 @@ def _lines(results: Path, word: str) -> list[dict[str, Any]]:
         for text in results.read_text(encoding="utf-8", errors="replace").splitlines():
             with suppress(ValueError):
                 line = json.loads(text)
-                lines += [line] if isinstance(line, dict) and line.get("word") == word else []
+                if isinstance(line, dict) and line.get("word") == word:
+                    lines.append(line)
     return lines
 
 

@@ -57,7 +57,8 @@ def add_variant(parser: argparse.ArgumentParser, both: bool = False) -> None:
     """Add the option for the variant; `both` allows both variants."""
     default = BOTH if both else DEFAULT_VARIANT
     text = f"published is the method of the paper, and kit extends it; default {default}"
-    parser.add_argument("--variant", choices=[*VARIANTS, *([BOTH] if both else [])], help=text)
+    choices = [*VARIANTS, BOTH] if both else [*VARIANTS]
+    parser.add_argument("--variant", choices=choices, help=text)
 
 
 def add_part(parser: argparse.ArgumentParser) -> None:

@@ -168,19 +168,22 @@ def copy_course(source: Path, target: Path, teacher: bool) -> None:
         copied = read_mapping(digests_file, "digests of copied files by name")
     left_out = CACHES | WORK if teacher else CACHES | WORK | FOR_TEACHERS
     for path in sorted(source.rglob("*")):
-        name = place = path.relative_to(source).as_posix()
+        name = path.relative_to(source).as_posix()
         if not path.is_file() or left_out & {*path.relative_to(source).parts}:
             continue
         original = path.read_bytes()
         content = original if teacher else TEACHERS_LINK.sub(rb"\1 (`vo lab --teacher`)", original)
         versions = _digest(content), _digest(original)
         changed = list[bytes]()  # versions with the reader's changes, the oldest first
-        while (file := target / place).exists():
+        place = name
+        file = target / place
+        while file.exists():
             present = read_bytes(file)
             if _digest(present) in (copied.get(place), *versions):
                 break
             changed.append(present)
             place = f"{place.removesuffix(path.suffix)}{NEW}{path.suffix}"
+            file = target / place
         if place != name:
             if copied.get(name) in versions:
                 continue

@@ -150,5 +150,6 @@ def _map_name(sequence: str, names: list[str]) -> str:
 
 def _records(sweeps: list[Sweep]) -> list[dict[str, object]]:
     """The records of all sweeps with the same fields; a field that a sequence lacks is None."""
-    fields = list(dict.fromkeys(field for sweep in sweeps for record in sweep.records for field in record))
-    return [{field: record.get(field) for field in fields} for sweep in sweeps for record in sweep.records]
+    records = [record for sweep in sweeps for record in sweep.records]
+    fields = list(dict.fromkeys(field for record in records for field in record))
+    return [{field: record.get(field) for field in fields} for record in records]

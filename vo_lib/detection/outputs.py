@@ -326,10 +326,10 @@ def _from_separate(
 def _score_table(outputs: Sequence[Output], scores: int, count: int) -> tuple[bool, int]:
     """Whether an output with scores is (classes, N) for `count` boxes, and its number of classes."""
     table = table_of(outputs[scores].values)
+    if table.ndim != 2 or count not in table.shape:
+        raise _refusal(outputs, "boxes and scores have different numbers of rows")
     scores_first = len(table) != count
     classes = table.shape[0] if scores_first else table.shape[1]
-    if table.ndim != 2 or table.shape[1 if scores_first else 0] != count:
-        raise _refusal(outputs, "boxes and scores have different numbers of rows")
     if not is_share(np.asarray(table, np.float64), SCORE_SLACK).all():
         raise _refusal(outputs, "the scores are not from 0 to 1: before the last step (sigmoid)?")
     return scores_first, classes

@@ -152,7 +152,8 @@ class Block:
                 was = "as in the presets" if same else f"instead of {usual_words}"
                 words.append(was if len(of_preset) == 1 else f"{was} in {', '.join(which)}")
             sentence = f"{name} is {settings.as_typed(value)}"
-            sentence += f", {'; '.join(words)}" if words else ""
+            if words:
+                sentence += f", {'; '.join(words)}"
             for reason, which in unused.items():
                 verb = "does" if len(which) == 1 else "do"
                 sentence += f"; {', '.join(which)} {verb} not use it, since {reason}"
@@ -177,7 +178,9 @@ def make_blocks(
     """
     blocks = []
     for variant, of_variant in methods.items():
-        for values in combinations(axes) if of_variant else []:
+        if not of_variant:
+            continue
+        for values in combinations(axes):
             changes = tuple((dict(base) | dict(values)).items())
             blocks.append(Block(variant, changes, loops))
     for name in dict.fromkeys([*axes, *refused]):

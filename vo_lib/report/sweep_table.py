@@ -369,7 +369,10 @@ def heat_map(sweep: Sweep) -> bytes:
         else:
             figure.colorbar(image, ax=axis, label=f"{label}{better}", format="%.4g")
         axis.set_xticks(range(len(columns)), columns)
-        axis.set_yticks(range(len(rows)) if down else [], rows if down else [])
+        if down:
+            axis.set_yticks(range(len(rows)), rows)
+        else:
+            axis.set_yticks([])
         axis.set(xlabel=across, ylabel=",\n".join(down))
         for (row, column), record in zip(np.ndindex(values.shape), sweep.records, strict=True):
             text = plus_minus(record[kind], record[f"{kind}_std"])

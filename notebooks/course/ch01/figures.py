@@ -99,7 +99,8 @@ def points_picture(image: Image, uv: Array, words: str, cell: int = 0) -> Image:
     picture = photo(image, image.shape[1])
     if cell:
         grid = picture.copy()
-        grid[cell::cell] = grid[:, cell::cell] = bgr(PALE)
+        grid[cell::cell] = bgr(PALE)
+        grid[:, cell::cell] = bgr(PALE)
         picture = np.asarray(cv2.addWeighted(picture, 0.65, grid, 0.35, 0.0), np.uint8)
     draw_dots(picture, uv, [GOOD] * len(uv), 2.5)
     return caption(photo(picture), words)
@@ -120,7 +121,8 @@ def compared_picture(image: Image, own: Array, library: Array, words: str, cell:
     picture = photo(image, width)
     if cell:
         grid = picture.copy()
-        grid[cell::cell] = grid[:, cell::cell] = bgr(PALE)
+        grid[cell::cell] = bgr(PALE)
+        grid[:, cell::cell] = bgr(PALE)
         picture = np.asarray(cv2.addWeighted(picture, 0.65, grid, 0.35, 0.0), np.uint8)
     draw_dots(picture, own[~more], [GOOD] * np.count_nonzero(~more), 2.5)
     draw_dots(picture, own[more], [BAD] * np.count_nonzero(more), 3.5)

@@ -183,7 +183,10 @@ def errors_figure(
     for name, values in errors.items():
         middle = np.median(np.atleast_2d(values), axis=0)
         same = [names for names, _, drawn in curves if np.allclose(middle, drawn, rtol=ALIKE)]
-        same[0].append(name) if same else curves.append(([name], values, middle))
+        if same:
+            same[0].append(name)
+        else:
+            curves.append(([name], values, middle))
     made, (axis,) = figure(230)
     styles = zip(curves, (DARK, GOOD, BAD), ("-o", "--s", "-^"), strict=False)
     for (names, values, middle), colour, style in styles:

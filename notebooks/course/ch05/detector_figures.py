@@ -102,7 +102,8 @@ def cells_picture(
         cv2.line(drawn, (round(k * step), 0), (round(k * step), height), (150, 150, 150), 1)
     for k in range(1, rows):
         cv2.line(drawn, (0, round(k * step)), (width, round(k * step)), (150, 150, 150), 1)
-    for box in [] if boxes is None else (boxes + 0.5) * scale:
+    scaled = np.zeros((0, 4)) if boxes is None else (boxes + 0.5) * scale
+    for box in scaled:
         x0, y0, x1, y1 = np.rint(box).astype(int).tolist()
         cv2.rectangle(drawn, (x0, y0), (x1, y1), WHITE, 2, cv2.LINE_AA)
     if cell is not None and sides is not None:

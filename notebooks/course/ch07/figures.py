@@ -218,8 +218,11 @@ def measured_columns(methods: Sequence[str], kind: str) -> tuple[str, list[dict[
     for method in methods:
         place = table.columns.index(method)
         same = table.columns.index("solution_selection")  # what "=" stands for
-        cells = {name: row[same if row[place] == "=" else place] for name, row in rows[longest].items()}
-        columns.append({name: float(cell) for name, cell in cells.items()})
+        numbers = {}
+        for name, row in rows[longest].items():
+            cell = row[same] if row[place] == "=" else row[place]
+            numbers[name] = float(cell)
+        columns.append(numbers)
     return words, columns
 
 
