@@ -295,7 +295,7 @@ def parse_methods(text: str | None, variant: str | None) -> dict[str, list[str]]
     methods = list(dict.fromkeys(text.split(",")))
     for method in methods:
         preset(method, variant=variants[-1])
-    return {name: [m for m in methods if m in VARIANTS[name]] for name in variants}
+    return {name: [method for method in methods if method in VARIANTS[name]] for name in variants}
 
 
 def require_drawing() -> None:

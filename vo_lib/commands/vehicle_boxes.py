@@ -181,10 +181,13 @@ def note_label_remarks(
 
     Raises `DataError` if a label file is invalid or no box can count.
     """
-    choices = [(sequence, config.filter.classes) for sequence, config in runs if config.filter.uses_boxes]
+    choices: dict[tuple[str, tuple[str, ...]], Sequence] = {}
+    for sequence, config in runs:
+        if config.filter.uses_boxes:
+            choices[sequence.name, config.filter.classes] = sequence
     remarks: dict[str, None] = {}
     with naming_classes(option):
-        for sequence, classes in {(s.name, classes): (s, classes) for s, classes in choices}.values():
+        for (_, classes), sequence in choices.items():
             prefix = f"{sequence.name}: " if with_name else ""
             remarks |= dict.fromkeys(prefix + remark for remark in label_remarks(sequence, classes))
     print_wrapped(*(f"note: {remark}" for remark in remarks))
@@ -193,12 +196,15 @@ def note_label_remarks(
 
 def warn_without_boxes(runs: Iterable[tuple[Sequence, MethodConfig]]) -> list[str]:
     """If a method removes features in boxes, print and return a warning about sequences without boxes."""
-    without = (s.name for s, config in runs if s.labels is None and config.filter.uses_boxes)
-    if not (names := ", ".join(dict.fromkeys(without))):
+    without: dict[str, None] = {}
+    for sequence, config in runs:
+        if sequence.labels is None and config.filter.uses_boxes:
+            without[sequence.name] = None
+    if not without:
         return []
     warning = (
-        f"No vehicle boxes for {names}: no features are removed, so feature_selection is equal to "
-        f"solution_selection. {DETECT}"
+        f"No vehicle boxes for {', '.join(without)}: no features are removed, so feature_selection is equal "
+        f"to solution_selection. {DETECT}"
     )
     print_wrapped(f"warning: {warning}")
     return [warning]

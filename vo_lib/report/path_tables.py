@@ -295,7 +295,7 @@ def write_pictures(folder: Path, paths: ComparedPaths, result: Evaluation) -> li
     write_atomic(folder / f"trajectory_{file}.png", png(figure))
     missing = []
     for by, least in MIN_CURVE_POINTS.items():
-        curves = {s.name: s.kitti.curve(by, result.measure.lengths) for s in result.paths}
+        curves = {path.name: path.kitti.curve(by, result.measure.lengths) for path in result.paths}
         if max(map(len, curves.values())) < least:
             missing.append(by)
             continue

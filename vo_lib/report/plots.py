@@ -264,7 +264,10 @@ def errors_figure(title: str, errors: Mapping[tuple[str, str], Array]) -> Figure
     share = 0.85 / len(methods)
     for kind, (axis, label) in enumerate(zip(axes, ("TE [%]", "RE [deg/100 m]"), strict=True)):
         for k, method in enumerate(methods):
-            values = {n: errors[s, method][kind] for n, s in enumerate(sequences) if (s, method) in errors}
+            values = {}
+            for place, sequence in enumerate(sequences):
+                if (sequence, method) in errors:
+                    values[place] = errors[sequence, method][kind]
             x = [place + share * (k - (len(methods) - 1) / 2) for place in values]
             means = [each.mean() for each in values.values()]
             # One seed has no deviation, and no error bar.

@@ -258,7 +258,7 @@ def _read_row(fields: object) -> RecordRow:
         expected = BENCHMARK_FRAMES.get(sequence, "a sequence of the benchmark with all its")
         raise ValueError(f"whole is true: expected {expected} frames, found {frames}")
     seeds = _field(fields, "seeds")
-    if not isinstance(seeds, list) or not seeds or not all(type(s) is int and s >= 0 for s in seeds):
+    if not isinstance(seeds, list) or not seeds or not all(type(seed) is int and seed >= 0 for seed in seeds):
         raise ValueError(f"seeds: expected a list of whole numbers from 0, found {_shown(seeds)}")
     if len(set(seeds)) < len(seeds):
         raise ValueError(f"seeds: expected each seed once, found {_shown(seeds)}")

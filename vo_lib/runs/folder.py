@@ -83,7 +83,7 @@ def run_folder(folder: str | Path) -> Iterator[Path]:
     try:
         if has_images(path):
             raise DataError("contains images of a sequence: choose another folder for the results", path)
-        new_folders = [p for p in (path, *path.parents) if not p.exists()]
+        new_folders = [place for place in (path, *path.parents) if not place.exists()]
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise DataError(f"the folder cannot be created: {error.strerror}", path) from None
@@ -168,12 +168,14 @@ def write_run(folder: Path, result: Run, identity: dict[str, Any]) -> None:
     sequence = result.sequence
     metrics: dict[str, Any] = {kind: errors.to_dict() for kind, errors in evaluate_run(result).items()}
     metrics["path"] = {
-        "frames_without_motion": sum(not m.measured for m in result.motions),
+        "frames_without_motion": sum(not motion.measured for motion in result.motions),
         "lost": path_lost(result),
         "warnings": warnings_of(result),
     }
     # A picture and loops are of the run before, and so is a calibration without a successor.
-    stale = (PICTURE, LOOPS, LOOPS_POSES, *(() if result.calibration is not None else (CALIBRATION,)))
+    stale = [PICTURE, LOOPS, LOOPS_POSES]
+    if result.calibration is None:
+        stale.append(CALIBRATION)
     with written_together(folder, CONFIG, stale) as draft:
         write_atomic(draft / POSES, format_kitti_poses(result.poses))
         write_atomic(draft / POSES_TUM, format_tum(sequence.times, result.poses))
@@ -241,7 +243,9 @@ def warnings_of(result: Run) -> list[str]:
 def timing(result: Run) -> dict[str, Any]:
     """Mean milliseconds per frame, of each stage and in total."""
     stages = [stage for stage in STAGES if any(stage in motion.ms for motion in result.motions)]
-    mean = {s: float(np.mean([motion.ms.get(s, 0.0) for motion in result.motions])) for s in stages}
+    mean = {}
+    for stage in stages:
+        mean[stage] = float(np.mean([motion.ms.get(stage, 0.0) for motion in result.motions]))
     return {"ms_per_frame": result.ms_per_frame, "ms_per_frame_of": mean}
 
 
