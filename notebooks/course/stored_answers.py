@@ -116,7 +116,8 @@ def load_sections(
             faults[name] = f"{_line_of(error, path)}{type(error).__name__}: {error}"
         else:
             definitions |= own
-            named |= {name: own[name]} if name in own else {}
+            if name in own:
+                named[name] = own[name]
     return definitions | named, faults
 
 
