@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from course.ch05 import detector_figures, layers, miniature
+from course.ch05 import FilteringPanel, detector_figures, layers, miniature
 from course.ch05 import exercises as ch05
+from course.ch05.figures import candidates_picture
+from course.colours import GOOD, bgr
 from vo_lib.data.sequence import Sequence
+from vo_lib.detection.network_image import Letterbox
+from vo_lib.detection.yolo import NetworkOutput
 from vo_lib.evaluation.statistics import change_limit, standard_deviation
 from vo_lib.geometry.boxes import overlap
 from vo_lib.geometry.types import Array
@@ -176,6 +181,30 @@ def test_the_panel_takes_the_network_of_the_notebook(school: list[miniature.Labe
     height, width = image.shape
     assert boxes.min() >= -0.5
     assert (boxes.max(axis=0) <= [width - 0.5, height - 0.5] * 2).all()
+
+
+def test_the_panel_says_of_a_real_drive_that_the_miniature_never_saw_one(bands: Path) -> None:
+    weights = layers.first_weights(NAMES["ONE_LEVEL"], np.random.default_rng(0))
+    miniature.offer("small", lambda given: NAMES["cell_boxes"](given, weights), NAMES["SCALE"])
+    panel = FilteringPanel(str(bands), frame=3, view__model="small")
+    panel.wait()
+    assert panel.error == ""
+    assert "<code>small</code> knows only the streets that you trained it on" in panel._text.value
+
+
+def test_the_lines_of_the_panel_are_as_thin_for_a_network_with_a_small_image() -> None:
+    grey = np.full((384, 1280), 128, np.uint8)
+    box = np.array([[160.0, 96.0, 800.0, 288.0]])
+    blue = []
+    for scale in (0.5, 0.25):
+        letterbox = Letterbox(round(1280 * scale), round(384 * scale), scale, 0, 0)
+        none = np.zeros((0, 4)), np.zeros((0, 1))
+        output = NetworkOutput(letterbox, *none, 1280, 384)
+        picture = candidates_picture(grey, output, 0.5, letterbox.to_network(box), "words", 252)
+        rows = np.flatnonzero((picture.astype(int)[:, 490] - bgr(GOOD) == 0).all(axis=1))
+        blue.append(rows.tolist())
+    assert len(blue[0]) == len(blue[1]) >= 2
+    np.testing.assert_allclose(blue[0], blue[1], atol=1)
 
 
 def test_a_sequence_without_labels_has_the_boxes_of_a_detector(street: Sequence) -> None:

@@ -25,12 +25,16 @@ def candidates_picture(
     image: Image, output: NetworkOutput, score: float, kept: Array, words: str, height: int = PHOTO_HEIGHT
 ) -> Image:
     """The network's image with orange candidates above a score, and with the kept boxes (K, 4) in blue."""
-    picture = photo(letterboxed(image, output.letterbox), output.letterbox.width)
+    # First enlarged, then drawn on, so that the lines are as thin for a network with a small image.
+    seen = letterboxed(image, output.letterbox)
+    scale = min(WIDTH / seen.shape[1], height / seen.shape[0])
+    picture = photo(seen, round(scale * seen.shape[1]))
     best = output.scores.max(axis=1)
     passed = np.flatnonzero(best >= score)
     passed = passed[np.argsort(-best[passed], kind="stable")][:MOST_DRAWN]
     for boxes, colour, thick in ((output.corners[passed], BAD, 1), (kept, GOOD, 2)):
-        for x0, y0, x1, y1 in np.rint(np.clip(boxes, -9, 9999)).astype(int).tolist():
+        places = scale * (np.clip(boxes, -9, 9999) + 0.5) - 0.5  # OpenCV counts from centres
+        for x0, y0, x1, y1 in np.rint(places).astype(int).tolist():
             cv2.rectangle(picture, (x0, y0), (x1, y1), bgr(colour), thick, cv2.LINE_AA)
     return caption(photo(picture, WIDTH, height), words)
 

@@ -226,18 +226,21 @@ class FilteringPanel(Panel):
         every = motion_from(sequence, frame, np.ones(len(matches), np.bool_), state.config).T_cp
         kept = motion_from(sequence, frame, result.kept, state.config).T_cp
         removed = int(np.count_nonzero(~result.kept))
+        model = state.view.model.strip()
         sentence = f"The rule removes {removed} of {len(matches)} features."
         if T_true is None:
             sentence += " The sequence has no ground truth."
-        if state.view.model.strip() == LABELS and sequence.labels is None:
+        if model == LABELS and sequence.labels is None:
             sentence += (
                 " The sequence has no label folder, so there are no boxes: type `street` under *model*."
             )
         if result.state is not None and removed:
             sentence += " Orange in a parked box (dashed): features that do not agree with the background."
         sentence += no_class(sequence, state.view, rule)
-        if state.view.model.strip() == "street" and truth(sequence) is None:
+        if truth(sequence) is None and model == "street":
             sentence += " `street` was trained on drawn streets, not on real ones."
+        if truth(sequence) is None and model in offered:
+            sentence += f" `{model}` knows only the streets that you trained it on."
         if Flag.FILTER_OFF in result.flags:
             sentence += " Too few features would be left, so the filter is off in this frame."
         facts = [
