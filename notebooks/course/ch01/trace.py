@@ -36,8 +36,9 @@ LOST = "not found again"
 SURPLUS = "bucket is full"
 CHOSEN = "kept"
 
-_histories: Memory[tuple[Any, Any]] = Memory(6)
+_histories: Memory[tuple[Any, Any]] = Memory(16)  # of 4 MB each; a drag goes back and forth
 _steps: Memory[StereoMatches] = Memory(48)
+_loops: Memory[tuple[Index, ...]] = Memory(16)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +100,8 @@ def trace(sequence: Sequence, frame: int, config: MethodConfig) -> Trace:
     passed = [each.id for each in (*results, chosen)]
     if isinstance(config, PublishedConfig):
         number = before._id[before._previous.to_right >= 0]
-        loops = close_loop(before._previous, pair, config.matching.search_radius)
+        radius = config.matching.search_radius
+        loops = _loops.get((*base, radius), lambda: close_loop(before._previous, pair, radius))
         fates = (OPEN, *fates)
         passed = [before._id[loops[0]], *passed]
         lost = whole_pixels(before._previous, pair, *loops)[~np.isin(before._id[loops[0]], results[0].id)]
