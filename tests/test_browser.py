@@ -165,6 +165,9 @@ LAYOUT = """number => {
         picture: box(visible('.widget-image')[0]).width,
         sliders: Math.min(...visible('.noUi-base').map(each => box(each).width)),
         below: box(panel).bottom - view.bottom,
+        scrollable: visible('*').filter(each => ['auto', 'scroll'].includes(getComputedStyle(each).overflowY)
+                && (each.scrollHeight > each.clientHeight || each.scrollWidth > each.clientWidth))
+            .map(each => each.className),
         cut: words.filter(each => each.scrollWidth > each.clientWidth + 1).map(each => each.textContent),
     };
 }"""
@@ -209,6 +212,7 @@ def assert_fits(page: Page, number: int) -> None:
     assert layout["sliders"] >= 180, layout
     assert layout["below"] <= 0, layout
     assert layout["cut"] == [], layout
+    assert layout["scrollable"] == [], layout  # Tab would stop there
 
 
 @pytest.mark.slow
