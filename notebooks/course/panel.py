@@ -37,7 +37,8 @@ What it has without a word of its own:
 What it has to keep: equal states have equal pictures, so `draw` uses only `state`, and seeds all that is
 random. A picture takes at most 80 ms of processor time, else it does not follow: what several states share
 belongs into a `Memory`, an axis whose limits are round numbers (`room`) and a text at the same place are drawn
-only once, and a method that runs over many frames yields `steps`. All parts of the picture are `WIDTH` pixels
+only once, `numbers_at` puts the numbers of an axis faster than `set_ticks`, and a method that runs over many
+frames yields `steps`. All parts of the picture are `WIDTH` pixels
 wide; with more than 550 rows, its text becomes too small on a laptop. Callbacks run on another thread than
 cells, so nothing here uses pyplot.
 
