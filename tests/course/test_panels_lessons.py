@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import write_bands
 
 from course.ch03 import SelectionPanel
 from course.ch03 import exercises as ch03
 from course.ch03.panel import previous_vector
+from course.ch05 import LorryPanel
 from course.ch06.panel import EvaluationPanel
 from vo_lib.config import change, preset
 from vo_lib.data.poses import format_tum, read_kitti_poses
@@ -69,3 +72,27 @@ def test_the_number_of_sets_does_not_change_the_vector_of_the_frame_before(stree
     assert vectors[0] is vectors[1] is vectors[2]
     other = previous_vector(street, 45, change(preset("solution_selection"), "selection.threshold", 3.0))
     assert other is not vectors[0]
+
+
+@pytest.mark.parametrize("variant", ["published", "kit"])
+def test_the_inliers_of_a_winner_that_stereo_contradicts_are_shown(variant: str, street: Sequence) -> None:
+    """As chapter 5 says of a share of 0.5; the kit does not store such a winner."""
+    panel = LorryPanel(street, 60, view__share=0.5)
+    panel.wait(LONG)
+    panel.set(variant=variant)
+    assert panel.error == ""
+    found = re.search(
+        r"fits (\d+) of (\d+) matches on the street and (\d+) of (\d+) on the", panel._text.value
+    )
+    assert found is not None
+    street_fits, on_street, lorry_fits, on_lorry = map(int, found.groups())
+    assert lorry_fits > 0.9 * on_lorry
+    assert street_fits < 0.2 * on_street
+    assert ("contradicts_stereo" in panel._text.value) == (variant == "kit")
+
+
+def test_a_frame_without_a_winner_is_told(tmp_path: Path) -> None:
+    panel = LorryPanel(str(write_bands(tmp_path / "still", standing=True)), 3, view__share=0.0)
+    panel.wait(LONG)
+    assert panel.error == ""
+    assert "There is no winner: the camera stands still" in panel._text.value

@@ -291,14 +291,23 @@ class LorryPanel(Panel):
         lorry = matches.id < 0
         T_true = true_motion(sequence, frame)
         errors = []
+        winners: list[Array] = []
+
+        def keep(e: Array, flags: tuple[Flag, ...]) -> Array:
+            """Also a winner that stereo contradicts, which variant `kit` does not store."""
+            winners.append(e)
+            return e
+
         for method in ("feature_selection", "solution_selection"):
+            winners.clear()
             odometry = make_odometry(sequence.camera, preset(method, variant=config.variant))
+            odometry.next_prior = keep  # type: ignore[method-assign]
             odometry.start(box_p)
-            errors.append(_apart(odometry.step(matches, box_c).motion.T_cp, T_true) / 10)
+            motion = odometry.step(matches, box_c).motion
+            errors.append(_apart(motion.T_cp, T_true) / 10)
         fits = np.zeros(len(matches), np.bool_)
-        if odometry.e_prev is not None:  # of the last one: the winner of all features
-            E = odometry.e_prev.reshape(3, 3)
-            fits = sampson_inliers(E, *odometry.points(matches), odometry.threshold)
+        if winners:  # of the last method: of all features
+            fits = sampson_inliers(winners[-1].reshape(3, 3), *odometry.points(matches), odometry.threshold)
 
         image = stereo(sequence, frame)[0].copy()
         for x0, y0, x1, y1 in np.rint(box_c.xyxy).astype(int).tolist():
@@ -310,6 +319,12 @@ class LorryPanel(Panel):
             f"The winner of all features fits {np.count_nonzero(fits & ~lorry)} of {np.count_nonzero(~lorry)} "
             f"matches on the street and {np.count_nonzero(fits & lorry)} of {np.count_nonzero(lorry)} on the lorry."
         )
+        if not winners:
+            sentence = "There is no winner: the camera stands still, or too few matches agree."
+        elif Flag.CONTRADICTS_STEREO in motion.flags:
+            sentence += (
+                " The depths from stereo do not fit its motion: the frame is flagged `contradicts_stereo`."
+            )
         used = select_by_bucket(matches.cur_left, matches.age, matches.strength, config.buckets)
         facts = (
             Fact("on the lorry", _percent(lorry), "%"),
