@@ -15,11 +15,13 @@ import pytest
 from course.ch07 import verdict
 from course.ch07.verdict import (
     BY_CHOICES,
+    CLOSE,
     DIFFERENT,
     NOT_REPRODUCED,
     REPRODUCED,
     SCATTERED,
     Ours,
+    chance_alone,
     choice_ranges,
     converted,
     gain_over_sequences,
@@ -138,13 +140,28 @@ def test_whatever_the_scatter_a_method_that_is_a_tenth_off_is_rarely_reproduced(
     rng = np.random.default_rng(0)
     count = 1500
     wrong = 0
+    close = 0
     for runs in 1.1 * (1 + spread * rng.normal(size=(count, seeds + 1))):
         # The paper's method has an error of 1.00, so its run is a tenth below ours.
         printed = round(float(runs[-1]) / 1.1, 2)
         deviation = float(runs[:-1].std(ddof=1))
         ours = Ours(True, True, seeds, float(runs[:-1].mean()), deviation)
-        wrong += judge(printed, "viso2", "te_percent", "04", ours).outcome == REPRODUCED
-    assert wrong <= 0.04 * count  # 2.5 %, and the chance of the simulation
+        outcome = judge(printed, "viso2", "te_percent", "04", ours).outcome
+        wrong += outcome == REPRODUCED
+        close += outcome == CLOSE
+    assert wrong + close <= 0.04 * count  # 2.5 %, and the chance of the simulation
+
+
+def test_the_level_needs_a_paper_that_scatters_as_we_do() -> None:
+    rng = np.random.default_rng(0)
+    count = 4000
+    wrong = 0
+    for _ in range(count):
+        values = 1.1 * (1 + 0.01 * rng.normal(size=5))
+        printed = float(1 + 0.03 * rng.normal())  # the paper's runs scatter three times as much
+        ours = Ours(True, True, 5, float(values.mean()), float(values.std(ddof=1)))
+        wrong += judge(printed, "viso2", "te_percent", "04", ours).outcome in (REPRODUCED, CLOSE)
+    assert 0.15 < wrong / count < 0.25  # "nearly one case in five"
 
 
 def test_wide_scatter_does_not_widen_the_range_of_the_open_choices() -> None:
@@ -161,7 +178,7 @@ def test_re_of_the_papers_own_columns_is_converted_and_both_numbers_are_shown(tm
     report(tmp_path, 1.0, spread=0.002, unit=False)
     cells = judged_cells(tmp_path, PAPER, {})["re_deg_per_100m"]
     own = [cell.outcome for cell in cells if cell.method != "viso2" and cell.row != "Avg"]
-    assert own.count(DIFFERENT) == len(own)
+    assert own.count(CLOSE) == len(own)  # the factor is 3 %, found and named, but not 10 %
     table = verdict_tables({"re_deg_per_100m": cells})[0]
     shown = dict(zip(table.columns, next(row for row in table.rows if row[0] == "00 MESVO_F"), strict=True))
     assert (shown["printed"], shown["in the right unit"]) == ("0.339", "0.350")
@@ -172,7 +189,41 @@ def test_the_allowed_difference_is_that_of_one_more_run_and_half_a_digit() -> No
     cell = judge(1.02, "viso2", "te_percent", "04", ours)
     assert cell.allowed == pytest.approx(2.776 * 0.01 * np.sqrt(1.2) + 0.005, abs=1e-5)
     assert cell.outcome == REPRODUCED
-    assert judge(1.00, "viso2", "te_percent", "04", ours).outcome == DIFFERENT
+    assert judge(1.00, "viso2", "te_percent", "04", ours).outcome == CLOSE
+    assert judge(0.90, "viso2", "te_percent", "04", ours).outcome == DIFFERENT
+
+
+@pytest.mark.parametrize("choices", [None, (1.5, 2.0), (0.9, 1.1)])
+@pytest.mark.parametrize("deviation", [0.0, 0.002, 0.004, 0.006])
+@pytest.mark.parametrize("factor", [0.97, 1.03])
+def test_a_small_difference_is_not_called_not_reproduced_because_our_runs_scatter_little(
+    factor: float, deviation: float, choices: tuple[float, float] | None
+) -> None:
+    ours = Ours(True, True, 5, factor, deviation)
+    cell = judge(1.0, "feature_selection", "te_percent", "04", ours, choices)
+    assert cell.outcome == CLOSE
+    assert cell.difference_share == pytest.approx(factor - 1.0)
+    wider = Ours(True, True, 5, factor, 0.012)
+    assert judge(1.0, "feature_selection", "te_percent", "04", wider, choices).outcome == REPRODUCED
+    table = verdict_tables({"te_percent": [cell]})[0]
+    shown = dict(zip(table.columns, table.rows[0], strict=True))
+    assert shown["difference / printed"] == f"{100 * (factor - 1):+.1f} %"
+
+
+def test_the_chapter_says_what_each_verdict_means() -> None:
+    chapter = Path(verdict.__file__).parents[2] / "07_reproduce_the_paper.ipynb"
+    cells = json.loads(chapter.read_text(encoding="utf-8"))["cells"]
+    beside_the_table = next("".join(cell["source"]) for cell in cells if cell["id"] == "coverage-read")
+    lines = beside_the_table.splitlines()
+    named = [line.split("|")[1].strip() for line in lines if line.startswith("| ")]
+    for outcome in (*verdict.INSIDE, *verdict.OUTSIDE, "no verdict"):
+        assert named.count(outcome) == 1
+
+
+def test_a_difference_that_may_reach_a_tenth_is_not_called_close() -> None:
+    for mean, deviation in ((1.08, 0.01), (0.92, 0.01), (1.1, 0.0), (1.2, 0.001)):
+        cell = judge(1.0, "feature_selection", "te_percent", "04", Ours(True, True, 5, mean, deviation))
+        assert cell.outcome == DIFFERENT
 
 
 def test_re_allows_for_the_six_decimals_of_the_devkit() -> None:
@@ -429,11 +480,16 @@ def test_a_report_says_where_it_comes_from(tmp_path: Path) -> None:
 
 def test_the_summary_tells_how_many_differences_chance_alone_would_make(tmp_path: Path) -> None:
     report(tmp_path, 1.1, spread=0.002)
-    cells = judged_cells(tmp_path, PAPER, {})["te_percent"]
-    assert len([cell for cell in cells if cell.row == "Avg"]) == 4  # made of the same runs, so not counted
-    said = summary(cells)
-    assert "Outside the seeds: 40 of 40" in said
-    assert "at most 2.0 outside" in said
+    cells = judged_cells(tmp_path, PAPER, {})
+    of_te = cells["te_percent"]
+    assert len([cell for cell in of_te if cell.row == "Avg"]) == 4  # made of the same runs, so not counted
+    assert "Outside the seeds: 40 of 40" in summary(of_te)
+    said = chance_alone(itertools.chain(*cells.values()))
+    assert "80 of 80 numbers are outside the seeds" in said
+    assert "on average at most 4.0 outside (5 %)" in said
+    assert said.count("or more would be surprising") == 1
+    assert max(map(len, said.splitlines())) <= 125
+    assert chance_alone([]) == ""
 
 
 @pytest.mark.parametrize(
@@ -459,14 +515,14 @@ def test_the_simulated_number_of_false_alarms_is_that_of_many_records(kind: str,
             steps = np.round(runs[5] / verdict.RIGHT_FACTOR / 1e-6) * 1e-6 * verdict.RIGHT_FACTOR
             last = steps if factor != 1.0 else runs[5]
             shown = round(float(last) / factor, ERROR_KINDS[kind][1])
-            outside += judge(shown, method, kind, row, ours).outcome == DIFFERENT
+            outside += judge(shown, method, kind, row, ours).outcome in verdict.OUTSIDE
     counts = verdict.simulated_outside(cells)
     assert counts.mean() == pytest.approx(outside / records, abs=0.4)
     assert counts.mean() < 2.0
     surprising = verdict.surprising_number(counts)
     assert np.mean(counts >= surprising) <= 0.05 < np.mean(counts >= surprising - 1)
-    assert f"it is {counts.mean():.1f} (simulated" in summary(cells)
-    assert f"{surprising} or more would be surprising" in summary(cells)
+    assert f"it is {counts.mean():.1f} on average (simulated" in chance_alone(cells)
+    assert f"{surprising} or more would be surprising" in chance_alone(cells)
 
 
 def test_the_gain_over_sequences_has_interval_sign_flips_and_leave_one_out() -> None:
