@@ -318,6 +318,29 @@ def test_cached_labels_belong_to_the_contents_of_images(
     assert texts(first) == texts(second)
 
 
+def test_copied_labels_take_no_part_in_the_time_of_the_detector(
+    bands: Path, model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pause = 0.2
+    detect = YoloDetector.detect
+
+    def slow(detector: YoloDetector, *inputs: Any) -> Boxes:
+        time.sleep(pause)
+        return detect(detector, *inputs)
+
+    monkeypatch.setattr(YoloDetector, "detect", slow)
+    counted = list[tuple[int, float]]()
+
+    def detected(images: int, seconds: float) -> None:
+        counted.append((images, seconds))
+
+    sequence = open_sequence(bands)
+    for part in (sequence.part(0, 4), sequence, sequence, sequence.part(0, 3)):
+        labelled_sequence(part, model, cache=tmp_path, detected=detected)
+    assert [images for images, _ in counted] == [4, 2]  # four of the six labels are copied, then all
+    assert all(seconds >= pause for _, seconds in counted)
+
+
 def test_labels_of_other_classes_are_never_taken(
     bands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import shlex
-import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -123,7 +122,7 @@ def with_detected_boxes(
     """The sequence, with the boxes of --detector if the option is present; the cache stores the boxes.
 
     classes : the classes to detect (setting filter.classes); option : how they are typed, as in
-    `naming_classes`; durations : gets the time of the images that are not in the cache.
+    `naming_classes`; durations : gets the time of the images in which the detector ran.
     """
     if options.detector is None:
         return sequence
@@ -132,15 +131,12 @@ def with_detected_boxes(
             f"warning: `street` was trained on drawn streets; its boxes on {sequence.name} may be wrong"
         )
     label = f"detecting vehicles in {sequence.name}"
-    start = time.perf_counter()
-    detected = 0
+
+    def count(images: int, seconds: float) -> None:
+        if durations is not None:
+            durations.add(Task(DETECTION, images), seconds)
+
     with reporting(label) as report, continues_when_repeated(), naming_classes(option):
-
-        def count(done: int, total: int) -> None:
-            nonlocal detected
-            detected += 1
-            report(done, total)
-
         sequence = labelled_sequence(
             sequence,
             options.detector,
@@ -149,10 +145,9 @@ def with_detected_boxes(
             provider=options.provider,
             cache=options.cache,
             waiting=_print_waiting,
-            progress=count,
+            progress=report,
+            detected=count,
         )
-    if durations is not None and detected:
-        durations.add(Task(DETECTION, detected), time.perf_counter() - start)
     warn_without_vehicles(sequence)
     return sequence
 

@@ -12,6 +12,7 @@ import hashlib
 import json
 import os
 import re
+import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -167,6 +168,7 @@ def write_label_folder(
     others: Iterable[Path] = (),
     waiting: Callable[[Path], None] | None = None,
     progress: Progress | None = None,
+    detected: Callable[[int, float], None] | None = None,
 ) -> int:
     """Write the missing labels of a folder and return their number; a second call continues the first.
 
@@ -180,6 +182,8 @@ def write_label_folder(
     replace : delete the frames' labels of another detector, and no other file.
     others : other folders with labels of this record; the labels of the same images are copied.
     waiting : called if another process writes labels into the folder (see `only_process`).
+    detected : called at the end with the number of images in which the detector ran, if it ran in any, and
+        the seconds that this took; copied labels count in neither.
 
     Raises `DataError` if the folder belongs to a sequence or a run; if it has files that are named as labels
     and are none; if it has labels of another detector and `replace` is false; if another process writes
@@ -210,12 +214,11 @@ def write_label_folder(
         _write_record(folder, record, detector, class_mask)
         known = _labels_by_image(others)
 
-        def write_label(frame: str) -> None:
-            label = folder / f"{frame}.txt"
-            if hashes[frame] in known:
-                write_atomic(label, read_bytes(known[hashes[frame]]))
-            else:
-                _detect_label(sequence, frame, label, detector, class_mask)
+        copied = [frame for frame in missing if hashes[frame] in known]
+        new = [frame for frame in missing if hashes[frame] not in known]
+
+        def detect_label(frame: str) -> None:
+            _detect_label(sequence, frame, folder / f"{frame}.txt", detector, class_mask)
 
         done = len(sequence) - len(missing)
         with open(folder / IMAGE_LIST, "a") as image_list:
@@ -228,7 +231,13 @@ def write_label_folder(
                 if progress:
                     progress(done, len(sequence))
 
-            _in_threads(write_label, missing, note_label)
+            for frame in copied:
+                write_atomic(folder / f"{frame}.txt", read_bytes(known[hashes[frame]]))
+                note_label(frame)
+            start = time.perf_counter()
+            _in_threads(detect_label, new, note_label)
+        if detected and new:
+            detected(len(new), time.perf_counter() - start)
         return len(missing)
 
 
@@ -264,12 +273,13 @@ def labelled_sequence(
     cache: Path | None = None,
     waiting: Callable[[Path], None] | None = None,
     progress: Progress | None = None,
+    detected: Callable[[int, float], None] | None = None,
 ) -> Sequence:
     """The sequence with a detector's labels, which are stored in the cache folder.
 
     Images that this detector has seen before, in any place, are not detected again. If another process
-    detects the same images, `waiting` is called with the folder, then the call waits. Raises as
-    `write_label_folder`.
+    detects the same images, `waiting` is called with the folder, then the call waits. `detected` and errors
+    as in `write_label_folder`.
     """
     config = config or DetectorConfig()
     record = detection_record(model, config, classes, provider)
@@ -287,6 +297,7 @@ def labelled_sequence(
         others=[other for other in others if other != folder],
         waiting=waiting or (lambda _: None),
         progress=progress,
+        detected=detected,
     )
     return dataclasses.replace(sequence, labels=folder)
 
