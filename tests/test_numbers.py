@@ -48,6 +48,21 @@ def test_readme_quotes_the_claim_as_measured(row: str, method: str) -> None:
     require_rounded(README[row][f"`{method}`"].split(" / "), exact)
 
 
+def test_readme_quotes_the_change_that_one_run_would_show_on_the_real_drive() -> None:
+    page = pages("real_traffic.md")
+    published = page[page.index("Variant published") : page.index("Variant kit")]
+    lowered = re.search(r"lowers RE on (.*?)\. RE is", published)
+    assert lowered is not None
+    assert re.findall(r"kitti/drive_0013, (\d+ m)", lowered[1]) == ["20 m"]  # over 50 m one run would not
+    assert "kitti" not in published[: published.index("lowers RE on")].partition("lowers TE on")[2]
+    quoted = re.search(
+        rf"over 20 m, one run would show the change of RE \(({NUMBER}) → ({NUMBER})\)", readme()
+    )
+    assert quoted is not None
+    row = MEASURED[1]["kitti/drive_0013, 20 m, axes removed"]
+    require_rounded(quoted.groups(), [row["solution_selection"], row["feature_selection"]])
+
+
 def test_readme_quotes_the_paper_and_viso2() -> None:
     text = readme()
     papers = re.findall(rf"from ({NUMBER}) to ({NUMBER}) (?:%|deg/100 m)", text)

@@ -177,3 +177,33 @@ def test_the_hours_of_the_table_are_those_of_the_command(
     one = table_hours(sequence, 1, 1)
     assert one.keys() == VARIANTS.keys()
     assert all(np.isfinite(hours) and hours > 0 for hours in one.values())
+
+
+@pytest.mark.parametrize("question", ["", "Would one run show it? "])
+def test_the_sentences_on_the_removal_are_found_with_and_without_their_question(
+    tmp_path: Path, question: str
+) -> None:
+    sentence = f"{question}Removal of the features in boxes lowers TE on a (1.000 → 0.500)."
+    other = "For `viso2`, the rule `moving` in place of `none` lowers TE on a (1.000 → 0.500)."
+    page = tmp_path / "results.md"
+    page.write_text(
+        f"# Results\n\n## Variant kit: TE, %\n\n{sentence}\n\n## Box rules\n\n{other}\n", encoding="utf-8"
+    )
+    assert figures.removal_sentences(page) == [f"Variant kit. {sentence}"]
+    assert len(figures.removal_sentences()) == 4  # TE and RE of both variants
+
+
+def test_the_head_names_every_choice_that_was_made_with_numbers_seen() -> None:
+    page = (CHAPTER.parent / "paper_and_code.md").read_text(encoding="utf-8")
+    marked = [line.split("|")[1].strip() for line in page.splitlines() if "| *Numbers seen.*" in line]
+    marked += [line.split("|")[1].strip() for line in page.splitlines() if " *Numbers seen.* At" in line]
+    assert sorted(marked) == [
+        "How are rows weighted?",
+        "How are three frames used?",
+        "What is MESVO_F?",
+        'What is the "error" of a solution?',
+    ]
+    cells = sources()
+    for words in ("the inlier threshold", "MESVO_F", "the weights of the rows", "the use of three frames"):
+        assert words in cells["cell-01"]
+        assert words.removeprefix("the ") in cells["cell-open"]

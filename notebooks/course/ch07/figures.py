@@ -226,13 +226,13 @@ def measured_columns(methods: Sequence[str], kind: str) -> tuple[str, list[dict[
     return words, columns
 
 
-def removal_sentences() -> list[str]:
+def removal_sentences(path: Path = RESULTS) -> list[str]:
     """The sentences of `results.md` on what the removal changes, for each variant, TE first."""
-    text = RESULTS.read_text(encoding="utf-8")
+    text = path.read_text(encoding="utf-8")
     sentences = []
     for part in text.split("\n## ")[1:]:
         title, *lines = part.splitlines()
-        found = [line for line in lines if line.startswith("Removal of the features")]
+        found = [line for line in lines if "Removal of the features" in line]
         sentences += [f"{title.partition(':')[0]}. {line}" for line in found if title.startswith("Variant")]
     # The sentences of a variant stand above the table of TE.
     return list(dict.fromkeys(sentences))
