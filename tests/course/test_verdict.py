@@ -207,7 +207,7 @@ def test_a_small_difference_is_not_called_not_reproduced_because_our_runs_scatte
     assert judge(1.0, "feature_selection", "te_percent", "04", wider, choices).outcome == REPRODUCED
     table = verdict_tables({"te_percent": [cell]})[0]
     shown = dict(zip(table.columns, table.rows[0], strict=True))
-    assert shown["difference / printed"] == f"{100 * (factor - 1):+.1f} %"
+    assert shown["difference / printed"] == ("+3.0 %" if factor > 1 else "−3.0 %")
 
 
 def test_the_chapter_says_what_each_verdict_means() -> None:

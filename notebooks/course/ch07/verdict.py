@@ -406,7 +406,7 @@ def verdict_tables(cells: Mapping[str, Iterable[Judged]]) -> list[ReportTable]:
             if cell.outcome in INSIDE + OUTSIDE:
                 compared = [
                     signed(cell.ours - cell.converted, digits),
-                    f"{100 * cell.difference_share:+.1f} %",
+                    f"{signed(100 * cell.difference_share, 1)} %",
                     format_number(cell.allowed),
                     f"{100 * cell.allowed_share:.1f} %",
                 ]
