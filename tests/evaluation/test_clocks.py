@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from made_entries import straight
 
-from vo_lib.evaluation.clocks import turn_agreement
+from vo_lib.evaluation.clocks import slow_turn_agreement, turn_agreement
 from vo_lib.geometry.motion import rigid, rotation_from_vector
 from vo_lib.geometry.types import Array
 
@@ -60,3 +60,28 @@ def test_other_drives_agree_at_no_lag() -> None:
     agreement = turn_agreement(times, town(400), times, town(400, seed=5))
     assert agreement is not None
     assert agreement.best < 0.6
+    assert not agreement.is_another_clock
+    assert not agreement.is_one_clock
+    assert agreement.is_another_drive
+    slow = slow_turn_agreement(times, town(400), times, town(400, seed=5))
+    assert slow is not None
+    assert slow.is_another_drive
+
+
+@pytest.mark.parametrize("ahead", [0, 1, -1, 2, -3])
+def test_a_clock_that_is_a_few_frames_off_is_told_from_the_same_clock(ahead: int) -> None:
+    """Also beyond the number of samples up to which all lags are searched, and between key frames."""
+    frames = 5000
+    poses = town(frames)
+    times = 0.04 * np.arange(float(frames))
+    estimate = estimated(poses)
+    for rows in (slice(None), slice(900, 1300), slice(50, 4000, 3)):
+        for swapped in (False, True):
+            own = times[rows] + 0.04 * ahead
+            paths = (own, estimate[rows], times, poses)
+            agreement = turn_agreement(*(paths[2:] + paths[:2] if swapped else paths))
+            assert agreement is not None
+            assert agreement.lag == pytest.approx((-1 if swapped else 1) * 0.04 * ahead)
+            assert agreement.is_another_clock is (ahead != 0)
+            assert agreement.is_one_clock is (ahead == 0)
+            assert not agreement.is_another_drive

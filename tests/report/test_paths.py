@@ -594,30 +594,73 @@ def test_files_with_few_times_common_to_all_are_not_compared(
 ROBOT = rigid(np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.zeros(3))
 
 
+def town_road(frames: int, seed: int = 0) -> Array:
+    """Poses (N, 4, 4) with turns to both sides that begin at random times, 1 m from frame to frame."""
+    road = np.tile(np.eye(4), (frames, 1, 1))
+    turns = np.convolve(np.random.default_rng(seed).normal(0.0, 0.05, frames), np.hanning(15), "same")
+    for k in range(1, frames):
+        step = rigid(rotation_from_vector(np.array([0.0, turns[k], 0.0])), np.array([0.0, 0.0, 1.0]))
+        road[k] = road[k - 1] @ step
+    return road
+
+
 def test_a_clock_that_differs_inside_the_times_of_another_file_causes_a_warning(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    road = np.tile(np.eye(4), (300, 1, 1))
-    turns = np.convolve(np.random.default_rng(0).normal(0.0, 0.05, 300), np.hanning(15), "same")
-    for k in range(1, 300):
-        step = rigid(rotation_from_vector(np.array([0.0, turns[k], 0.0])), np.array([0.0, 0.0, 1.0]))
-        road[k] = road[k - 1] @ step
+    road = town_road(300)
     times = 0.1 * np.arange(300.0)
     a, b = tmp_path / "a.tum", tmp_path / "b.tum"
     a.write_text(format_tum(times, road))
-    for shift in (0.0, 2.5):
+    for shift in (0.0, 2.5, 0.5, 0.2, -0.1):
         b.write_text(format_tum(times[80:220] + shift, scaled(road, 1.1)[80:220]))
         for words in ((a, b), (b, "--truth", a)):
             notes = json.loads(json_of(capsys, *words))["sequences"][0]["notes"]
             warnings = [note for note in notes if note.startswith("warning: ")]
-            assert len(warnings) == (shift > 0)
+            assert len(warnings) == (shift != 0)
             if shift:
                 assert f"{b}: 140 of 140 poses have one of the 300 poses" in warnings[0]
-                assert "would agree far better if its times were 2.5 s earlier" in warnings[0]
+                way = "earlier" if shift > 0 else "later"
+                assert f"would agree far better if its times were {abs(shift):g} s {way}" in warnings[0]
     # Both begin and end later than the other, but turn at the same times: this is no other clock.
     a.write_text(format_tum(times[:260], road[:260]))
     b.write_text(format_tum(times[40:], road[40:]))
     assert "warning" not in printed(capsys, a, b)
+
+
+def test_parts_of_one_path_with_one_clock_cause_no_warning(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Both begin and end later than the other: so too little is common, or too straight, for the turns."""
+    a, b = tmp_path / "a.tum", tmp_path / "b.tum"
+    times = 0.1 * np.arange(300.0)
+    straight = winding_road(300, 0.0, 1.0)
+    straight[:, 2, 3] += 20.0 * np.sin(times)
+    for road, first, last in (
+        (town_road(300), 90, 210),
+        (straight, 5, 295),
+        (scaled(straight, 1.001), 90, 210),
+    ):
+        a.write_text(format_tum(times[:last], road[:last]))
+        b.write_text(format_tum(times[first:], road[first:]))
+        assert "clock" not in printed(capsys, a, b)
+        assert "clock" not in printed(capsys, b, "--truth", a)
+    # A straight path by another clock, as its speed tells.
+    a.write_text(format_tum(times, straight))
+    b.write_text(format_tum(times + 1.2, straight))
+    assert "both about 1.2 s later, so its clock may differ" in printed(capsys, a, b)
+
+
+def test_a_path_of_another_drive_is_noticed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    times = 0.1 * np.arange(500.0)
+    a, b = tmp_path / "a.tum", tmp_path / "b.tum"
+    a.write_text(format_tum(times, town_road(500)))
+    for frames, seed, other in ((500, 0, False), (500, 3, True), (350, 4, True), (400, 0, False)):
+        b.write_text(format_tum(times[:frames], scaled(town_road(500, seed)[:frames], 1.1)))
+        for words in ((a, b), (b, "--truth", a)):
+            text = printed(capsys, *words)
+            assert ("perhaps one is of another drive" in text) is other
+            if other:  # above all tables
+                assert text.index("another drive") < text.index("┏")
 
 
 def test_paths_in_other_axes_than_a_camera_are_noticed_without_truth(

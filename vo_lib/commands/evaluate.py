@@ -33,6 +33,7 @@ from .console import print_wrapped, show_report_table, warn
 EVALUATION = "evaluation.json"
 DEFAULT_ALIGNMENT = "se3"
 DEFAULT_DELTA = "1f"
+WARNING = "warning: "  # how a note begins that makes all numbers doubtful
 ERROR_OPTIONS = ("lengths", "step", "alignment", "delta")
 
 
@@ -181,9 +182,12 @@ def _evaluate(options: argparse.Namespace) -> int:
         print(data)
         return 0
     for each in results:
+        # What makes all numbers doubtful stands before them.
+        warnings = [note for note in each.paths.notes if note.startswith(WARNING)]
+        print_wrapped(*warnings)
         for table in each.tables():
             show_report_table(table)
-        print_wrapped(*each.paths.notes)
+        print_wrapped(*(note for note in each.paths.notes if note not in warnings))
     if len(results) > 1:
         names = ", ".join(each.paths.name for each in results[:-1])
         print_wrapped(

@@ -24,7 +24,8 @@ from ..data.pose_times import (
 )
 from ..data.poses import TIME_TOLERANCE_S, TUM_ROW, PoseFile, match_times, read_path
 from ..errors import DataError
-from ..evaluation.clocks import turn_agreement
+from ..evaluation.ate_rpe import Alignment, align, rmse
+from ..evaluation.clocks import slow_turn_agreement, turn_agreement
 from ..geometry.types import Array, Index
 from ..runs.folder import CONFIG, POSES, POSES_TUM, is_finished, read_config, settings_in
 from .blocks import differences, settings_words
@@ -36,9 +37,8 @@ NEAREST_RUNS = 3  # number of run folders that a message names
 # earlier or later. So fewer than a quarter tell nothing, and up to a half cause a warning.
 FEWEST_MATCHES = 0.25
 USUAL_MATCHES = 0.5
-# Correlations between the turns of two paths: they clearly agree, and one lag agrees better than another.
-CLEAR_AGREEMENT = 0.8
-CLEAR_DIFFERENCE = 0.2
+# Two paths that differ by less than this share of the way that another clock would mean have one clock.
+AGREEING_POSITIONS = 0.25
 GIVE_TRUTH = "give its ground truth with --truth FILE"
 UNNAMED = "paths"  # the name of pose files that no run gives a sequence
 
@@ -433,34 +433,57 @@ def _matched(path: Path, truth: ComparedPaths, tolerance: float, what: str) -> _
         )
     if len(rows) < USUAL_MATCHES * shorter:
         notes.append(f"warning: {path}: {counts}; with two clocks, these would be matches by chance.")
-    elif doubt := _clock_doubt(
-        file.poses, file.times, truth.truth, truth.times, all_match=len(rows) == shorter
-    ):
+    elif doubt := _clock_doubt(file, truth, rows, pose_rows):
         notes.append(
             f"warning: {path}: {len(rows)} of {len(file.poses)} poses have one of the {len(truth.truth)} "
-            f"poses of {what} within --t-max-diff {tolerance:g} s: {ranges}. {doubt}, so its clock may "
-            "differ by this, and then every pose is compared with that of another frame."
+            f"poses of {what} within --t-max-diff {tolerance:g} s: {ranges}. {doubt}"
         )
     return _MatchedFile(rows, file.poses[pose_rows], file, notes)
 
 
-def _clock_doubt(poses: Array, times: Array, true_poses: Array, true_times: Array, all_match: bool) -> str:
-    """Why the clock of a file may not be that of the truth, in words; "" if there is no reason.
+def _clock_doubt(file: PoseFile, truth: ComparedPaths, rows: Index, pose_rows: Index) -> str:
+    """Why a file may have another clock than the truth, or be of another drive; "" if there is no reason.
 
-    all_match : whether all poses of the file, or of the truth if it is shorter, have a partner.
+    rows, pose_rows : (M,) numbers of the true poses and of the poses of the file that have equal times.
     """
-    turns = turn_agreement(times, poses, true_times, true_poses)
-    clear = turns is not None and turns.best >= CLEAR_AGREEMENT
-    if turns is not None and clear and turns.lag == 0:
-        return ""  # the turns confirm the clock
-    shift = None if all_match else clock_shift(times, true_times)
-    if shift is not None:
-        way = "later" if shift > 0 else "earlier"
-        return f"Its first and its last time are both about {abs(shift):.3g} s {way}"
-    if turns is not None and clear and turns.now <= turns.best - CLEAR_DIFFERENCE:
+    if file.times is None or truth.times is None:
+        return ""
+    wrong_clock = (
+        "so its clock may differ by this, and then every pose is compared with that of another frame."
+    )
+    turns = turn_agreement(file.times, file.poses, truth.times, truth.truth)
+    if turns is not None and turns.is_another_clock:
         way = "earlier" if turns.lag > 0 else "later"
-        return f"The turns of both would agree far better if its times were {abs(turns.lag):.3g} s {way}"
-    return ""
+        return (
+            f"The turns of both would agree far better if its times were {abs(turns.lag):.3g} s {way}, "
+            f"{wrong_clock}"
+        )
+    if turns is not None and turns.is_one_clock:
+        return ""
+    slow = slow_turn_agreement(file.times, file.poses, truth.times, truth.truth)
+    if turns is not None and slow is not None and turns.is_another_drive and slow.is_another_drive:
+        return (
+            "But the turns of both agree at no lag between their times, so perhaps one is of another drive, "
+            "or the orientations of one are wrong."
+        )
+    all_match = len(rows) == min(len(file.poses), len(truth.truth))
+    shift = None if all_match else clock_shift(file.times, truth.times)
+    if shift is None or _positions_agree(truth.truth[rows], file.poses[pose_rows], truth.times[rows], shift):
+        return ""
+    way = "later" if shift > 0 else "earlier"
+    return f"Its first and its last time are both about {abs(shift):.3g} s {way}, {wrong_clock}"
+
+
+def _positions_agree(true_poses: Array, poses: Array, times: Array, shift: float) -> bool:
+    """Whether two paths (M, 4, 4) differ far less than a path moves in `shift` seconds.
+
+    Then their times, (M,) seconds, are those of one clock, or another clock has no effect on any number.
+    """
+    aligned, _ = align(true_poses, poses, Alignment.SE3)
+    apart = np.linalg.norm(aligned[:, :3, 3] - true_poses[:, :3, 3], axis=1)
+    steps = np.linalg.norm(np.diff(true_poses[:, :3, 3], axis=0), axis=1)
+    speed = float(np.median(steps / np.diff(times)))
+    return float(rmse(apart) or 0.0) < AGREEING_POSITIONS * speed * abs(shift)
 
 
 def _require_same_frames(file: PoseFile, truth: ComparedPaths, path: Path, what: str) -> None:
