@@ -23,7 +23,6 @@ from course.ch07.verdict import (
     Ours,
     chance_alone,
     choice_ranges,
-    converted,
     gain_over_sequences,
     judge,
     judged_cells,
@@ -36,9 +35,19 @@ from course.ch07.verdict import (
     why_no_gain,
 )
 from vo_lib.errors import DataError
+from vo_lib.evaluation.kitti_errors import KITTI_PROTOCOL
 from vo_lib.evaluation.statistics import prediction_half_width
+from vo_lib.report.paper_unit import PAPERS_FACTOR, RIGHT_FACTOR, converted
 from vo_lib.report.record import FORMAT, RECORD
-from vo_lib.report.table1 import BENCHMARK_FRAMES, ERROR_KINDS, PAPER_METHODS, SUB_SEQUENCES, read_paper_table
+from vo_lib.report.table1 import (
+    BENCHMARK_COUNTS,
+    BENCHMARK_FRAMES,
+    ERROR_KINDS,
+    PAPER_METHODS,
+    SUB_SEQUENCES,
+    paper_fields,
+    read_paper_table,
+)
 
 PAPER = read_paper_table()
 RULE = prediction_half_width
@@ -63,6 +72,8 @@ def record_row(row: str, method: str, seeds: int = 5, **changes: Any) -> dict[st
         "method": method,
         "whole": True,
         "frames": BENCHMARK_FRAMES[f"kitti/{row}"],
+        "sub_sequences": KITTI_PROTOCOL.words,
+        "sub_sequence_count": BENCHMARK_COUNTS[f"kitti/{row}"],
         "removed_share": 0.1 if method == "feature_selection" else 0.0,
         "seeds": [*range(seeds)],
         "te_percent": [1.0] * seeds,
@@ -232,8 +243,8 @@ def test_re_allows_for_the_six_decimals_of_the_devkit() -> None:
     runs = 4000
     for _ in range(runs):
         errors = 0.128 * (1 + 0.003 * rng.normal(size=6))  # deg/100 m; the last is the paper's
-        steps = np.round(errors[-1] / verdict.RIGHT_FACTOR / 1e-6)
-        printed = round(steps * 1e-6 * verdict.PAPERS_FACTOR, 3)
+        steps = np.round(errors[-1] / RIGHT_FACTOR / 1e-6)
+        printed = round(steps * 1e-6 * PAPERS_FACTOR, 3)
         ours = Ours(True, True, 5, float(errors[:5].mean()), float(errors[:5].std(ddof=1)))
         cell = judge(printed, "feature_selection", "re_deg_per_100m", "04", ours)
         inside += cell.outcome == REPRODUCED
@@ -419,6 +430,14 @@ def test_a_damaged_record_is_named(tmp_path: Path, text: str) -> None:
         ("removed_share", "0.1"),
         ("removed_share", 1.5),
         ("removed_share", None),
+        ("removed_share", 0.3),  # of mesvo_f, which removes nothing
+        ("sub_sequences", "20 m, every frame"),
+        ("sub_sequences", "100, 200, … 800 m, every frame"),
+        ("sub_sequences", 20),
+        ("sub_sequence_count", 3),
+        ("sub_sequence_count", 44),
+        ("sub_sequence_count", 43.0),
+        ("sub_sequence_count", -1),
     ],
 )
 def test_a_row_with_a_wrong_field_is_refused_in_one_line(tmp_path: Path, field: str, value: Any) -> None:
@@ -434,6 +453,63 @@ def test_a_row_with_a_wrong_field_is_refused_in_one_line(tmp_path: Path, field: 
     write_record(tmp_path, [good, missing])
     with pytest.raises(DataError, match=rf"row 2 .*expected a field {field}, found none"):
         read_report(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("method", "settings", "share", "refused"),
+    [
+        ("viso2", "", 1e-9, True),
+        ("solution_selection", "", 0.3, True),
+        ("solution_selection", "selection.sets=20", 0.3, True),
+        ("solution_selection", "filter.rule=all", 0.3, False),
+        ("feature_selection", "", 0.3, False),
+        ("feature_selection", "filter.rule=none", 0.3, True),
+    ],
+)
+def test_a_method_without_removal_has_removed_nothing(
+    tmp_path: Path, method: str, settings: str, share: float, refused: bool
+) -> None:
+    write_record(tmp_path, [record_row("04", method, settings=settings, removed_share=share)])
+    if refused:
+        with pytest.raises(DataError, match=f"expected 0, since {method} removes no feature, found"):
+            read_report(tmp_path)
+    else:
+        read_report(tmp_path)
+
+
+@pytest.mark.parametrize("row", ["01", *SUB_SEQUENCES])
+def test_a_whole_row_has_the_benchmarks_sub_sequences(tmp_path: Path, row: str) -> None:
+    write_record(tmp_path, [record_row(row, "mesvo_f")])
+    assert len(read_report(tmp_path)) == 2
+    count = BENCHMARK_COUNTS[f"kitti/{row}"]
+    write_record(tmp_path, [record_row(row, "mesvo_f", sub_sequence_count=count - 1)])
+    with pytest.raises(DataError, match=rf"expected sub_sequence_count {count}, .*found {count - 1}"):
+        read_report(tmp_path)
+    part = {"whole": False, "frames": 60, "sub_sequences": "20 m, every frame", "sub_sequence_count": 3}
+    write_record(tmp_path, [record_row(row, "mesvo_f") | part])
+    assert len(read_report(tmp_path)) == 2
+
+
+COMPARED = paper_fields(PAPER.value("04", "mesvo_f"), "mesvo_f", np.array([[1.0] * 5, [0.3] * 5]))
+
+
+@pytest.mark.parametrize("name", COMPARED)
+def test_a_comparison_that_does_not_follow_from_the_errors_is_refused(tmp_path: Path, name: str) -> None:
+    good = record_row("04", "mesvo_f") | COMPARED
+    write_record(tmp_path, [good])
+    assert len(read_report(tmp_path)) == 2
+    right = COMPARED[name]
+    assert right is not None
+    for wrong in (right + 0.001, None, str(right), True):
+        write_record(tmp_path, [good | {name: wrong}])
+        with pytest.raises(DataError, match=rf"row 1 .*{name}: expected .*, found"):
+            read_report(tmp_path)
+    part = {"whole": False, "frames": 60}
+    write_record(tmp_path, [good | part])
+    with pytest.raises(DataError, match="expected null, found"):
+        read_report(tmp_path)
+    write_record(tmp_path, [good | part | dict.fromkeys(COMPARED)])
+    assert len(read_report(tmp_path)) == 2
 
 
 def test_a_row_that_is_there_twice_is_refused(tmp_path: Path) -> None:
@@ -512,7 +588,7 @@ def test_the_simulated_number_of_false_alarms_is_that_of_many_records(kind: str,
             if number == 0:
                 cells.append(judge(printed, method, kind, row, ours))
             factor = converted(1.0, method, kind)
-            steps = np.round(runs[5] / verdict.RIGHT_FACTOR / 1e-6) * 1e-6 * verdict.RIGHT_FACTOR
+            steps = np.round(runs[5] / RIGHT_FACTOR / 1e-6) * 1e-6 * RIGHT_FACTOR
             last = steps if factor != 1.0 else runs[5]
             shown = round(float(last) / factor, ERROR_KINDS[kind][1])
             outside += judge(shown, method, kind, row, ours).outcome in verdict.OUTSIDE

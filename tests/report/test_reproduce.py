@@ -18,6 +18,7 @@ from made_entries import entry_of, sequence_of, table_of_twos
 
 from course.ch07.verdict import read_report
 from vo_lib.commands.cli import main
+from vo_lib.commands.console import show_report_table
 from vo_lib.data.kitti import EXPECTED_FRAMES
 from vo_lib.errors import DataError
 from vo_lib.evaluation.kitti_errors import KITTI_LENGTHS, KITTI_PROTOCOL, SHORT_PROTOCOL, SubsequenceProtocol
@@ -25,7 +26,8 @@ from vo_lib.evaluation.statistics import mean_and_deviation
 from vo_lib.files import only_process
 from vo_lib.report.blocks import Block
 from vo_lib.report.page import ReportTable, markdown, plus_minus, records_csv
-from vo_lib.report.record import without_places
+from vo_lib.report.paper_unit import converted
+from vo_lib.report.record import reproduction_record, this_call, without_places
 from vo_lib.report.table1 import (
     AVERAGE,
     PAPER_METHODS,
@@ -37,9 +39,10 @@ from vo_lib.report.table1 import (
     group_entries,
     jobs_of,
     plan_cells,
+    read_paper_table,
     table_records,
 )
-from vo_lib.report.table1_page import layout_tables, results
+from vo_lib.report.table1_page import UNIT_NOTE, layout_tables, results
 
 
 def group_of(*entries: Entry) -> Group:
@@ -94,7 +97,7 @@ def test_table1_compares_with_the_paper() -> None:
     runs = [(name, method) for name in ("01", *PAPER_ROWS[1:]) for method in methods]
     group = group_of(*(entry_of(f"kitti/{n}", EXPECTED_FRAMES[n], [1.0, 1.2], m) for n, m in runs))
     te, re = layout(group)
-    assert te.columns == ["method", "TE %, ours", "paper", "difference", "sub-seqs", "removed %"]
+    assert te.columns == ["method", "TE %, ours", "printed", "difference", "sub-seqs", "removed %"]
     assert re.columns[1] == "RE deg/100 m, ours"
     rows = {row[0]: row[1:] for row in te.rows}
     assert list(rows) == [f"{name} {m}" for name in (*PAPER_ROWS, "01", "pooled") for m in methods]
@@ -110,6 +113,69 @@ def test_table1_compares_with_the_paper() -> None:
     assert rows["04 moving_selection"][1:3] == rows["01 viso2"][1:3] == ["", ""]
     assert rows["pooled viso2"][1:3] == ["", ""]
     assert te.title.endswith("every 10 frames (as KITTI)")
+
+
+def whole_04(method: str, te: float, re_degrees: float) -> Entry:
+    """An entry of the whole 04 whose errors are these for each of two seeds."""
+    entry = entry_of("kitti/04", 271, [1.0, 1.0], method, "published")
+    of_seed = entry.results[0].kitti
+    count = len(of_seed)
+    errors = replace(
+        of_seed, t_err=np.full(count, te / 100.0), r_err=np.full(count, np.radians(re_degrees) / 100.0)
+    )
+    return replace(entry, results=tuple(replace(result, kitti=errors) for result in entry.results))
+
+
+def test_a_row_that_equals_the_paper_in_the_right_unit_has_no_difference(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The terminal, the report's tables, the CSV and the record compare RE in one unit, and show both."""
+    paper = read_paper_table()
+    entries = []
+    for method in PAPER_METHODS:
+        te, re_degrees = paper.value("04", method)
+        assert te is not None
+        assert re_degrees is not None
+        entries.append(whole_04(method, te, converted(re_degrees, method, "re_deg_per_100m")))
+    of_te, of_re = layout_tables(group_of(*entries), paper)
+    compared = ["printed", "printed, in the right unit", "difference"]
+    assert of_re.columns[1:5] == ["RE deg/100 m, ours", *compared]
+    cells = {row[0]: row[1:5] for row in of_re.rows}
+    assert cells["viso2"][1] == cells["viso2"][2]
+    printed = paper.value("04", "mesvo_f")[1]
+    assert printed is not None
+    assert cells["mesvo_f"][1:3] == [f"{printed:.3f}", f"{printed * 5729.578 / 5555.556:.3f}"]
+    assert {row[4].lstrip("+−") for row in of_re.rows} == {"0.000"}
+    assert {row[3].lstrip("+−") for row in of_te.rows} == {"0.00"}
+    assert UNIT_NOTE in of_re.notes
+    monkeypatch.setenv("COLUMNS", "80")
+    show_report_table(of_re)
+    shown = capsys.readouterr().out.splitlines()
+    assert max(len(line) for line in shown if line[:1] in "┏┃┡│└") <= 80
+    (line,) = (line for line in shown if "mesvo_f" in line and f"{printed:.3f}" in line)
+    assert [cell.strip() for cell in line.split("│")[3:6]] == cells["mesvo_f"][1:]
+    lines = list(csv.DictReader(io.StringIO(records_csv(table_records([group_of(*entries)], paper)))))
+    call = this_call("vo reproduce", 1.0, 1)
+    record = reproduction_record(entries, paper, [], None, call, [], [], None, {})
+    for row, of_record in zip(lines, record["rows"], strict=True):
+        te, re_degrees = paper.value("04", row["method"])
+        assert re_degrees is not None
+        right = converted(re_degrees, row["method"], "re_deg_per_100m")
+        for found in (row, of_record):
+            assert float(found["paper_te_percent"]) == float(found["paper_te_percent_right_unit"]) == te
+            assert float(found["paper_re_deg_per_100m"]) == re_degrees
+            assert float(found["paper_re_deg_per_100m_right_unit"]) == pytest.approx(right, abs=1e-6)
+            assert float(found["re_deg_per_100m_difference"]) == pytest.approx(0.0, abs=1e-6)
+            assert float(found["te_percent_difference"]) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_part_has_no_comparison_in_the_record() -> None:
+    part = entry_of("kitti/04", 270, [1.0], "mesvo_f", "published")
+    call = this_call("vo reproduce", 1.0, 1)
+    (row,) = reproduction_record([part], read_paper_table(), [], None, call, [], [], None, {})["rows"]
+    compared = [name for name in row if name.startswith("paper_") or name.endswith("_difference")]
+    assert len(compared) == 6
+    assert {row[name] for name in compared} == {None}
 
 
 def test_drawn_scenes_have_no_printed_numbers() -> None:

@@ -158,7 +158,7 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
         detector = None if options.detector is None else find_model(options.detector)
         earlier = [] if options.fresh else earlier_calls(folder)
         record = reproduction_record(
-            result.entries, missing, detector, call, earlier, jobs, options.cache, differs
+            result.entries, paper, missing, detector, call, earlier, jobs, options.cache, differs
         )
         write_table_files(folder, result, groups, paper, tables, said, origin, removals, record)
     for table in tables:

@@ -20,17 +20,30 @@ from typing import Any
 import numpy as np
 
 from ..config import VARIANTS
+from ..data.catalogue import KITTI
 from ..errors import DataError
+from ..evaluation.kitti_errors import KITTI_PROTOCOL
 from ..files import file_sha256, read_mapping
 from ..geometry.types import Array
 from ..runs.identity import git_commit, library_versions, machine_info
 from ..runs.jobs import Job, seconds_of_jobs
 from .blocks import Block
 from .page import finite_or_none
-from .table1 import BENCHMARK_FRAMES, ERROR_KINDS, Entry
+from .table1 import (
+    BENCHMARK_COUNTS,
+    BENCHMARK_FRAMES,
+    ERROR_KINDS,
+    Entry,
+    PaperTable,
+    paper_fields,
+    printed_of,
+    read_paper_table,
+)
 
 RECORD = "reproduction.json"
 FORMAT = 1
+NO_REMOVAL = "none"  # the rule of the methods that remove no feature
+SAME_NUMBER = 1e-9  # how far two computations of one mean may be apart
 REMEDY = "repeat the `vo reproduce` that wrote it, with the same --out: finished runs are kept"
 
 
@@ -97,6 +110,7 @@ def _without_place(piece: str) -> str:
 
 def reproduction_record(
     entries: list[Entry],
+    paper: PaperTable,
     missing: list[str],
     detector: Path | None,
     call: Call,
@@ -107,10 +121,11 @@ def reproduction_record(
 ) -> dict[str, Any]:
     """What a reader needs to judge a reproduction: no path, image or pose.
 
-    entries : the errors of the table; missing : sequences that were asked for and not found; detector : the
-    ONNX file of the boxes, if they are not labels; call : the one that makes the record; earlier : the calls
-    before it with the same folder (`earlier_calls`); jobs : all runs, kept ones too; cache : folder of their
-    matches; differs : for each block, sentences on what differs from the presets.
+    entries : the errors of the table; paper : the printed numbers beside them; missing : sequences that were
+    asked for and not found; detector : the ONNX file of the boxes, if they are not labels; call : the one
+    that makes the record; earlier : the calls before it with the same folder (`earlier_calls`); jobs : all
+    runs, kept ones too; cache : folder of their matches; differs : for each block, sentences on what differs
+    from the presets.
 
     A call repeats no finished run, so its duration is not that of the table. "seconds_of_calls" is the sum
     over all calls that ended, and "seconds_of_work" what matches and runs took, each once and in one process,
@@ -139,7 +154,7 @@ def reproduction_record(
             {"variant": block.variant, "settings": dict(block.changes), "differs": sentences}
             for block, sentences in differs.items()
         ],
-        "rows": [_row(entry) for entry in entries],
+        "rows": [_row(entry, paper) for entry in entries],
     }
 
 
@@ -153,7 +168,7 @@ def _version_of(*packages: str) -> str | None:
     return None
 
 
-def _row(entry: Entry) -> dict[str, Any]:
+def _row(entry: Entry, paper: PaperTable) -> dict[str, Any]:
     errors = {
         kind: [finite_or_none(value) for value in values.tolist()]
         for kind, values in zip(ERROR_KINDS, entry.errors, strict=True)
@@ -170,6 +185,7 @@ def _row(entry: Entry) -> dict[str, Any]:
         "removed_share": entry.removed_share,
         "seeds": list(entry.seeds),
         **errors,
+        **paper_fields(printed_of(paper, entry), entry.method, entry.errors),
     }
 
 
@@ -203,7 +219,9 @@ def read_record(path: Path) -> tuple[dict[str, Any], list[RecordRow]]:
 
     Raises `DataError` with the row and what is expected there: another format, a field of another type,
     different numbers of seeds and of errors, a seed or a row twice, an error that is negative or not finite,
-    or a sequence that is called whole with another number of frames than the benchmark's.
+    a sequence that is called whole with another number of frames or of sub-sequences than the benchmark's or
+    with another measure, features that were removed by a method without removal, or a comparison with the
+    paper that does not follow from the errors.
     """
     record = read_mapping(path, f"a record of vo reproduce; {REMEDY}")
     if type(record.get("format")) is not int or record["format"] != FORMAT:
@@ -254,28 +272,85 @@ def _read_row(fields: object) -> RecordRow:
     whole = _field(fields, "whole")
     if type(whole) is not bool:
         raise ValueError(f"whole: expected true or false, found {_shown(whole)}")
-    if whole and frames != BENCHMARK_FRAMES.get(sequence):
-        expected = BENCHMARK_FRAMES.get(sequence, "a sequence of the benchmark with all its")
-        raise ValueError(f"whole is true: expected {expected} frames, found {frames}")
+    measure = _text(fields, "sub_sequences")
+    count = _field(fields, "sub_sequence_count")
+    if type(count) is not int or count < 0:
+        raise ValueError(f"sub_sequence_count: expected a whole number from 0, found {_shown(count)}")
+    if whole:
+        _test_whole(sequence, frames, measure, count)
     seeds = _field(fields, "seeds")
     if not isinstance(seeds, list) or not seeds or not all(type(seed) is int and seed >= 0 for seed in seeds):
         raise ValueError(f"seeds: expected a list of whole numbers from 0, found {_shown(seeds)}")
     if len(set(seeds)) < len(seeds):
         raise ValueError(f"seeds: expected each seed once, found {_shown(seeds)}")
+    settings = _text(fields, "settings")
     share = _field(fields, "removed_share")
     if not _is_number(share) or not 0.0 <= share <= 1.0:
         raise ValueError(f"removed_share: expected a number from 0 to 1, found {_shown(share)}")
+    if share > 0 and _filter_rule(variant, method, settings) == NO_REMOVAL:
+        raise ValueError(
+            f"removed_share: expected 0, since {method} removes no feature, found {_shown(share)}"
+        )
+    errors = {kind: _errors(fields, kind, len(seeds)) for kind in ERROR_KINDS}
+    _test_comparison(fields, whole, sequence, method, errors)
     return RecordRow(
         variant=variant,
-        settings=_text(fields, "settings"),
+        settings=settings,
         sequence=sequence,
         method=method,
         whole=whole,
         frames=frames,
         seeds=tuple(seeds),
         removed_share=float(share),
-        errors={kind: _errors(fields, kind, len(seeds)) for kind in ERROR_KINDS},
+        errors=errors,
     )
+
+
+def _test_whole(sequence: str, frames: int, measure: str, count: int) -> None:
+    """ValueError if a row that is called whole has other frames or sub-sequences than the benchmark."""
+    if sequence not in BENCHMARK_FRAMES:
+        raise ValueError(f"whole is true: expected a sequence of the benchmark, found {_shown(sequence)}")
+    if frames != BENCHMARK_FRAMES[sequence]:
+        raise ValueError(f"whole is true: expected {BENCHMARK_FRAMES[sequence]} frames, found {frames}")
+    if measure != KITTI_PROTOCOL.words:
+        raise ValueError(
+            f"whole is true: expected sub_sequences {_shown(KITTI_PROTOCOL.words)}, found {_shown(measure)}"
+        )
+    if count != BENCHMARK_COUNTS[sequence]:
+        raise ValueError(
+            f"whole is true: expected sub_sequence_count {BENCHMARK_COUNTS[sequence]}, as with the "
+            f"benchmark's own poses, found {count}"
+        )
+
+
+def _filter_rule(variant: str, method: str, settings: str) -> str:
+    """The rule by which a method removes features: that of the settings as typed, else of the preset."""
+    typed = re.search(r"\bfilter\.rule=(\w+)", settings)
+    return typed.group(1) if typed else VARIANTS[variant][method].filter.rule
+
+
+def _test_comparison(
+    fields: Mapping[str, Any], whole: bool, sequence: str, method: str, errors: Mapping[str, Array]
+) -> None:
+    """ValueError if a field that compares a row with the paper is not what its errors give.
+
+    Records of earlier versions have no such fields.
+    """
+    printed = read_paper_table().value(sequence.removeprefix(KITTI), method) if whole else (None, None)
+    expected = paper_fields(printed, method, np.array([errors[kind] for kind in ERROR_KINDS]))
+    for name, number in expected.items():
+        if name not in fields:
+            continue
+        found = fields[name]
+        if not _is_same(found, number):
+            raise ValueError(f"{name}: expected {_shown(number)}, found {_shown(found)}")
+
+
+def _is_same(found: object, number: float | None) -> bool:
+    """Whether a value of JSON is a number, up to the rounding of a mean, or null for None."""
+    if number is None or not isinstance(found, int | float) or not _is_number(found):
+        return found is None and number is None
+    return abs(found - number) <= SAME_NUMBER
 
 
 def _field(fields: Mapping[str, Any], name: str) -> Any:

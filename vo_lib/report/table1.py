@@ -39,8 +39,9 @@ from ..runs.jobs import Job, Outcome, matching_task, running_task
 from ..runs.kept_times import FRONT_END_STAGES
 from .blocks import Block, Changes, settings_folder, settings_words
 from .page import finite_or_none
+from .paper_unit import PAPERS_OWN, RE_KIND, converted
 
-PAPER_METHODS = ("viso2", "mesvo_f", "solution_selection", "feature_selection")
+PAPER_METHODS = ("viso2", *PAPERS_OWN)
 PRINTED_NAMES = dict(
     zip(PAPER_METHODS, ("VISO2", "MESVO_F", "Solution selection", "Feature selection"), strict=True)
 )
@@ -51,14 +52,19 @@ LEFT_OUT = "01"  # the highway, which has dashes in the paper's table
 # Numbers of sub-sequences of 00, 02 … 10 in the benchmark, the weights of its pooled mean.
 _NUMBERS = (3283, 3453, 184, 43, 1806, 570, 317, 2813, 958, 464)
 SUB_SEQUENCES = dict(zip([f"{k:02d}" for k in range(11) if k != 1], _NUMBERS, strict=True))
+SUB_SEQUENCES_OF_01 = 676
 PAPER_ROWS = (AVERAGE, *SUB_SEQUENCES)
 # Section 4 of the paper: gains of Feature selection, (TE, RE) in %.
 CLAIMS = {"solution_selection": (8.0, 7.0), "mesvo_f": (6.0, 15.0)}
 
 RUNS = "runs"  # folder of the runs in the folder of the table
 BENCHMARK_FRAMES = {f"{KITTI}{number}": frames for number, frames in EXPECTED_FRAMES.items()}
+# Numbers of sub-sequences of whole sequences, with the benchmark's poses and measure.
+BENCHMARK_COUNTS = {f"{KITTI}{row}": count for row, count in SUB_SEQUENCES.items()} | {
+    f"{KITTI}{LEFT_OUT}": SUB_SEQUENCES_OF_01
+}
 # Names of TE and RE in records and in tables, and the number of decimals in the paper.
-ERROR_KINDS = {"te_percent": ("TE %", 2), "re_deg_per_100m": ("RE deg/100 m", 3)}
+ERROR_KINDS = {"te_percent": ("TE %", 2), RE_KIND: ("RE deg/100 m", 3)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +76,13 @@ class PaperTable:
     def value(self, row: str, method: str) -> tuple[float | None, float | None]:
         """TE and RE of a row ("00" … "10" or "Avg") and a method."""
         return self.numbers.get((row, method), (None, None))
+
+
+def printed_of(paper: PaperTable, entry: Entry) -> tuple[float | None, float | None]:
+    """The paper's TE and RE beside which an entry may stand: none beside a part of a sequence."""
+    if not entry.is_whole:
+        return None, None
+    return paper.value(entry.sequence.removeprefix(KITTI), entry.method)
 
 
 def gain(before: ArrayLike, after: ArrayLike) -> Array:
@@ -535,8 +548,10 @@ def group_records(group: Group, paper: PaperTable) -> list[dict[str, Any]]:
 
 def _record(group: Group, paper: PaperTable, row: str, method: str, errors: Array) -> dict[str, Any]:
     entry = group.entries.get((row, method))
-    whole = group.is_papers if entry is None else entry.is_whole
-    printed = paper.value(row.removeprefix(KITTI), method) if whole else (None, None)
+    if entry is not None:
+        printed = printed_of(paper, entry)
+    else:
+        printed = paper.value(row, method) if group.is_papers else (None, None)
     counted = [entry] if entry is not None else group.of_method(method)
     if entry is None and row != POOLED:
         counted = [each for each in counted if each.sequence in group.averaged]
@@ -548,10 +563,31 @@ def _record(group: Group, paper: PaperTable, row: str, method: str, errors: Arra
         "sub_sequence_count": sum(each.subsequences for each in counted),
         "seeds": errors.shape[1],
     }
-    for kind, value in zip(ERROR_KINDS, printed, strict=True):
-        record[f"paper_{kind}"] = value
+    record |= paper_fields(printed, method, errors)
     unused = {name: None for each in counted for name in each.unused}
     return record | number_fields(errors, entry) | {"settings": group.settings, "not_used": " ".join(unused)}
+
+
+def paper_fields(
+    printed: tuple[float | None, float | None], method: str, errors: Array
+) -> dict[str, float | None]:
+    """Fields of a record that compare our TE and RE (2, S) with the paper's; None where it has no number.
+
+    Of each kind of `ERROR_KINDS`: `paper_KIND` as printed, `paper_KIND_right_unit` the same number in % or
+    deg/100 m (`converted`), and `KIND_difference`, the mean over our seeds minus the latter.
+    """
+    fields: dict[str, float | None] = {}
+    for kind, value, values in zip(ERROR_KINDS, printed, errors, strict=True):
+        right = None
+        difference = None
+        if value is not None:
+            mean, _ = mean_and_deviation(values)
+            right = converted(value, method, kind)
+            difference = finite_or_none(mean - right)
+        fields[f"paper_{kind}"] = value
+        fields[f"paper_{kind}_right_unit"] = right
+        fields[f"{kind}_difference"] = difference
+    return fields
 
 
 def number_fields(errors: Array, entry: Entry | None) -> dict[str, float | None]:

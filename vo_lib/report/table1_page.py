@@ -33,6 +33,7 @@ from .page import (
     seeds_text,
     signed,
 )
+from .paper_unit import PAPERS_FACTOR, PAPERS_OWN, RE_KIND, RIGHT_FACTOR
 from .plots import errors_figure, is_straight, jpeg, png, trajectories_figure
 from .record import RECORD, record_json
 from .table1 import (
@@ -57,6 +58,12 @@ MARKDOWN = "table1.md"
 REPORT = "report.html"
 TWO_COLUMNS_IN = 6.0  # width in inches from which a figure takes two columns of the report
 VARIANT_WORDS = {"published": "variant published", "kit": "variant kit"}
+RIGHT_UNIT_COLUMN = "printed, in the right unit"
+UNIT_NOTE = (
+    f"{RIGHT_UNIT_COLUMN}: the RE that the paper computed itself ({', '.join(PAPERS_OWN)}) times "
+    f"{RIGHT_FACTOR:.1f} / {PAPERS_FACTOR:.1f}, since it was probably converted with the latter (chapter 6). "
+    "The difference is ours minus this number."
+)
 FIGURE_4_SEQUENCES = (f"{KITTI}02", f"{KITTI}07")
 # The truth (N, 4, 4) of a sequence or None, and each method's path.
 Panel = tuple[Array | None, dict[str, Array]]
@@ -64,7 +71,8 @@ REMARKS = (
     "The paper calls its numbers RMSE of 11 sequences. The numbers are means; Avg is the mean of ten rows.",
     "The paper's VISO2 average is shown as printed, 2.43 / 1.106; the mean of its rows is 2.10 / 1.247.",
     "The RE of the paper's other three columns is shown as printed. All these values are multiples of 1/180: "
-    "radians were probably converted with 5555.6 instead of 5729.6, so the RE is about 3 % too low.",
+    f"radians were probably converted with {PAPERS_FACTOR:.1f} instead of {RIGHT_FACTOR:.1f}, so the RE is "
+    "about 3 % too low.",
     "The paper names MESVO_F but does not describe it. In our interpretation, MESVO_F is RANSAC: no prior, "
     "and the candidate with the most inliers wins.",
 )
@@ -169,21 +177,28 @@ def _table_of_ours(group: Group, records: list[dict[str, Any]]) -> ReportTable:
 
 
 def _table_beside_paper(group: Group, records: list[dict[str, Any]], kind: str) -> ReportTable:
-    """One kind of error, ours beside the paper's, with the difference where the paper has a number."""
+    """One kind of error, ours beside the paper's, with the difference where the paper has a number.
+
+    A printed RE is also shown in the right unit (`paper_unit`), from which the difference is taken.
+    """
     unit, digits = ERROR_KINDS[kind]
+    compared = {"printed": f"paper_{kind}"}
+    if kind == RE_KIND:
+        compared[RIGHT_UNIT_COLUMN] = f"paper_{kind}_right_unit"
     rows = []
     for record in records:
         ours = plus_minus(record[kind], record[f"{kind}_std"])
-        theirs = record[f"paper_{kind}"]
-        if theirs is None:
-            beside = ["", ""]
+        if record[f"paper_{kind}"] is None:
+            beside = [""] * (len(compared) + 1)
         else:
-            beside = [format_number(theirs, digits), signed(record[kind] - theirs, digits)]
+            beside = [format_number(record[name], digits) for name in compared.values()]
+            beside.append(signed(record[f"{kind}_difference"], digits))
         count = few_marked(record["sub_sequence_count"])
         rows.append([_row_name(group, record), ours, *beside, count, _removed(record)])
     title = f"{_title(group)}, {unit.split()[0]}: sub-sequences of {group.measure_words}"
-    columns = ["method", f"{unit}, ours", "paper", "difference", COUNT_COLUMN, "removed %"]
-    return ReportTable(title, columns, rows, [])
+    columns = ["method", f"{unit}, ours", *compared, "difference", COUNT_COLUMN, "removed %"]
+    notes = [UNIT_NOTE] if kind == RE_KIND else []
+    return ReportTable(title, columns, rows, notes)
 
 
 def _row_name(group: Group, record: dict[str, Any]) -> str:

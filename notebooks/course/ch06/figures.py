@@ -12,7 +12,6 @@ from vo_lib.data.poses import from_first
 from vo_lib.evaluation.ate_rpe import AbsoluteError, rmse
 from vo_lib.evaluation.kitti_errors import KittiErrors, kitti_errors, trajectory_distances
 from vo_lib.geometry.types import Array
-from vo_lib.report.table1 import PAPER_METHODS
 
 from ..colours import BAD, CYCLE, DARK, FIFTH, GOOD, PALE, THIRD
 from ..drawing import SMALL_SIZE, figure, finish, numbers_at, room, round_limits, write_instead
@@ -149,9 +148,6 @@ def distances_figure(errors: Mapping[str, AbsoluteError]) -> Figure:
     finish(axis, "distance from the truth", "frame", "distance [m]")
     axis.legend(loc="upper left", fontsize=SMALL_SIZE, frameon=False, ncols=len(errors))
     return made
-
-
-PAPERS_OWN = PAPER_METHODS[1:]  # columns of Table 1 that the paper computed, in a unit of its own
 
 
 def values_figure(

@@ -29,18 +29,14 @@ from vo_lib.files import read_csv
 from vo_lib.geometry.types import Array
 from vo_lib.report import table1
 from vo_lib.report.page import ReportTable, format_number, signed
+from vo_lib.report.paper_unit import DEVKIT_STEP, PAPERS_FACTOR, RIGHT_FACTOR, converted, in_paper_unit
 from vo_lib.report.record import RECORD, RecordRow, read_record
 from vo_lib.report.table1 import BENCHMARK_FRAMES, ERROR_KINDS
 from vo_lib.report.table1_page import TABLE
 
 from ..ch05.claim import CHOICES, THRESHOLD_AND_BOXES
-from ..ch06.figures import PAPERS_OWN
 
 FEWEST = 3  # seeds that a verdict needs
-# The paper's own RE were converted with 10⁶ / 180 in place of 100 · 180/π (chapter 6).
-PAPERS_FACTOR = 1e6 / 180.0
-RIGHT_FACTOR = 100.0 * 180.0 / math.pi
-DEVKIT_STEP = 1e-6  # rad/m: the devkit writes six decimals
 
 # A number counts as reproduced only if all that is allowed round ours is within this share of the printed
 # number. It is about the size of the gains that the paper reports (6 to 15 %): a verdict that cannot tell 10 %
@@ -111,17 +107,6 @@ class Judged:
         return (self.ours - self.converted) / self.converted
 
 
-def _in_paper_unit(method: str, kind: str) -> bool:
-    return kind == "re_deg_per_100m" and method in PAPERS_OWN
-
-
-def converted(printed: float, method: str, kind: str) -> float:
-    """A printed number in the right unit: RE of the paper's own columns is 3 % larger than it reads."""
-    if _in_paper_unit(method, kind):
-        return printed * RIGHT_FACTOR / PAPERS_FACTOR
-    return printed
-
-
 def judge(
     printed: float, method: str, kind: str, row: str, ours: Ours, choices: tuple[float, float] | None = None
 ) -> Judged:
@@ -181,14 +166,14 @@ def rounding(method: str, kind: str) -> float:
     """How far a printed number in the right unit may be from the number before it was rounded."""
     half = 0.5 * 10.0 ** -ERROR_KINDS[kind][1]
     return converted(half, method, kind) + (
-        0.5 * DEVKIT_STEP * RIGHT_FACTOR if _in_paper_unit(method, kind) else 0
+        0.5 * DEVKIT_STEP * RIGHT_FACTOR if in_paper_unit(method, kind) else 0
     )
 
 
 def printed_and_back(errors: Array, method: str, kind: str) -> Array:
     """Errors as the paper would print them, in the right unit again."""
     digits = ERROR_KINDS[kind][1]
-    if not _in_paper_unit(method, kind):
+    if not in_paper_unit(method, kind):
         return np.round(errors, digits)
     by_devkit = DEVKIT_STEP * np.round(errors / RIGHT_FACTOR / DEVKIT_STEP)
     return np.round(by_devkit * PAPERS_FACTOR, digits) * RIGHT_FACTOR / PAPERS_FACTOR
