@@ -444,6 +444,24 @@ def test_a_path_shorter_than_every_sub_sequence_names_both_lengths_and_the_optio
     both = f"its path has 2.5 m, the shortest sub-sequence {30 if lengths else 20} m"
     assert f"note: kitti/02 will have no errors, since {both}; --lengths chooses shorter ones" in printed
     assert f"so no errors: kitti/02 ({both}). The option --lengths chooses shorter ones." in printed
+    assert "kitti/02, variant published, first seed: distances from the true path" in printed
+    for column in ("length m", "end error m", "rmse error m"):
+        assert column in printed
+    page = (tree / "out" / "report.html").read_text(encoding="utf-8")
+    assert "distances from the true path" in page
+
+
+def test_settings_are_compared_without_truth(
+    tree: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    words = ["--sequences", "11", "--variant", "published", "--seeds", "1"]
+    words += ["--methods", "viso2,solution_selection"]
+    assert reproduce(tree, *words, "--set", "selection.sets=10,50") == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    table = printed[printed.index("each method by its settings, no ground truth") :]
+    assert "solution_selection, selection.sets=10" in table
+    assert "with selection.sets=10, from the same start, at the end and as rmse" in table
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from conftest import write_bands
 from vo_lib import Sequence, open_sequence, preset, run
 from vo_lib.commands.cli import main
 from vo_lib.config import change
+from vo_lib.data.poses import from_first, read_kitti_poses
 from vo_lib.evaluation.kitti_errors import SHORT_PROTOCOL, kitti_errors
 from vo_lib.files import read_csv
 from vo_lib.report.blocks import parse_axis
@@ -132,16 +133,26 @@ def test_a_cell_with_one_seed_has_no_colour(spreads: tuple[float | None, ...], c
         assert (picture == 229).all(axis=2).mean() > 0.1
 
 
-def test_sweep_of_a_short_path_has_no_errors(
+def test_sweep_of_a_short_path_has_distances_from_the_truth(
     sequence: Sequence, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["sweep", "--sequence", str(sequence.folder), "--frames", "0:5", "--seeds", "1", "--set"]
+    words = ["sweep", "--sequence", str(sequence.folder), "--frames", "0:5", "--seeds", "2", "--set"]
     places = ["--cache", str(tmp_path / "cache"), "--out", str(tmp_path / "out")]
     assert main([*words, "selection.sets=10,20", *places]) == 0
     printed = " ".join(capsys.readouterr().out.split())
-    assert "No errors and no heat map, since its path has" in printed
-    assert "m, the shortest sub-sequence 20 m." in printed
-    assert not (tmp_path / "out" / "sweep.png").exists()
+    told = printed.index("will have no errors, since its path has 2.0 m, the shortest sub-sequence 20 m;")
+    assert told < printed.index("No TE and RE, since its path has 2.0 m, the shortest sub-sequence 20 m.")
+    for column in ("length m", "end error m", "rmse error m"):
+        assert column in printed
+    assert (tmp_path / "out" / "sweep.png").exists()
+    truth = sequence.part(0, 5).truth
+    assert truth is not None
+    for record in records_of(tmp_path / "out"):
+        runs = sorted((tmp_path / "out" / "cells").glob(f"*/*/*/*{record['selection.sets']}/seed?/poses.txt"))
+        assert len(runs) == 2
+        paths = [from_first(read_kitti_poses(path)) for path in runs]
+        ends = [np.linalg.norm((path - from_first(truth))[-1, :3, 3]) for path in paths]
+        assert float(record["end_error_m"]) == pytest.approx(np.mean(ends), abs=1e-3)
 
 
 def test_rows_that_a_setting_does_not_touch_are_marked(

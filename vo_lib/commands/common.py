@@ -21,10 +21,12 @@ from ..data.poses import MAX_COORDINATE_M
 from ..data.sequence import Sequence
 from ..errors import DataError
 from ..evaluation.ate_rpe import Delta
+from ..evaluation.kitti_errors import SubsequenceProtocol, suitable_protocol
 from ..geometry.types import Progress
 from ..paper.settings import MethodConfig
 from ..report.blocks import Changes, differences
 from ..report.plots import require_matplotlib
+from ..report.table1 import too_short_words
 from ..runs.durations import Durations, duration_words
 from ..runs.folder import is_as_written, read_config, settings_in
 from ..runs.jobs import Job, Outcome, run_jobs
@@ -265,6 +267,19 @@ def print_rest(seconds: float, durations: Durations, again: bool) -> None:
         f"The other runs will take about {duration_words(seconds)} ({durations.workers} {processes}; "
         "estimated from the first runs)."
     )
+
+
+def note_too_short(sequence: Sequence, measure: SubsequenceProtocol | None, remedy: str) -> None:
+    """Before the runs, say that a true path is shorter than every sub-sequence, and the remedy, if any.
+
+    measure : the sub-sequences, or None for those that suit the path.
+    """
+    if sequence.truth is None:
+        return
+    chosen = suitable_protocol(sequence.truth) if measure is None else measure
+    if words := too_short_words(sequence.truth, chosen):
+        end = f"; {remedy}" if remedy else ""
+        print_wrapped(f"note: {sequence.name} will have no errors, since {words}{end}")
 
 
 def run_with_options(

@@ -12,7 +12,7 @@ from ..data.catalogue import parse_sequences
 from ..data.sequence import Sequence
 from ..detection.models import find_model
 from ..errors import DataError
-from ..evaluation.kitti_errors import SubsequenceProtocol, suitable_protocol
+from ..evaluation.kitti_errors import SubsequenceProtocol
 from ..files import only_process, refuse_foreign
 from ..loops.settings import LoopConfig
 from ..report.blocks import Axes, make_blocks, parse_axes
@@ -35,7 +35,7 @@ from ..report.table1 import (
     plan_cells,
     read_paper_table,
     split_missing,
-    too_short_words,
+    stands_still,
 )
 from ..report.table1_page import (
     REPORT,
@@ -44,6 +44,8 @@ from ..report.table1_page import (
     layout_tables,
     removal_pictures,
     results,
+    settings_tables_without_truth,
+    short_path_tables,
     table_files,
     tables_by_settings,
     write_table_files,
@@ -148,6 +150,8 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
         for group in groups:
             tables += layout_tables(group, paper, of_groups[group.variant, group.settings])
         tables += closed
+        tables += short_path_tables(result)
+        tables += settings_tables_without_truth(result)
         tables += _tables_without_truth(result, cells)
         conclusions = [*results(groups), *remarks]
         seconds = time.perf_counter() - start
@@ -178,11 +182,8 @@ def _note_lengths(sequences: list[Sequence], measure: SubsequenceProtocol | None
     measure : the sub-sequences of --lengths, or None.
     """
     for sequence in sequences:
-        if sequence.truth is not None:
-            chosen = suitable_protocol(sequence.truth) if measure is None else measure
-            if words := too_short_words(sequence.truth, chosen):
-                chooses = "--lengths chooses shorter ones"
-                print_wrapped(f"note: {sequence.name} will have no errors, since {words}; {chooses}")
+        still = sequence.truth is not None and stands_still(sequence.truth)
+        common.note_too_short(sequence, measure, "" if still else "--lengths chooses shorter ones")
     without = [sequence.name for sequence in sequences if sequence.truth is None]
     if measure is None or not without:
         return []

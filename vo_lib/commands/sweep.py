@@ -90,6 +90,8 @@ def _sweep(options: argparse.Namespace) -> int:
     if len({sequence.name for sequence in opened}) < len(opened):
         raise DataError("two sequences have the same name: sweep them separately")
     opener = vehicle_boxes.Opener(opened, options, durations)
+    for sequence in opened:
+        common.note_too_short(sequence, None, "the table has distances from the true path instead")
     maps = [_map_name(name, opener.names) for name in opener.names]
     with ExitStack() as stack:
         folder = stack.enter_context(run_folder(options.out))

@@ -6,6 +6,7 @@ import dataclasses
 import itertools
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from enum import Enum
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from .. import settings
 from ..data.sequence import Sequence
 from ..errors import DataError
 from ..evaluation.kitti_errors import count_words, is_as_kitti, kitti_errors, suitable_protocol
-from ..evaluation.path_facts import path_difference, path_facts
+from ..evaluation.path_facts import PathDifference, path_difference, path_facts
 from ..evaluation.statistics import change_limit, mean_and_deviation
 from ..geometry.types import Array
 from ..paper.settings import MethodConfig
@@ -34,18 +35,52 @@ from .page import (
     without_empty_columns,
 )
 from .plots import LETTERS, LINE_HEIGHT, SMALL_PAGE, figure_page, letters_beside, png
-from .table1 import ERROR_KINDS, back_end_ms, measure_runs, number_fields, slug, too_short_words
+from .table1 import (
+    ERROR_KINDS,
+    POSITION_NOTE,
+    back_end_ms,
+    measure_runs,
+    number_fields,
+    slug,
+    too_short_words,
+)
 
 NOT_USED = " (not used)"
 CELLS = "cells"  # folder of the runs in the folder of a sweep
 DEFAULT = "default"  # folder of the runs with the settings that are not changed
 # Fields and columns for a path without ground truth: how far it is from that of the default settings.
 APART_KINDS = {"end_apart_m": "end apart m", "rmse_apart_m": "rmse apart m"}
+# The same for a path with truth that is shorter than every sub-sequence: how far it is from the true one.
+POSITION_KINDS = {"end_error_m": "end error m", "rmse_error_m": "rmse error m"}
 METHOD_AXIS = "method"
 DEFAULT_SETTINGS = "the default settings"
 LEAST_LETTERS = 12  # in a line of a value below the heat map, whose column is then 1.1 inches wide
 ROW_LETTERS = 24  # in a line of the values beside it
 NO_COLOUR = "0.9"  # grey of the cells without a colour in the heat map
+
+
+class Measured(Enum):
+    """What the numbers of a sweep on a sequence are: the field with each, and its name in tables."""
+
+    ERRORS = "TE and RE of sub-sequences"
+    POSITIONS = "distances from the true path, which is shorter than every sub-sequence"
+    APART = "distances from the path of the default settings, without ground truth"
+
+    @property
+    def kinds(self) -> dict[str, str]:
+        """The fields with what is compared, and their names in tables."""
+        if self is Measured.ERRORS:
+            return {kind: unit for kind, (unit, _) in ERROR_KINDS.items()}
+        return POSITION_KINDS if self is Measured.POSITIONS else APART_KINDS
+
+
+def measured_on(sequence: Sequence) -> Measured:
+    """What can be measured on a sequence."""
+    if sequence.truth is None:
+        return Measured.APART
+    if too_short_words(sequence.truth, suitable_protocol(sequence.truth)):
+        return Measured.POSITIONS
+    return Measured.ERRORS
 
 
 @dataclass(frozen=True)
@@ -54,28 +89,29 @@ class Sweep:
 
     The record of a combination has the sequence, the method, the value of each axis as text, the number of
     successful seeds, errors and costs as in a record of Table 1, the settings that the method does not use
-    with the other values, and the causes of failed runs; without ground truth, it also has the length of the
-    path and its distance from the path of the settings that are not on an axis. `reference` : these settings
-    in words. `axes` : of the table, with the methods if
-    there are several. `notes` : sentences below the table. `outcomes` : of all jobs, in order.
+    with the other values, and the causes of failed runs; without errors, it also has the length of the path
+    and its distance from the true path or, without ground truth, from the path of the settings that are not
+    on an axis. `reference` : these settings in words. `axes` : of the table, with the methods if there are
+    several. `measured` : what the numbers are. `notes` : sentences below the table. `outcomes` : of all
+    jobs, in order.
     """
 
     title: str
     axes: Axes
     records: list[dict[str, Any]]
     outcomes: list[Outcome] = dataclasses.field(default_factory=list)
-    has_truth: bool = True
+    measured: Measured = Measured.ERRORS
     notes: tuple[str, ...] = ()
     reference: str = DEFAULT_SETTINGS
 
     @property
     def kinds(self) -> dict[str, str]:
         """The fields with what is compared, and their names in tables."""
-        return {kind: unit for kind, (unit, _) in ERROR_KINDS.items()} if self.has_truth else APART_KINDS
+        return self.measured.kinds
 
     @property
     def has_numbers(self) -> bool:
-        """Whether there is something to compare: with truth, a sub-sequence that fits into the path."""
+        """Whether there is something to compare."""
         return any(record[kind] is not None for record in self.records for kind in self.kinds)
 
 
@@ -151,10 +187,10 @@ def run_sweep(
         if sequence.truth is not None:
             short = too_short_words(sequence.truth, suitable_protocol(sequence.truth))
             if short:
-                notes.append(f"No errors and no heat map, since {short}.")
+                notes.append(f"No TE and RE, since {short}.")
         done = [outcome for outcome in outcomes if outcome.job.sequence.name == name]
-        has_truth = sequence.truth is not None
-        sweeps.append(Sweep(title, table_axes, records, done, has_truth, tuple(notes), reference))
+        measured = measured_on(sequence)
+        sweeps.append(Sweep(title, table_axes, records, done, measured, tuple(notes), reference))
     return sweeps
 
 
@@ -237,7 +273,9 @@ def _record(
     record |= {name: settings.as_typed(value) for name, value in cell.changes}
     record["seeds"] = len(runs)
     truth = cell.sequence.truth
-    if truth is not None:
+    if truth is not None and measured_on(cell.sequence) is Measured.POSITIONS:
+        record |= _fields_of_positions(runs, truth)
+    elif truth is not None:
         entry = measure_runs(cell.method, runs, suitable_protocol(truth)) if runs else None
         record |= number_fields(np.zeros((2, 0)) if entry is None else entry.errors, entry)
     else:
@@ -256,11 +294,27 @@ def _fields_without_truth(runs: list[Run], defaults: list[Run]) -> dict[str, flo
         (result.poses, of_default[result.config.seed]) for result in runs if result.config.seed in of_default
     ]
     apart = [path_difference("a path", poses, "the default", default) for poses, default in pairs]
-    values = {
-        "length_m": lengths,
-        "end_apart_m": [each.end for each in apart],
-        "rmse_apart_m": [each.rmse for each in apart],
-    }
+    distances = dict(zip(APART_KINDS, _ends_and_rmse(apart), strict=True))
+    return _fields_of_seeds({"length_m": lengths} | distances, runs)
+
+
+def _fields_of_positions(runs: list[Run], truth: Array) -> dict[str, float | None]:
+    """Length of the paths, and their distance from the true path (N, 4, 4), after a common start."""
+    lengths = [path_facts(result.poses, None).length for result in runs]
+    apart = [path_difference("the truth", truth, "a path", result.poses) for result in runs]
+    distances = dict(zip(POSITION_KINDS, _ends_and_rmse(apart), strict=True))
+    return _fields_of_seeds({"length_m": lengths} | distances, runs)
+
+
+def _ends_and_rmse(apart: list[PathDifference]) -> tuple[list[float], list[float]]:
+    """The distances at the end, and the root mean squares."""
+    ends = [each.end for each in apart]
+    means = [each.rmse for each in apart]
+    return ends, means
+
+
+def _fields_of_seeds(values: Mapping[str, list[float]], runs: list[Run]) -> dict[str, float | None]:
+    """Mean and deviation of values over seeds, by field, and the costs of the runs."""
     fields: dict[str, float | None] = {}
     for name, of_seeds in values.items():
         mean, deviation = mean_and_deviation(of_seeds)
@@ -291,6 +345,8 @@ def _title(sequence: Sequence, bases: Mapping[str, MethodConfig], seeds: int) ->
     runs_text = f"{sequence.name}, {len(sequence)} frames{part}, {', '.join(bases)}, {variant}"
     if sequence.truth is None:
         return f"{runs_text}: no ground truth, so these numbers are no errors; {seeds_text(seeds)}"
+    if measured_on(sequence) is Measured.POSITIONS:
+        return f"{runs_text}: distances from the true path; {seeds_text(seeds)}"
     measure = suitable_protocol(sequence.truth)
     count = len(kitti_errors(sequence.truth, sequence.truth, measure.lengths, measure.step))
     measure_words = measure.words_with(is_as_kitti(measure, count, not sequence.is_part))
@@ -300,11 +356,12 @@ def _title(sequence: Sequence, bases: Mapping[str, MethodConfig], seeds: int) ->
 def sweep_table(sweep: Sweep) -> ReportTable:
     """A table with a row per combination; failed runs are in the notes.
 
-    A terminal of 80 columns has no room for everything: with several methods or without truth, the costs are
+    A terminal of 80 columns has no room for everything: with several methods or without errors, the costs are
     only in the records.
     """
-    lengths = [] if sweep.has_truth else ["length m"]
-    costs = ["removed", "back-end ms"] if sweep.has_truth and METHOD_AXIS not in sweep.axes else []
+    has_errors = sweep.measured is Measured.ERRORS
+    lengths = [] if has_errors else ["length m"]
+    costs = ["removed", "back-end ms"] if has_errors and METHOD_AXIS not in sweep.axes else []
     columns = [*sweep.axes, *lengths, *sweep.kinds.values(), *costs]
     rows = list[list[str]]()
     notes = list[str]()
@@ -326,7 +383,9 @@ def sweep_table(sweep: Sweep) -> ReportTable:
             notes.append(f"Warning: {label}: {record['warnings']}")
     if any(record.get("not_used") for record in sweep.records):
         notes.append(f"{NOT_USED.strip()}: the setting has no effect on the runs of this row.")
-    if not sweep.has_truth:
+    if sweep.measured is Measured.POSITIONS:
+        notes.append(POSITION_NOTE)
+    if sweep.measured is Measured.APART:
         notes.append(
             f"apart: distance of the positions from those of {sweep.reference} with the same seed, from "
             "the same start, at the end and as rmse. These are no errors: they do not tell "
@@ -337,7 +396,7 @@ def sweep_table(sweep: Sweep) -> ReportTable:
 
 
 def heat_map(sweep: Sweep) -> bytes:
-    """PNG of TE and RE, or of the distances from the default; the last setting is the horizontal axis.
+    """PNG of TE and RE, or of distances between paths; the last setting is the horizontal axis.
 
     Dark is a large number, a cross no result. A cell with one seed is grey: one run shows no difference.
     """
@@ -355,7 +414,7 @@ def heat_map(sweep: Sweep) -> bytes:
     below = LINE_HEIGHT * max(column.count("\n") for column in columns)
     height = 2 * (1.2 + row_height * len(rows) + below) + 0.8
     figure = figure_page(sweep.title, width, height)
-    better = "\nlower is better" if sweep.has_truth else f"\nfrom {sweep.reference}"
+    better = f"\nfrom {sweep.reference}" if sweep.measured is Measured.APART else "\nlower is better"
     colours = colormaps["YlGnBu"].with_extremes(bad=NO_COLOUR)
     for axis, (kind, label) in zip(figure.subplots(2), sweep.kinds.items(), strict=True):
         means = np.array([record[kind] for record in sweep.records], np.float64)

@@ -57,6 +57,10 @@ PAPER_ROWS = (AVERAGE, *SUB_SEQUENCES)
 # Section 4 of the paper: gains of Feature selection, (TE, RE) in %.
 CLAIMS = {"solution_selection": (8.0, 7.0), "mesvo_f": (6.0, 15.0)}
 
+POSITION_NOTE = (
+    "error: distance of the positions from the true ones, from the same start, at the end and as rmse."
+)
+STILL_M = 0.05  # a shorter path is printed as 0.0 m
 RUNS = "runs"  # folder of the runs in the folder of the table
 BENCHMARK_FRAMES = {f"{KITTI}{number}": frames for number, frames in EXPECTED_FRAMES.items()}
 # Numbers of sub-sequences of whole sequences, with the benchmark's poses and measure.
@@ -238,8 +242,15 @@ def too_short_words(truth: Array, measure: SubsequenceProtocol) -> str:
     """The length of a true path (N, 4, 4), and of a sub-sequence, if it has none; "" otherwise."""
     if len(kitti_errors(truth, truth, measure.lengths, measure.step)):
         return ""
+    if stands_still(truth):
+        return "its true path stands still"
     length = trajectory_distances(truth)[-1]
     return f"its path has {length:.1f} m, the shortest sub-sequence {min(measure.lengths):g} m"
+
+
+def stands_still(truth: Array) -> bool:
+    """Whether a true path (N, 4, 4) is so short that no choice of lengths gives it sub-sequences."""
+    return bool(trajectory_distances(truth)[-1] < STILL_M)
 
 
 def measure_runs(
@@ -331,10 +342,10 @@ class Reproduction:
         short = {entry.sequence: too_short_words(entry.truth, entry.measure) for entry in without_errors}
         if short:
             named = ", ".join(f"{name} ({words})" for name, words in short.items())
-            sentences.append(
-                f"Shorter than every sub-sequence, so no errors: {named}. The option --lengths chooses "
-                "shorter ones."
-            )
+            sentence = f"Shorter than every sub-sequence, so no errors: {named}."
+            if not all(stands_still(entry.truth) for entry in without_errors):
+                sentence += " The option --lengths chooses shorter ones."
+            sentences.append(sentence)
         for cause, (job, *others) in self.failed.items():
             more = f" and {len(others)} more" if others else ""
             sentences.append(f"Failed: {job}{more}: {cause}")

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..data.catalogue import KITTI
 from ..evaluation.kitti_errors import FEW_SUBSEQUENCES, KITTI_PROTOCOL, count_words
+from ..evaluation.path_facts import path_difference, path_facts
 from ..evaluation.statistics import COUNTED, NO_CHANGE, mean_and_deviation, one_run_shows
 from ..files import write_atomic, written_together
 from ..geometry.types import Array
@@ -40,6 +41,7 @@ from .table1 import (
     BENCHMARK_FRAMES,
     CLAIMS,
     ERROR_KINDS,
+    POSITION_NOTE,
     PRINTED_NAMES,
     PROPOSAL,
     Group,
@@ -51,6 +53,7 @@ from .table1 import (
     printed_cells,
     slug,
     table_records,
+    too_short_words,
 )
 
 TABLE = "table1.csv"
@@ -139,6 +142,67 @@ def tables_by_settings(groups: list[Group]) -> list[ReportTable]:
             count = len(first.averaged)
             notes = [f"Means over {count} sequences of equal weight."] if count > 1 else []
             tables.append(ReportTable(title, ["method, settings", *units], rows, notes))
+    return tables
+
+
+def short_path_tables(result: Reproduction) -> list[ReportTable]:
+    """For each block and each sequence that is too short for errors, how far each path is from the truth."""
+    short = {
+        (entry.sequence, entry.variant, entry.settings): too_short_words(entry.truth, entry.measure)
+        for entry in result.entries
+        if not np.isfinite(entry.errors).any()
+    }
+    tables = []
+    for (block, name), (truth, paths) in result.paths.items():
+        why = short.get((name, block.variant, block.words))
+        if truth is None or why is None:
+            continue
+        rows = []
+        for method, poses in paths.items():
+            apart = path_difference("the truth", truth, method, poses)
+            numbers = (path_facts(poses, None).length, apart.end, apart.rmse)
+            rows.append([method, *(format_number(number, 3) for number in numbers)])
+        notes = [
+            f"No TE and RE, since {why}. The true path has {path_facts(truth, None).length:.2f} m.",
+            POSITION_NOTE,
+        ]
+        title = f"{name}, {block_words(block.variant, block.words)}, first seed: distances from the true path"
+        tables.append(ReportTable(title, ["method", "length m", "end error m", "rmse error m"], rows, notes))
+    return tables
+
+
+def settings_tables_without_truth(result: Reproduction) -> list[ReportTable]:
+    """For each sequence without truth in several blocks, how far the settings move each method's path."""
+    blocks_of: dict[tuple[str, str], dict[Block, dict[str, Array]]] = {}
+    for (block, name), (truth, paths) in result.paths.items():
+        if truth is None:
+            blocks_of.setdefault((block.variant, name), {})[block] = paths
+    tables = []
+    for (variant, name), blocks in blocks_of.items():
+        if len(blocks) < 2:
+            continue
+        first, *_ = blocks
+        reference = first.words or "presets"
+        rows = []
+        for method in dict.fromkeys(method for paths in blocks.values() for method in paths):
+            for block, paths in blocks.items():
+                if method not in paths:
+                    continue
+                numbers: list[float | None] = [path_facts(paths[method], None).length, None, None]
+                if method in blocks[first]:
+                    apart = path_difference("", blocks[first][method], "", paths[method])
+                    numbers[1:] = [apart.end, apart.rmse]
+                label = f"{method}, {block.words or 'presets'}"
+                if block.unused(method):
+                    label += " (not used)"
+                rows.append([label, *(format_number(number, 2) for number in numbers)])
+        title = f"{name}, {VARIANT_WORDS[variant]}, first seed: each method by its settings, no ground truth"
+        note = (
+            f"apart: distance of the positions from those of the same method with {reference}, from the same "
+            "start, at the end and as rmse. These are no errors: they do not tell which path is right."
+        )
+        columns = ["method, settings", "length m", "end apart m", "rmse apart m"]
+        tables.append(ReportTable(title, columns, rows, [note]))
     return tables
 
 
