@@ -417,6 +417,7 @@ def test_a_damaged_record_is_named(tmp_path: Path, text: str) -> None:
         ("re_deg_per_100m", None),
         ("whole", "false"),
         ("whole", 1),
+        ("whole", False),  # with all frames and the benchmark's measure
         ("frames", 200),
         ("frames", 271.0),
         ("frames", 0),

@@ -220,8 +220,8 @@ def read_record(path: Path) -> tuple[dict[str, Any], list[RecordRow]]:
     Raises `DataError` with the row and what is expected there: another format, a field of another type,
     different numbers of seeds and of errors, a seed or a row twice, an error that is negative or not finite,
     a sequence that is called whole with another number of frames or of sub-sequences than the benchmark's or
-    with another measure, features that were removed by a method without removal, or a comparison with the
-    paper that does not follow from the errors.
+    with another measure, or called a part with the same frames and measure, features that were removed by a
+    method without removal, or a comparison with the paper that does not follow from the errors.
     """
     record = read_mapping(path, f"a record of vo reproduce; {REMEDY}")
     if type(record.get("format")) is not int or record["format"] != FORMAT:
@@ -278,6 +278,8 @@ def _read_row(fields: object) -> RecordRow:
         raise ValueError(f"sub_sequence_count: expected a whole number from 0, found {_shown(count)}")
     if whole:
         _test_whole(sequence, frames, measure, count)
+    elif frames == BENCHMARK_FRAMES.get(sequence) and measure == KITTI_PROTOCOL.words:
+        raise ValueError(f"whole is false: expected true, or other frames than all {frames} of {sequence}")
     seeds = _field(fields, "seeds")
     if not isinstance(seeds, list) or not seeds or not all(type(seed) is int and seed >= 0 for seed in seeds):
         raise ValueError(f"seeds: expected a list of whole numbers from 0, found {_shown(seeds)}")
