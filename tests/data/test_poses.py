@@ -15,6 +15,7 @@ from vo_lib.data.poses import (
     format_tum,
     match_times,
     read_kitti_poses,
+    read_path,
     read_tum,
     write_kitti_poses,
 )
@@ -93,3 +94,22 @@ def test_failed_write_keeps_the_old_file(
     assert str(path) in str(caught.value)
     assert path.read_bytes() == "zwölf\n".encode()
     assert [p.name for p in tmp_path.iterdir()] == ["note.txt"]
+
+
+@pytest.mark.parametrize(
+    ("per_second", "name"), [(10**9, "nanoseconds"), (10**6, "microseconds"), (10**3, "milliseconds")]
+)
+def test_times_since_1970_have_the_unit_of_their_size_in_the_order_of_tum(
+    tmp_path: Path, per_second: int, name: str
+) -> None:
+    path = tmp_path / "orb.txt"
+    start = 1317384506
+    seconds = start + 0.1 * np.arange(5)
+    rows = [f"{round(t * per_second)}.000000 {k} 0 0 0 0 0 1" for k, t in enumerate(seconds)]
+    path.write_text("\n".join(rows) + "\n")
+    file = read_path(path)
+    assert file.times is not None
+    np.testing.assert_allclose(file.times, seconds, rtol=0, atol=1e-6)
+    assert file.notes == (f"{path}: the times are read as {name} since 1970.",)
+    path.write_text("\n".join(f"{t:.6f} {k} 0 0 0 0 0 1" for k, t in enumerate(seconds)) + "\n")
+    assert read_path(path).notes == ()

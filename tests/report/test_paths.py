@@ -299,17 +299,37 @@ def test_key_frames_of_another_system_are_frames_of_the_truth(
     assert "(as KITTI)" not in text
 
 
-def test_times_in_other_units_are_refused_with_both_ranges(
+def test_times_since_1970_in_other_units_are_read_with_a_note(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     truth = winding_road(150, 0.03, 1.07)
     times = 1403636579.75 + 0.1 * np.arange(150.0)
+    units = {"s": (1.0, ""), "ms": (1e-3, "milliseconds"), "us": (1e-6, "microseconds")}
+    units["ns"] = (1e-9, "nanoseconds")
+    for name, (unit, _) in units.items():
+        (tmp_path / f"{name}.tum").write_text(format_tum(times / unit, truth))
+    for name, (_, words) in units.items():
+        text = printed(capsys, tmp_path / f"{name}.tum", "--truth", tmp_path / "s.tum")
+        assert ("since 1970" in text) == (f"the times are read as {words} since 1970." in text) == bool(words)
+        each = numbers(capsys, tmp_path / "s.tum", "--truth", tmp_path / f"{name}.tum")["s"]
+        assert each["frames"] == 150
+        assert each["te_percent"] == pytest.approx(0.0, abs=1e-4)
+    (tmp_path / "later.tum").write_text(format_tum((times + 100.0) / 1e-9, truth))
+    message = refused(capsys, tmp_path / "later.tum", "--truth", tmp_path / "s.tum")
+    assert "its times are 1403636679.75 to 1403636694.65, those of s 1403636579.75 to" in message
+
+
+def test_times_in_other_units_are_refused_with_both_ranges(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    truth = winding_road(150, 0.03, 1.07)
+    times = 57.75 + 0.1 * np.arange(150.0)
     for name, unit in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)):
         (tmp_path / f"{name}.tum").write_text(format_tum(times / unit, truth))
     for name, words in (("ms", "milliseconds"), ("us", "microseconds"), ("ns", "nanoseconds")):
         message = refused(capsys, tmp_path / f"{name}.tum", "--truth", tmp_path / "s.tum")
         assert f"its times are probably {words}" in message
-        assert "those of s 1403636579.75 to 1403636594.65" in message
+        assert "those of s 57.75 to 72.65" in message
         message = refused(capsys, tmp_path / f"{name}.tum", "--truth", tmp_path / f"{name}.tum")
         assert f"expected 0.001 to 10 s; they are probably {words}" in message
     (tmp_path / "numbers.tum").write_text(format_tum(np.arange(150.0), truth))

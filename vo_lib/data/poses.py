@@ -130,8 +130,9 @@ def read_path(path: Path) -> PoseFile:
 
     Without a header, the order of the numbers is known by convention: 12 numbers separated by blanks are
     KITTI's, 8 are TUM's, and a whole number of nanoseconds and 7 or more numbers, separated by commas, are
-    EuRoC's. Every other file is refused, since its order cannot be known. Times are not checked for their
-    unit: see `pose_times.refuse_intervals`.
+    EuRoC's. The size of TUM's times since 1970 tells their unit. Every other file is refused, since its
+    order cannot be known. Times are not checked for their unit otherwise: see
+    `pose_times.refuse_intervals`.
     """
     lines = read_text(path).splitlines()
     header = find_header(lines)
@@ -149,7 +150,15 @@ def read_path(path: Path) -> PoseFile:
     if separator in (None, "\t") and columns in (0, 12):
         return PoseFile(None, read_kitti_poses(path))
     if separator in (None, "\t") and columns == 8:
-        return PoseFile(*read_tum(path))
+        numbers, poses = read_tum(path)
+        unit = epoch_unit(numbers)
+        interval = median_interval(numbers)
+        # An hour in nanoseconds has the size of milliseconds since 1970, but not their interval.
+        if unit == 1.0 or (interval is not None and not is_plausible(unit * interval)):
+            return PoseFile(numbers, poses)
+        # Some systems write this order with the times of the images, as ORB-SLAM3 does for EuRoC.
+        note = f"{path}: the times are read as {UNIT_NAMES[unit]} since 1970."
+        return PoseFile(unit * numbers, poses, (note,))
     raise DataError(_unknown_order(first, separator), path, number)
 
 

@@ -274,7 +274,7 @@ def _record(
     record["seeds"] = len(runs)
     truth = cell.sequence.truth
     if truth is not None and measured_on(cell.sequence) is Measured.POSITIONS:
-        record |= _fields_of_positions(runs, truth)
+        record |= number_fields(np.zeros((2, 0)), None) | _fields_of_positions(runs, truth)
     elif truth is not None:
         entry = measure_runs(cell.method, runs, suitable_protocol(truth)) if runs else None
         record |= number_fields(np.zeros((2, 0)) if entry is None else entry.errors, entry)
