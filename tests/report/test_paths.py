@@ -164,7 +164,7 @@ def test_evaluate_refuses_missing_truth_and_other_lengths(
     runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write_kitti_poses(tmp_path / "five.txt", straight(5))
-    assert "a pose file without ground truth" in refused(
+    assert "the runs are of bands and street: evaluate it with the runs of" in refused(
         capsys, runs / "a", runs / "else", tmp_path / "five.txt"
     )
     assert "has 5 poses, but the truth of bands has 6: without times" in refused(
@@ -814,3 +814,25 @@ def test_evaluate_prints_mean_median_and_maximum(runs: Path, capsys: pytest.Capt
         cells = " │ ".join(f"{errors[f'{kind}_m']:.4f}" for kind in ("rmse", "mean", "median", "max"))
         assert f"ATE m, {name} │ {cells}" in text
         assert each["path"]["duration_s"] == pytest.approx(0.5)
+
+
+def test_runs_of_two_sequences_have_no_common_truth_and_no_common_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    runs = []
+    for name in ("one", "two"):
+        folder = write_bands(tmp_path / name, 6)
+        out = tmp_path / f"run_{name}"
+        assert main(["run", str(folder), "--out", str(out), "--cache", str(tmp_path / "cache")]) == 0
+        runs.append(out)
+    shutil.copy(runs[0] / "poses_tum.txt", tmp_path / "theirs.tum")
+    message = refused(capsys, *runs, tmp_path / "theirs.tum")
+    assert (
+        "is a pose file, and the runs are of one and two: evaluate it with the runs of its sequence"
+        in message
+    )
+    assert "--truth" not in message
+    message = refused(capsys, *runs, "--truth", tmp_path / "theirs.tum")
+    assert "is the truth of one sequence, and the runs are of one and two: evaluate each" in message
+    printed(capsys, runs[0], tmp_path / "theirs.tum")
+    printed(capsys, runs[0], "--truth", tmp_path / "theirs.tum")

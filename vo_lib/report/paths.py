@@ -153,6 +153,7 @@ def read_paths(
         for source, reason in without.items():
             raise DataError(f"{reason}: {GIVE_TRUTH}, or evaluate this path alone", source)
     else:
+        _refuse_several_sequences(configs, truth_file)
         file = read_path(truth_file)
         name = _names(truth_file.absolute(), None)[0]
         file_truth = replace(
@@ -165,7 +166,11 @@ def read_paths(
             raise DataError(f"two sequences have the name {truth.name}: evaluate them separately")
     for source in sources:
         if source not in truths and len(by_name) != 1:
-            raise DataError(f"is a pose file without ground truth: {GIVE_TRUTH}", source)
+            raise DataError(
+                f"is a pose file, and the runs are of {' and '.join(by_name)}: evaluate it with the runs of "
+                "its sequence only",
+                source,
+            )
     compared = []
     for name, truth in by_name.items():
         members = [source for source in sources if truths.get(source, truth).name == name]
@@ -184,6 +189,21 @@ def read_paths(
     if truth_file is not None and file_truth.times is not None:
         refuse_intervals(file_truth.times, truth_file, as_column=True)
     return compared
+
+
+def _refuse_several_sequences(configs: Mapping[Path, dict[str, Any]], truth_file: Path) -> None:
+    """Raise `DataError` if runs, with these `configs`, are of several sequences, since a truth is of one.
+
+    A sequence may have been moved, or opened by name and by folder.
+    """
+    names = list(dict.fromkeys(str(config.get("sequence")) for config in configs.values()))
+    folders = {str(config.get("folder")) for config in configs.values()}
+    if len(names) > 1 and len(folders) > 1:
+        raise DataError(
+            f"is the truth of one sequence, and the runs are of {' and '.join(names)}: evaluate "
+            "each sequence alone",
+            truth_file,
+        )
 
 
 def _read_without_truth(
