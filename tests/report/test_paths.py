@@ -702,7 +702,6 @@ def test_paths_in_other_axes_than_a_camera_are_noticed_without_truth(
         "robot_to_and_fro": (ROBOT @ to_and_fro @ np.linalg.inv(ROBOT), "x"),
         "robot_backwards": (ROBOT @ road[::-1] @ np.linalg.inv(ROBOT), "-x"),
         "backwards": (road[::-1], "-z"),
-        "inverted": (np.linalg.inv(road), "-z"),
     }
     for name, (poses, axis) in paths.items():
         file = tmp_path / f"{name}.tum"
@@ -713,10 +712,68 @@ def test_paths_in_other_axes_than_a_camera_are_noticed_without_truth(
             assert f"warning: {name}: the poses move along their own {axis} axis rather than along +z" in text
             way = "backwards" if axis == "-z" else "sideways"
             assert f"Unless the camera really moved {way}" in text
+    (tmp_path / "inverted.tum").write_text(format_tum(times, np.asarray(np.linalg.inv(road))))
+    (warning,) = alone(capsys, tmp_path / "inverted.tum")["warnings"]
+    assert "inverted: the poses are probably inverted (world to camera)" in warning
     robots = [tmp_path / "robot.tum", tmp_path / "twin.tum"]
     robots[1].write_text(format_tum(times, scaled(paths["robot"][0], 1.02)))
     (warning,) = alone(capsys, *robots)["warnings"]
     assert warning.startswith("warning: robot and twin: the poses move along their own +x axis")
+
+
+def test_inverted_poses_are_named_beside_another_path(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    road = town_road(500)
+    times = 0.1 * np.arange(500.0)
+    a, b = tmp_path / "a.tum", tmp_path / "b.tum"
+    a.write_text(format_tum(times, road))
+    for scale in (1.0, 0.1):
+        for inverted in (True, False):
+            poses = scaled(road, 1.02 * scale)
+            written = np.asarray(np.linalg.inv(poses)) if inverted else poses
+            b.write_text(format_tum(times, written))
+            for words in ((a, b), (b, a), (b, "--truth", a), (a, "--truth", b)):
+                text = printed(capsys, *words)
+                assert ("agree only if the poses of one of them are inverted" in text) is inverted
+                assert ("times as long" in text) is (scale < 1 and not inverted)
+                assert "leaps by" not in text
+
+
+def test_a_leap_is_named_with_its_pose_with_and_without_truth(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    road = town_road(400)
+    times = 0.1 * np.arange(400.0)
+    jump = road.copy()
+    jump[250:, 0, 3] += 300.0
+    reset = road.copy()
+    reset[250:] = road[:1] @ np.linalg.inv(road[250]) @ road[250:]
+    gap = np.r_[0:100, 180:400]
+    stops = road[np.minimum(np.arange(400), 60)]
+    truth = tmp_path / "truth.tum"
+    truth.write_text(format_tum(times, road))
+    for path, rows, leaps in (
+        (jump, np.arange(400), True),
+        (reset, np.arange(400), True),
+        (scaled(jump, 0.05), np.arange(400), True),
+        (road, gap, False),
+        (stops, np.arange(400), False),
+        (road, np.arange(0, 400, 10), False),
+    ):
+        file = tmp_path / "b.tum"
+        file.write_text(format_tum(times[rows], path[rows]))
+        for words in ([file], [file, "--truth", truth], [truth, file]):
+            text = printed(capsys, *words)
+            assert (
+                "from pose 249 to pose 250 (at 25.000 s), counted from 0, the path leaps" in text
+            ) is leaps
+            assert ("leaps by" in text) is leaps
+    file.write_text(format_tum(times, jump))
+    assert "the truth b: from pose 249 to pose 250" in printed(capsys, truth, "--truth", file)
+    file.write_text(format_tum(times, scaled(road, 100.0)))
+    for words in ([file], [file, "--truth", truth]):
+        assert "b: a usual speed of 1e+03 m/s is impossible for a vehicle" in printed(capsys, *words)
 
 
 def test_a_truth_in_other_axes_than_a_camera_is_noticed_beside_its_picture(

@@ -229,6 +229,28 @@ def quaternions_disagree(truth: Array, estimate: Array) -> bool:
     return False
 
 
+def inverses_agree(truth: Array, estimate: Array) -> bool:
+    """Whether two paths (N, 4, 4) agree far better if the poses of one of them are inverted.
+
+    Then that one has poses from the world to the camera. On a straight path, poses of a camera of which the
+    z axis points backwards are no different.
+    """
+    return _inverse_agrees(truth, estimate) or _inverse_agrees(estimate, truth)
+
+
+def _inverse_agrees(truth: Array, estimate: Array) -> bool:
+    """Whether the inverses of the poses of `estimate` agree far better with the truth; both (N, 4, 4)."""
+    parts = _parts(truth)
+    if parts is None:
+        return False
+    errors = []
+    for poses in (estimate, np.asarray(np.linalg.inv(estimate), np.float64)):
+        _, scale = align(truth, poses, Alignment.SIM3)
+        errors.append(_displacement_error(truth, poses, scale, *parts))
+    as_it_is, inverted = errors
+    return as_it_is > max(MAX_DISAGREEMENT, DISAGREEMENT_RATIO * inverted) and inverted < MAX_DISAGREEMENT
+
+
 def _parts(truth: Array) -> tuple[Index, Index] | None:
     """First and last poses of the parts of a true path (N, 4, 4); None without a path of several parts."""
     steps = np.linalg.norm(np.diff(truth[:, :3, 3], axis=0), axis=1)

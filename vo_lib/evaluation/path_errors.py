@@ -16,6 +16,7 @@ from .ate_rpe import (
     RelativeError,
     absolute_error,
     check_pair,
+    inverses_agree,
     orientations_disagree,
     quaternions_disagree,
     relative_error,
@@ -47,6 +48,7 @@ class PathErrors:
     kitti, ate, rpe : the errors.
     other_orientations : whether the orientations have another convention than those of the truth.
     other_quaternions : whether the quaternions of the path or of the truth were read in another order.
+    inverted : whether the path and the truth agree far better if the poses of one of them are inverted.
     """
 
     name: str
@@ -58,6 +60,7 @@ class PathErrors:
     rpe: RelativeError
     other_orientations: bool
     other_quaternions: bool
+    inverted: bool
 
 
 @dataclass(frozen=True)
@@ -107,6 +110,7 @@ class Evaluation:
                 | {"ate": path.ate.to_dict(), "rpe": path.rpe.to_dict()}
                 | {"other_orientations": path.other_orientations}
                 | {"other_quaternions": path.other_quaternions}
+                | {"inverted": path.inverted}
                 for path in self.paths
             ],
         }
@@ -150,6 +154,7 @@ def evaluate(
                 rpe=relative_error(truth, estimate, delta.size, by_length, compared),
                 other_orientations=orientations_disagree(truth[compared], estimate),
                 other_quaternions=quaternions_disagree(truth[compared], estimate),
+                inverted=inverses_agree(truth[compared], estimate),
             )
         )
     return Evaluation(

@@ -19,6 +19,12 @@ from .kitti_errors import trajectory_distances
 MOVES = 0.1  # a step counts as motion if it is longer than this share of a usual step
 ONE_WAY = 0.3  # length of the mean of unit vectors from which on they have a common direction
 ONE_LINE = 0.6  # share of their squares along one line from which on they have a common line
+MAX_SPEED = 100.0  # m/s; no vehicle of a test drive is faster
+MAX_STEP = 10.0  # metres from pose to pose without times: that speed at ten frames a second
+LEAP_RATIO = 5.0  # of a leap to the path's own median step and speed
+SCALELESS_LEAP_RATIO = 30.0  # to nine tenths of the speeds, for a path in a small unit or without scale
+FORWARD = 0.9  # mean z component of unit vectors from which on a path clearly moves along +z
+NOT_FORWARD = 0.5  # and below which it clearly does not
 CAMERA_CONE_DEG = 45.0  # a camera that drives forward moves nearer than this to its z axis
 
 
@@ -94,6 +100,73 @@ def unusual_axis(poses: Array) -> str:
     if shares[-1] < ONE_LINE or line[2] > nearest_to_z:
         return ""
     return "xy"[int(np.argmax(line[:2]))]
+
+
+@dataclass(frozen=True)
+class Leaps:
+    """Steps from pose to pose that no vehicle makes.
+
+    Attributes
+    ----------
+    count : number of them. pose : number of the pose, from 0, at which the largest one ends.
+    length : of the largest, metres. usual : median step of the path, metres.
+    speed : of the largest, m/s, or None without times.
+    """
+
+    count: int
+    pose: int
+    length: float
+    usual: float
+    speed: float | None
+
+
+def leaps(poses: Array, times: Array | None) -> Leaps | None:
+    """The leaps of a path (N, 4, 4) with times (N,), seconds, or None; None for a path without leaps.
+
+    A leap is `LEAP_RATIO` times as long and as fast as the median of the steps that are not 0, and faster
+    than `MAX_SPEED` (without times, longer than `MAX_STEP`), or `SCALELESS_LEAP_RATIO` times as fast as nine
+    tenths of the steps.
+    """
+    steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+    if not steps.any():
+        return None
+    rates = steps if times is None else steps / np.diff(times)
+    limit = MAX_STEP if times is None else MAX_SPEED
+    usual = float(np.median(steps[steps > 0]))
+    usual_rate = float(np.median(rates[rates > 0]))
+    most = float(np.quantile(rates, 0.9))
+    too_fast = (rates > limit) | ((rates > SCALELESS_LEAP_RATIO * most) & (most > 0))
+    found = np.flatnonzero(too_fast & (steps > LEAP_RATIO * usual) & (rates > LEAP_RATIO * usual_rate))
+    if not len(found):
+        return None
+    largest = int(found[np.argmax(steps[found])])
+    speed = None if times is None else float(rates[largest])
+    return Leaps(len(found), largest + 1, float(steps[largest]), usual, speed)
+
+
+def usual_speed(poses: Array, times: Array) -> float:
+    """Median speed, m/s, of the steps of a path (N, 4, 4) with times (N,), seconds, that are not 0."""
+    rates = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1) / np.diff(times)
+    return float(np.median(rates[rates > 0])) if rates.any() else 0.0
+
+
+def probably_inverted(poses: Array) -> bool:
+    """Whether only the inverses of poses (N, 4, 4) move along their own +z axis, as a camera does.
+
+    Poses that move along -z, and so straight, tell nothing: the camera may have moved backwards.
+    """
+    forward = _forward_share(poses)
+    return -FORWARD < forward < NOT_FORWARD and _forward_share(np.asarray(np.linalg.inv(poses))) > FORWARD
+
+
+def _forward_share(poses: Array) -> float:
+    """Mean z component of the unit vectors of inverse(T_i) T_i+1 of the moving poses; 0 without motion."""
+    steps = np.asarray(np.linalg.inv(poses[:-1]) @ poses[1:])[:, :3, 3]
+    lengths = np.linalg.norm(steps, axis=1)
+    if not lengths.sum() > 0:
+        return 0.0
+    moving = lengths > MOVES * _usual_step(lengths)
+    return float(np.mean(steps[moving, 2] / lengths[moving]))
 
 
 def _usual_step(lengths: Array) -> float:

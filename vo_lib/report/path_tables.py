@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from ..data.poses import from_first
-from ..evaluation.ate_rpe import align, orientations_disagree, quaternions_disagree, rmse
+from ..evaluation.ate_rpe import align, inverses_agree, orientations_disagree, quaternions_disagree, rmse
 from ..evaluation.kitti_errors import FEW_SUBSEQUENCES, KITTI_PROTOCOL, SHORT_PROTOCOL, count_words
 from ..evaluation.path_errors import Evaluation, PathErrors
-from ..evaluation.path_facts import path_differences, path_facts, unusual_axis
+from ..evaluation.path_facts import path_differences, path_facts, probably_inverted, unusual_axis
 from ..files import write_atomic
 from ..geometry.types import Array
 from .page import COUNT_COLUMN, ReportTable, format_number, without_empty_columns
-from .paths import ComparedPaths, PathsWithoutTruth, WholePath
+from .paths import ComparedPaths, PathsWithoutTruth, WholePath, leap_warnings
 from .plots import error_curves_figure, png, trajectories_figure
 from .table1 import ERROR_KINDS, slug
 
@@ -25,6 +25,7 @@ MIN_CURVE_POINTS = {"length": 2, "speed": 4}
 USUAL_LENGTH_RATIOS = 0.5, 2.0  # of a path and its truth
 # By the axis along which poses move: how a camera would do so, and what else would be the reason.
 ROBOT_AXES = "other axes (in those of a robot or an IMU, x is often forward and z up)"
+WRITE_INVERSES = "write their inverses (camera to world)"
 OTHER_MOTIONS = {
     "x": ("sideways", ROBOT_AXES),
     "y": ("up or down", ROBOT_AXES),
@@ -177,17 +178,26 @@ def facts_without_truth(paths: PathsWithoutTruth) -> dict[str, Any]:
 
 def warnings_without_truth(paths: PathsWithoutTruth) -> list[str]:
     """Warnings about paths that are probably in other units or axes than the first one, or than a camera."""
-    return _doubts_between(paths.common) + _doubts_about_axes(paths.wholes)
+    between = _doubts_between(paths.common)
+    return between + leap_warnings(paths.wholes) + _doubts_about_axes(paths.wholes)
 
 
 def _doubts_about_axes(paths: Mapping[str, WholePath]) -> list[str]:
     """Warnings about paths from outside that do not move in the direction in which a camera looks."""
+    inverted = list[str]()
     moved = dict[str, list[str]]()
     for name, path in paths.items():
-        axis = unusual_axis(path.poses) if path.from_outside else ""
-        if axis:
+        if path.from_outside and probably_inverted(path.poses):
+            inverted.append(name)
+        elif path.from_outside and (axis := unusual_axis(path.poses)):
             moved.setdefault(axis, []).append(name)
     doubts = []
+    if inverted:
+        doubts.append(
+            f"warning: {' and '.join(inverted)}: the poses are probably inverted (world to camera), since "
+            "only their inverses move along their own +z axis, in which a camera looks: so length, speed, "
+            f"end and picture are wrong: {WRITE_INVERSES}."
+        )
     for axis, names in moved.items():
         way, other = OTHER_MOTIONS[axis[-1]]
         doubts.append(
@@ -206,6 +216,12 @@ def _doubts_between(paths: Mapping[str, Array]) -> list[str]:
     length = path_facts(reference, None).length
     shortest, longest = USUAL_LENGTH_RATIOS
     for name, poses in others:
+        if inverses_agree(reference, poses):
+            doubts.append(
+                f"warning: {name} and {first} agree only if the poses of one of them are inverted (world to "
+                f"camera), so their distances are meaningless: {WRITE_INVERSES}."
+            )
+            continue
         ratio = path_facts(poses, None).length / length if length > 0 else None
         if ratio is not None and not shortest <= ratio <= longest:
             doubts.append(
@@ -257,6 +273,13 @@ def _doubts(system: PathErrors, of_run: bool) -> list[str]:
     """
     doubts = list[str]()
     name = system.name
+    if system.inverted:
+        straight = " (or, on a straight path, to have z backwards)" if system.other_orientations else ""
+        return [
+            f"warning: {name} and the truth agree only if the poses of one of them are inverted, so all "
+            f"errors are meaningless: one file seems to have poses from world to camera{straight}: "
+            f"{WRITE_INVERSES}."
+        ]
     shortest, longest = USUAL_LENGTH_RATIOS
     if system.length_ratio is not None and not shortest <= system.length_ratio <= longest:
         reason = "other frames, another unit, or a path without scale (--alignment sim3)"

@@ -26,6 +26,7 @@ from ..data.poses import TIME_TOLERANCE_S, TUM_ROW, PoseFile, match_times, read_
 from ..errors import DataError
 from ..evaluation.ate_rpe import Alignment, align, rmse
 from ..evaluation.clocks import slow_turn_agreement, turn_agreement
+from ..evaluation.path_facts import MAX_SPEED, leaps, probably_inverted, usual_speed
 from ..geometry.types import Array, Index
 from ..runs.folder import CONFIG, POSES, POSES_TUM, is_finished, read_config, settings_in
 from .blocks import differences, settings_words
@@ -185,7 +186,10 @@ def read_paths(
         if truth_file is not None:
             timed = {truth_file: truth.times} | {file.file: read_path(file.file).times for file in files}
             each = replace(each, notes=(*each.notes, *_whole_times(timed)))
-        compared.append(each)
+        wholes = dict(each.wholes)
+        if truth_file is not None:
+            wholes[f"the truth {name}"] = WholePath(truth.truth, truth.times, from_outside=True)
+        compared.append(replace(each, notes=(*each.notes, *leap_warnings(wholes))))
     if truth_file is not None and file_truth.times is not None:
         refuse_intervals(file_truth.times, truth_file, as_column=True)
     return compared
@@ -280,6 +284,32 @@ def _whole_times(files: Mapping[Path, Array | None]) -> list[str]:
         f"warning: the times of {' and '.join(map(str, timed))} are whole numbers: if these are numbers of "
         "frames, durations and speeds are wrong."
     ]
+
+
+def leap_warnings(paths: Mapping[str, WholePath]) -> list[str]:
+    """Warnings about named paths with a step or a speed that no vehicle has."""
+    warnings = []
+    for name, path in paths.items():
+        if path.from_outside and probably_inverted(path.poses):
+            continue  # its steps are no motions
+        speed = None if path.times is None else usual_speed(path.poses, path.times)
+        found = leaps(path.poses, path.times)
+        if speed is not None and speed > MAX_SPEED:
+            warnings.append(
+                f"warning: {name}: a usual speed of {speed:.3g} m/s is impossible for a vehicle: the "
+                "positions are probably in another unit than metres, or the times in another than seconds."
+            )
+        elif found is not None:
+            at = "" if path.times is None else f" (at {path.times[found.pose]:.3f} s)"
+            fast = "" if found.speed is None else f", at {found.speed:.4g} m/s"
+            more = f" There are {found.count - 1} more such leaps." if found.count > 1 else ""
+            warnings.append(
+                f"warning: {name}: from pose {found.pose - 1} to pose {found.pose}{at}, counted from 0, the "
+                f"path leaps by {found.length:.4g} m{fast}, and its median step is {found.usual:.3g} m: the "
+                "map was probably reset, or the place lost, so numbers over this leap are wrong: evaluate "
+                f"the parts before and after it alone.{more}"
+            )
+    return warnings
 
 
 def _frames_name(config: dict[str, Any]) -> str:
