@@ -740,6 +740,24 @@ def test_inverted_poses_are_named_beside_another_path(
                 assert "leaps by" not in text
 
 
+def test_mirrored_axes_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    road = town_road(500)
+    hills = np.convolve(np.random.default_rng(7).normal(0.0, 0.01, 500), np.hanning(15), "same")
+    for k in range(1, 500):
+        motion = np.linalg.inv(road[k - 1]) @ road[k]
+        pitched = rigid(rotation_from_vector(np.array([hills[k], 0.0, 0.0])), np.zeros(3))
+        road[k:] = road[k - 1] @ motion @ pitched @ np.linalg.inv(road[k]) @ road[k:]
+    times = 0.1 * np.arange(500.0)
+    truth, file = tmp_path / "truth.tum", tmp_path / "b.tum"
+    truth.write_text(format_tum(times, road))
+    for axis, signs in {"": (1, 1, 1), "x": (-1, 1, 1), "y": (1, -1, 1), "z": (1, 1, -1)}.items():
+        mirror = np.diag([*map(float, signs), 1.0])
+        file.write_text(format_tum(times, mirror @ scaled(road, 1.003) @ mirror))
+        text = printed(capsys, file, "--truth", truth)
+        assert ("mirrored (left-handed) axes" in text) is bool(axis)
+        assert (f"if the {axis} axis of one of them is reversed" in text) is bool(axis)
+
+
 def test_a_leap_is_named_with_its_pose_with_and_without_truth(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

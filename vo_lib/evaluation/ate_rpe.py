@@ -251,6 +251,32 @@ def _inverse_agrees(truth: Array, estimate: Array) -> bool:
     return as_it_is > max(MAX_DISAGREEMENT, DISAGREEMENT_RATIO * inverted) and inverted < MAX_DISAGREEMENT
 
 
+def mirrored_axis(truth: Array, estimate: Array) -> str:
+    """The axis, "x", "y" or "z", of which the sign is reversed in one of two paths (N, 4, 4); "" for none.
+
+    Axes with one reversed sign are left-handed, as those of game engines. Both the rotations and the
+    displacements then agree far better with the sign of the other path.
+    """
+    parts = _parts(truth)
+    if parts is None:
+        return ""
+    _, scale = align(truth, estimate, Alignment.SIM3)
+    rotation = _rotation_error(truth, estimate, *parts)
+    displacement = _displacement_error(truth, estimate, scale, *parts)
+    if rotation < MIN_ROTATION_ERROR:
+        return ""
+    for k, axis in enumerate("xyz"):
+        signs = np.ones(4)
+        signs[k] = -1.0
+        mirrored = estimate * np.outer(signs, signs)
+        _, scale = align(truth, mirrored, Alignment.SIM3)
+        if rotation > DISAGREEMENT_RATIO * _rotation_error(
+            truth, mirrored, *parts
+        ) and displacement > DISAGREEMENT_RATIO * _displacement_error(truth, mirrored, scale, *parts):
+            return axis
+    return ""
+
+
 def _parts(truth: Array) -> tuple[Index, Index] | None:
     """First and last poses of the parts of a true path (N, 4, 4); None without a path of several parts."""
     steps = np.linalg.norm(np.diff(truth[:, :3, 3], axis=0), axis=1)

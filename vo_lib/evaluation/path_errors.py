@@ -17,6 +17,7 @@ from .ate_rpe import (
     absolute_error,
     check_pair,
     inverses_agree,
+    mirrored_axis,
     orientations_disagree,
     quaternions_disagree,
     relative_error,
@@ -48,6 +49,7 @@ class PathErrors:
     kitti, ate, rpe : the errors.
     other_orientations : whether the orientations have another convention than those of the truth.
     other_quaternions : whether the quaternions of the path or of the truth were read in another order.
+    mirrored : the axis of which the path or the truth has the sign reversed, or "".
     inverted : whether the path and the truth agree far better if the poses of one of them are inverted.
     """
 
@@ -61,6 +63,7 @@ class PathErrors:
     other_orientations: bool
     other_quaternions: bool
     inverted: bool
+    mirrored: str
 
 
 @dataclass(frozen=True)
@@ -111,6 +114,7 @@ class Evaluation:
                 | {"other_orientations": path.other_orientations}
                 | {"other_quaternions": path.other_quaternions}
                 | {"inverted": path.inverted}
+                | {"mirrored_axis": path.mirrored or None}
                 for path in self.paths
             ],
         }
@@ -154,6 +158,7 @@ def evaluate(
                 rpe=relative_error(truth, estimate, delta.size, by_length, compared),
                 other_orientations=orientations_disagree(truth[compared], estimate),
                 other_quaternions=quaternions_disagree(truth[compared], estimate),
+                mirrored=mirrored_axis(truth[compared], estimate),
                 inverted=inverses_agree(truth[compared], estimate),
             )
         )
