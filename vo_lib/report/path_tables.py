@@ -288,17 +288,17 @@ def _doubts(system: PathErrors, of_run: bool) -> list[str]:
         doubts.append(
             f"warning: the path of {name} is {system.length_ratio:.3g} times as long as the truth: {reason}."
         )
-    if system.mirrored:
-        doubts.append(
-            f"warning: {name} and the truth agree far better if the {system.mirrored} axis of one of them is "
-            "reversed, so all errors are wrong: one file has mirrored (left-handed) axes. Write it with x "
-            "right, y down and z forward."
-        )
-    elif system.other_quaternions:
+    if system.other_quaternions:
         doubts.append(
             f"warning: orientations of {name} and of the truth agree only with the quaternions of one "
             "file in another order (qw first, or last), so TE, RE and RPE are meaningless: name the columns "
             "in the first line of that file in their true order."
+        )
+    elif system.mirrored:
+        doubts.append(
+            f"warning: {name} and the truth agree far better if the {system.mirrored} axis of one of them is "
+            "reversed, so all errors are wrong: one file has mirrored (left-handed) axes. Write it with x "
+            "right, y down and z forward."
         )
     elif system.other_orientations:
         doubts.append(
