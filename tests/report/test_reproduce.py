@@ -459,9 +459,25 @@ def test_settings_are_compared_without_truth(
     words += ["--methods", "viso2,solution_selection"]
     assert reproduce(tree, *words, "--set", "selection.sets=10,50") == 0
     printed = " ".join(capsys.readouterr().out.split())
-    table = printed[printed.index("each method by its settings, no ground truth") :]
+    table = printed[printed.index("each method by its settings: no ground truth") :]
     assert "solution_selection, selection.sets=10" in table
     assert "with selection.sets=10, from the same start, at the end and as rmse" in table
+    links = re.findall(r'<a href="#table\d+">(.*?)</a>', page_of(tree / "out"))
+    assert len(links) == 5  # the settings; for each of them, the paths and their distances
+    assert len(set(links)) == len(links)
+
+
+def test_a_warning_of_several_seeds_is_said_once_with_the_numbers_of_the_first() -> None:
+    warned = {
+        "stereo contradicts the motion of 54 of 295 frames": ["a, mesvo_f, seed 0"],
+        "stereo contradicts the motion of 58 of 295 frames": ["a, mesvo_f, seed 1", "b, mesvo_f, seed 0"],
+        "times.txt has whole numbers": ["b, viso2, seed 0"],
+    }
+    assert Reproduction([], {}, warned=warned).problems == [
+        "Warning: a, mesvo_f, seed 0 and 2 more with other numbers: stereo contradicts the motion of 54 of "
+        "295 frames",
+        "Warning: b, viso2, seed 0: times.txt has whole numbers",
+    ]
 
 
 @pytest.mark.parametrize(

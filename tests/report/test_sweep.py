@@ -289,3 +289,17 @@ def test_a_sweep_says_how_long_the_rest_will_take(
         capsys.readouterr()
         assert main([*words, "--out", str(tmp_path / out)]) == 0
         assert "The other runs will take about" in capsys.readouterr().out
+
+
+def test_equal_paths_of_all_seeds_are_called_equal(
+    sequence: Sequence, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = write_bands(tmp_path / "bare", 6)
+    (other / "poses.txt").unlink(missing_ok=True)
+    words = ["sweep", "--sequence", str(other), "--method", "viso2", "--seeds", "2"]
+    words += ["--cache", str(tmp_path / "cache"), "--out", str(tmp_path / "out")]
+    assert main([*words, "--set", "matching.search_radius=40,60"]) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "no ground truth" in printed
+    assert "viso2: all seeds of the default settings give the same path, to the millimetre." in printed
+    assert "may be chance" not in printed

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import time
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 from ..config import config_class
@@ -201,7 +202,12 @@ def _tables_without_truth(result: Reproduction, cells: list[Cell]) -> list[Repor
         if truth is None:
             title = f"{name}, {block_words(block.variant, block.words)}, first seed"
             wholes = {method: WholePath(poses, times[name]) for method, poses in paths.items()}
-            tables += tables_without_truth(PathsWithoutTruth(title, wholes, paths))
+            facts, *distances = tables_without_truth(PathsWithoutTruth(title, wholes, paths))
+            tables.append(facts)
+            # In a report, the tables of several sequences and blocks need different names.
+            for table in distances:
+                what = f"{table.title[0].lower()}{table.title[1:]}"
+                tables.append(replace(table, title=f"{title}, {what}"))
     return tables
 
 

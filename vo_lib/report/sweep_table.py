@@ -56,6 +56,7 @@ METHOD_AXIS = "method"
 DEFAULT_SETTINGS = "the default settings"
 LEAST_LETTERS = 12  # in a line of a value below the heat map, whose column is then 1.1 inches wide
 ROW_LETTERS = 24  # in a line of the values beside it
+SAME_PATH_M = 0.0005  # a smaller distance is printed as 0.000 m
 NO_COLOUR = "0.9"  # grey of the cells without a colour in the heat map
 
 
@@ -331,6 +332,8 @@ def _seeds_note(default: _SweepCell, errors: Mapping[Path, str | None], referenc
     apart = [
         path_difference("", first, "", second).rmse for first, second in itertools.combinations(paths, 2)
     ]
+    if apart and max(apart) < SAME_PATH_M:
+        return f"{default.method}: all seeds of {reference} give the same path, to the millimetre."
     mean, deviation = mean_and_deviation(apart)
     return (
         f"{default.method}: two seeds of {reference} are {plus_minus(mean, deviation)} m apart "

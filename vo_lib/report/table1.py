@@ -60,6 +60,7 @@ CLAIMS = {"solution_selection": (8.0, 7.0), "mesvo_f": (6.0, 15.0)}
 POSITION_NOTE = (
     "error: distance of the positions from the true ones, from the same start, at the end and as rmse."
 )
+_NUMBER = re.compile(r"\d+(\.\d+)?")
 STILL_M = 0.05  # a shorter path is printed as 0.0 m
 RUNS = "runs"  # folder of the runs in the folder of the table
 BENCHMARK_FRAMES = {f"{KITTI}{number}": frames for number, frames in EXPECTED_FRAMES.items()}
@@ -349,8 +350,15 @@ class Reproduction:
         for cause, (job, *others) in self.failed.items():
             more = f" and {len(others)} more" if others else ""
             sentences.append(f"Failed: {job}{more}: {cause}")
-        for warning, (job, *others) in self.warned.items():
+        alike: dict[str, list[tuple[str, list[str]]]] = {}
+        for warning, names in self.warned.items():
+            alike.setdefault(_NUMBER.sub("", warning), []).append((warning, names))
+        for of_kind in alike.values():
+            warning, _ = of_kind[0]
+            job, *others = [name for _, names in of_kind for name in names]
             more = f" and {len(others)} more" if others else ""
+            if len(of_kind) > 1:
+                more += " with other numbers"
             sentences.append(f"Warning: {job}{more}: {warning}")
         return sentences
 

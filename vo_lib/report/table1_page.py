@@ -196,7 +196,7 @@ def settings_tables_without_truth(result: Reproduction) -> list[ReportTable]:
                 if block.unused(method):
                     label += " (not used)"
                 rows.append([label, *(format_number(number, 2) for number in numbers)])
-        title = f"{name}, {VARIANT_WORDS[variant]}, first seed: each method by its settings, no ground truth"
+        title = f"{name}, {VARIANT_WORDS[variant]}, each method by its settings: no ground truth, first seed"
         note = (
             f"apart: distance of the positions from those of the same method with {reference}, from the same "
             "start, at the end and as rmse. These are no errors: they do not tell which path is right."
