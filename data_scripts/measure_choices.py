@@ -59,7 +59,7 @@ from vo_lib.runs.match_cache import CachedMatches
 SEEDS = 5
 LOWEST_SCORE = 0.1  # of a detected box: an alternative has this score
 COLUMNS = ["choice", "alternative", "sequence", "te", "te_sd", "re", "re_sd", "length", "length_sd", "frames"]
-AS_PUBLISHED = "seed"  # the setting of the row that changes nothing
+AS_PUBLISHED = "as published"  # in place of a setting: this row changes nothing
 BOXES = "vo_lib.paper.box_removal.on_vehicles"
 EARLIER = "vo_lib.paper.translation.earlier_rows"
 
@@ -117,7 +117,7 @@ def mean_of_best_tenth(odometry: Any, E: Array, set_index: Any, x_p: Array, x_c:
 
 # Each choice with its setting (or the full name of a function) and its alternatives.
 OPEN: list[tuple[str, str, dict[str, Any]]] = [
-    ("as published", AS_PUBLISHED, {"": 0}),
+    ("as published", AS_PUBLISHED, {"": None}),
     ("weights of rows", "vo_lib.paper.odometry.solve_translation", {"metres": in_metres}),
     ("largest depth", "translation.max_depth", {"20 m": 20.0, "50 m": 50.0, "none": 1000.0}),
     ("agreement", "translation.agreement", {"0.5 px": 0.5, "2 px": 2.0}),
@@ -175,7 +175,9 @@ class Alternative:
         if self.name == ABSOLUTE:
             threshold, rule = self.value
             return change(change(config, "selection.threshold", threshold), "filter.rule", rule)
-        return config if self.replaces_function else change(config, self.name, self.value)
+        if self.name == AS_PUBLISHED or self.replaces_function:
+            return config
+        return change(config, self.name, self.value)
 
     @property
     def measure(self) -> SubsequenceProtocol:

@@ -103,8 +103,14 @@ def test_choices_exist_in_the_published_method() -> None:
         for value in answers.values():
             if name.startswith("vo_lib."):
                 assert pkgutil.resolve_name(name) is not value
-            else:
+            elif name != measure_choices.AS_PUBLISHED:
                 change(preset("feature_selection"), name, value)
+
+
+def test_each_run_of_a_choice_has_its_own_seed(bands: Path) -> None:
+    """With one seed five times, the changes would be those against one run, and the deviation 0."""
+    for alternative in measure_choices.alternatives_on(open_sequence(bands)):
+        assert [alternative.config(seed).seed for seed in range(3)] == [0, 1, 2], alternative.choice
 
 
 def test_a_choice_is_measured_once(bands: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
