@@ -71,6 +71,24 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return base
 
 
+def test_a_truth_that_stands_still_gets_no_advice_on_lengths(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    still = np.tile(np.eye(4), (6, 1, 1))
+    moving = still.copy()
+    moving[:, 2, 3] = np.arange(6.0)
+    for name, poses in (("still.txt", still), ("moving.txt", moving)):
+        write_kitti_poses(tmp_path / name, poses)
+    for truth, advice in (
+        ("still.txt", "no choice of lengths gives errors"),
+        ("moving.txt", "--lengths chooses"),
+    ):
+        assert main(["evaluate", str(tmp_path / "moving.txt"), "--truth", str(tmp_path / truth)]) == 0
+        text = " ".join(capsys.readouterr().out.split())
+        assert advice in text
+        assert ("--lengths" in text) == (truth == "moving.txt")
+
+
 def test_evaluate_takes_the_truth_from_run_folders(
     runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -18,7 +18,7 @@ from ..geometry.types import Array
 from .page import COUNT_COLUMN, ReportTable, format_number, without_empty_columns
 from .paths import ComparedPaths, PathsWithoutTruth, WholePath, leap_warnings
 from .plots import error_curves_figure, png, trajectories_figure
-from .table1 import ERROR_KINDS, slug
+from .table1 import ERROR_KINDS, STILL_M, slug
 
 # Smallest number of points of a curve: the devkit's speed bins overlap, so one speed falls into two or three.
 MIN_CURVE_POINTS = {"length": 2, "speed": 4}
@@ -70,7 +70,9 @@ def _table_of_systems(name: str, result: Evaluation, of_run: bool) -> ReportTabl
         head += _caveats(result)
     else:
         notes.append(f"No TE and RE: {shorter} than the shortest sub-sequence, {min(measure.lengths):g} m.")
-        if not of_run:
+        if first.distance < STILL_M:
+            notes[-1] += " The truth stands still, so no choice of lengths gives errors."
+        elif not of_run:
             notes[-1] += " The option --lengths chooses shorter ones."
     if result.frame_step > 1:
         notes.append(
