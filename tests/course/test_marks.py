@@ -293,6 +293,7 @@ def test_a_zip_that_is_not_clear_says_what_is_in_it(
         read_submission("anna", path)
 
 
+@pytest.mark.slow  # starts many processes
 def test_a_class_becomes_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Zips, folders and single files; one that cannot be read does not stop the others."""
     zipped(tmp_path / "anna.zip", my_vo__py=my_vo())
@@ -332,6 +333,7 @@ def test_students_have_names_of_their_own(tmp_path: Path) -> None:
     assert [student for student, _ in find_submissions([tmp_path]).students] == ["a/work", "b/work"]
 
 
+@pytest.mark.slow  # starts many processes
 def test_hand_in_contains_what_was_done(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "course"
     assert main(["lab", "--copy-only", "--copy", str(folder)]) == 0
@@ -459,6 +461,7 @@ def test_a_right_function_that_is_not_saved_has_a_mark_of_its_own(
     assert f"{number}  weights              ? right by" in capsys.readouterr().out
 
 
+@pytest.mark.slow  # starts many processes
 def test_a_right_answer_stays_and_a_later_wrong_one_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -558,6 +561,7 @@ def test_other_encodings_are_read(encoded: bytes, remark: str) -> None:
         ("\0", "SyntaxError"),
     ],
 )
+@pytest.mark.slow  # starts many processes
 def test_a_section_that_ends_the_process_costs_only_itself(line: str, why: str) -> None:
     content = my_vo().replace("# ---- weights ----\n", f"# ---- weights ----\n{line}\n").encode()
     found, (remark,) = grade(Submission("ben", {"my_vo.py": content}), chosen_tasks("0,4"), limit_s=2.0)
@@ -567,6 +571,7 @@ def test_a_section_that_ends_the_process_costs_only_itself(line: str, why: str) 
     assert why in remark
 
 
+@pytest.mark.slow  # starts many processes
 def test_nobody_vanishes_from_the_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Each entry of the class has a row, or a line that names it."""
     zipped(tmp_path / "UPPER.ZIP", my_vo__py=my_vo())
@@ -603,6 +608,7 @@ def test_nobody_vanishes_from_the_table(tmp_path: Path, capsys: pytest.CaptureFi
     assert "marks.csv" not in told.err
 
 
+@pytest.mark.slow  # starts many processes
 def test_who_hands_in_twice_is_told_in_both_rows(tmp_path: Path) -> None:
     for name in ("cleo", "ben"):
         (tmp_path / name).mkdir()

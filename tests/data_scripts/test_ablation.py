@@ -204,6 +204,7 @@ def test_measurement_goes_on_where_it_was_stopped(
     assert "| prior | " in capsys.readouterr().out
 
 
+@pytest.mark.slow  # runs many drives
 def test_disturbed_drives_are_measured_and_reported(
     short_bands: Sequence, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -333,6 +333,7 @@ def page_of(out: Path) -> str:
     return (out / "report.html").read_text(encoding="utf-8").replace("<wbr>", "")
 
 
+@pytest.mark.slow  # runs many drives
 def test_a_record_counts_the_calls_before_it(tree: Path) -> None:
     path = tree / "out" / "reproduction.json"
     records = []

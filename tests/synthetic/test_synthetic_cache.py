@@ -25,6 +25,7 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return ensure_scene(TINY, tmp_path_factory.mktemp("cache"), jobs=1)
 
 
+@pytest.mark.slow  # starts many processes
 def test_parallel_drawing_gives_the_same_bytes(drawn: Path, tmp_path: Path) -> None:
     """Two callers draw at the same time, one of them in two processes."""
     workers = [threading.Thread(target=ensure_scene, args=(TINY, tmp_path, None, jobs)) for jobs in (1, 2)]
