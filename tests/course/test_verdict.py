@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from record_rows import record_row
 
 from course.ch07 import verdict
 from course.ch07.verdict import (
@@ -35,7 +36,6 @@ from course.ch07.verdict import (
     why_no_gain,
 )
 from vo_lib.errors import DataError
-from vo_lib.evaluation.kitti_errors import KITTI_PROTOCOL
 from vo_lib.evaluation.statistics import prediction_half_width
 from vo_lib.report.paper_unit import PAPERS_FACTOR, RIGHT_FACTOR, converted
 from vo_lib.report.record import FORMAT, RECORD
@@ -61,25 +61,6 @@ def test_one_more_run_of_the_same_method_is_inside_in_95_per_cent(seeds: int) ->
     deviation = runs[:, :-1].std(axis=1, ddof=1)
     inside = np.abs(runs[:, -1] - mean) <= RULE(1.0, seeds) * deviation
     assert inside.mean() == pytest.approx(0.95, abs=0.01)
-
-
-def record_row(row: str, method: str, seeds: int = 5, **changes: Any) -> dict[str, Any]:
-    """A row of a record as `vo reproduce` writes it, with equal errors of all seeds."""
-    usual = {
-        "variant": "published",
-        "settings": "",
-        "sequence": f"kitti/{row}",
-        "method": method,
-        "whole": True,
-        "frames": BENCHMARK_FRAMES[f"kitti/{row}"],
-        "sub_sequences": KITTI_PROTOCOL.words,
-        "sub_sequence_count": BENCHMARK_COUNTS[f"kitti/{row}"],
-        "removed_share": 0.1 if method == "feature_selection" else 0.0,
-        "seeds": [*range(seeds)],
-        "te_percent": [1.0] * seeds,
-        "re_deg_per_100m": [0.3] * seeds,
-    }
-    return usual | changes
 
 
 def write_record(folder: Path, rows: list[Any], **fields: Any) -> None:

@@ -10,15 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import write_bands
+from record_rows import record_row
 
 from course.ch07 import figures
 from course.ch07.runs import FIRST, part_of, table_hours
 from vo_lib.config import VARIANTS
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.sequence import Sequence
-from vo_lib.evaluation.kitti_errors import KITTI_PROTOCOL
 from vo_lib.report.record import FORMAT, RECORD
-from vo_lib.report.table1 import BENCHMARK_COUNTS, BENCHMARK_FRAMES
 
 CHAPTER = Path(__file__).parents[2] / "notebooks" / "07_reproduce_the_paper.ipynb"
 PAIR = ("solution_selection", "feature_selection")
@@ -49,20 +48,11 @@ def run_cells(folder: Path, capsys: pytest.CaptureFixture[str]) -> tuple[str, li
 
 def row(sequence: str, method: str, **changes: Any) -> dict[str, Any]:
     usual = {
-        "variant": "published",
-        "settings": "",
-        "sequence": f"kitti/{sequence}",
-        "method": method,
-        "whole": True,
-        "frames": BENCHMARK_FRAMES[f"kitti/{sequence}"],
-        "sub_sequences": KITTI_PROTOCOL.words,
-        "sub_sequence_count": BENCHMARK_COUNTS[f"kitti/{sequence}"],
-        "removed_share": 0.1 if method == "feature_selection" else 0.0,
         "seeds": [0, 1, 2],
         "te_percent": [0.7, 0.71, 0.72],
         "re_deg_per_100m": [0.3, 0.31, 0.29],
     }
-    return usual | changes
+    return record_row(sequence, method) | usual | changes
 
 
 def both(*names: str, **changes: Any) -> list[dict[str, Any]]:
