@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from .old_notebooks import watch_notebook
 
-# This variable disables ONNX Runtime's telemetry, if set before the import.
+# This variable disables ONNX Runtime's telemetry, if it is set before the runtime is imported.
 os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
 
 watch_notebook()

@@ -3,8 +3,10 @@
 import os
 import sys
 
-# Log messages of OpenCV and FFmpeg would appear next to the one-line errors of `vo`.
-os.environ |= {"OPENCV_LOG_LEVEL": "FATAL", "OPENCV_FFMPEG_LOGLEVEL": "-8"} | os.environ
+# Log messages of OpenCV and FFmpeg would appear next to the one-line errors of `vo`. The variables count only
+# if they are set before the import; those that the caller has set stay.
+os.environ.setdefault("OPENCV_LOG_LEVEL", "FATAL")
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 from .commands.cli import main
 

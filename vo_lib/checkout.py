@@ -26,23 +26,23 @@ def folder_of_checkout(name: str) -> Path:
     """
     checkout = checkout_folder()
     if checkout is None:
-        raise DataError(missing_folder(name))
+        raise DataError(missing_folder_text(name))
     return checkout / name
 
 
-def missing_folder(name: str) -> str:
-    """What an installed copy lacks, and how to get it."""
+def missing_folder_text(name: str) -> str:
+    """What to say where an installed copy lacks the folder `name`: that it does, and how to get it."""
     return f"this copy of the library lacks the folder {name}: run `pip install -e .` in {_source()}"
 
 
 def _source() -> str:
-    """The folder from which pip has installed the copy, as far as pip has written it down."""
-    unknown = "the kit's folder (the one with README.md)"
+    """The folder from which pip has installed the copy, or words for it if pip has not written it down."""
+    in_words = "the kit's folder (the one with README.md)"
     try:
         text = metadata.distribution(DISTRIBUTION).read_text("direct_url.json")
     except metadata.PackageNotFoundError:
-        return unknown
+        return in_words
     if text is None:
-        return unknown
+        return in_words
     address = urlsplit(json.loads(text)["url"])
-    return url2pathname(address.path) if address.scheme == "file" else unknown
+    return url2pathname(address.path) if address.scheme == "file" else in_words

@@ -20,10 +20,12 @@ RANSAC: dict[str, Any] = {"prior": False, "winner": "inliers"}
 
 
 def _published(rule: str, **selection: Any) -> PublishedConfig:
+    """A published method with the essential matrix, by its box rule and its settings of the selection."""
     return PublishedConfig(selection=SelectionConfig(**selection), filter=FilterConfig(rule=rule))
 
 
 def _kit(rule: str, **selection: Any) -> KitConfig:
+    """The same in variant `kit`."""
     return KitConfig(selection=KitSelectionConfig(**selection), filter=KitFilterConfig(rule=rule))
 
 
@@ -91,12 +93,21 @@ def change(config: AnyConfig, name: str, value: Any) -> AnyConfig:
     try:
         changed: AnyConfig = settings.replace(config, name, value)
     except DataError as error:
-        other = "published" if config.variant == "kit" else "kit"
-        try:
-            settings.replace(CONFIG_CLASSES[other](), name, value)
-        except DataError as error_of_other:
-            known = name in {item.name for item in settings.declared(type(config))}
-            raise (error if known else error_of_other) from None
-        shown = f"{name} {shorten(settings.as_typed(value))}"
-        raise DataError(f"{shown} is a setting of the other variant", remedy=f"variant {other}") from None
+        raise _better_error(error, config, name, value) from None
     return changed
+
+
+def _better_error(error: DataError, config: MethodConfig, name: str, value: Any) -> DataError:
+    """The most helpful error for a setting that a configuration has refused with `error`.
+
+    If the other variant would take it, the error says so. If neither takes it, the error is from the variant
+    that knows the name, and tells what it expects.
+    """
+    other = "published" if config.variant == "kit" else "kit"
+    try:
+        settings.replace(CONFIG_CLASSES[other](), name, value)
+    except DataError as error_of_other:
+        is_known = name in {item.name for item in settings.declared(type(config))}
+        return error if is_known else error_of_other
+    shown = f"{name} {shorten(settings.as_typed(value))}"
+    return DataError(f"{shown} is a setting of the other variant", remedy=f"variant {other}")

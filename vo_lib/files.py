@@ -21,9 +21,9 @@ from filelock import FileLock, Timeout
 
 from .errors import DataError
 
-LOCK = ".lock"
+LOCK = ".lock"  # ending of the name of a file that shows that a process uses another file or folder
 DRAFT = ".tmp"  # ending of the name of a partly written file
-DRAFT_NAME = re.compile(r"\..+\.\d+\.\d+" + re.escape(DRAFT))  # of the drafts of `writing`
+DRAFT_NAME = re.compile(r"\..+\.\d+\.\d+" + re.escape(DRAFT))  # names from `_draft_of`
 LOCK_POLL_S = 0.2  # interval at which a waiting process tries the lock again
 
 
@@ -66,11 +66,14 @@ def _encoding(data: bytes) -> str:
     """The encoding of a text: by its byte order mark or, in UTF-16 without a mark, by its zero bytes."""
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return "utf-16"
-    # The first character of a table or of a setting is in ASCII, so one of its two bytes is zero.
-    if len(data) % 2 == 0 and data[1:2] == b"\0" and data[:1] != b"\0":
-        return "utf-16-le"
-    if len(data) % 2 == 0 and data[:1] == b"\0" and data[1:2] not in (b"", b"\0"):
-        return "utf-16-be"
+    if len(data) >= 2 and len(data) % 2 == 0:
+        # The first character of a table or of a setting is in ASCII, so exactly one of its two bytes is zero.
+        first_is_zero = data[0] == 0
+        second_is_zero = data[1] == 0
+        if second_is_zero and not first_is_zero:
+            return "utf-16-le"
+        if first_is_zero and not second_is_zero:
+            return "utf-16-be"
     return "utf-8-sig"
 
 
@@ -115,9 +118,9 @@ def read_yaml(path: str | Path) -> dict[str, Any]:
 def only_process(folder: Path, waiting: Callable[[Path], None] | None = None) -> Iterator[None]:
     """A lock on a folder for this process. If the process ends, the operating system releases the lock.
 
-    Partly written files of killed processes are removed.
+    Drafts that killed processes have left in the folder are deleted.
 
-    waiting : called with the folder, once, if another process has the lock; the call then waits until that
+    waiting : called with the folder, once, if another process has the lock; the context then begins when that
         process ends. Without `waiting`, such a lock raises `DataError`.
     """
     lock = FileLock(folder / LOCK)
@@ -144,13 +147,16 @@ def only_process(folder: Path, waiting: Callable[[Path], None] | None = None) ->
 def writing(path: str | Path, locked: bool = False) -> Iterator[BinaryIO]:
     """A binary file for writing, with a temporary name in the folder of `path` until the context ends.
 
-    `path` always has the complete old or the complete new content. `locked` : for a file that takes long to
-    write; the draft of a killed process is then deleted later (see `locked_draft`). Raises `DataError` if the
-    folder is missing, not writable or full.
+    `path` always has the complete old or the complete new content. Raises `DataError` if the folder is
+    missing, not writable or full.
+
+    locked : for a file that takes long to write; the draft of a killed process is then deleted by a later one
+        (see `locked_draft`).
     """
     path = Path(path)
+    make_draft = locked_draft if locked else _short_draft
     try:
-        with locked_draft(path) if locked else _short_draft(path) as draft:
+        with make_draft(path) as draft:
             with open(draft, "wb") as file:
                 yield file
                 file.flush()
@@ -160,9 +166,14 @@ def writing(path: str | Path, locked: bool = False) -> Iterator[BinaryIO]:
         raise DataError(f"cannot be written: {error.strerror}", path) from error
 
 
+def _draft_of(path: Path) -> Path:
+    """The temporary name of a file or folder `path` that this thread writes."""
+    return path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}{DRAFT}")
+
+
 @contextmanager
 def _short_draft(path: Path) -> Iterator[Path]:
-    """A temporary name for `path`; a file with this name is deleted at the end."""
+    """A temporary name for a file `path`, deleted at the end."""
     draft = _draft_of(path)
     try:
         yield draft
@@ -174,8 +185,8 @@ def _short_draft(path: Path) -> Iterator[Path]:
 def locked_draft(path: Path) -> Iterator[Path]:
     """A temporary name for a file or folder `path`, deleted at the end, with a lock that shows its use.
 
-    The operating system releases the lock of a killed process; `delete_abandoned_drafts` of a later process
-    then deletes the draft.
+    If the process is killed, the draft stays, but the operating system releases the lock. So a later process
+    can tell that nobody uses the draft, and `delete_abandoned_drafts` deletes it.
     """
     draft = _draft_of(path)
     lock = FileLock(_lock_of(draft))
@@ -188,6 +199,7 @@ def locked_draft(path: Path) -> Iterator[Path]:
 
 
 def _lock_of(draft: Path) -> Path:
+    """The file with the lock of a draft, beside it."""
     return draft.with_name(draft.name + LOCK)
 
 
@@ -218,11 +230,6 @@ def folder_size(path: Path) -> int:
     return sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
 
 
-def _draft_of(path: Path) -> Path:
-    """The temporary name of a file that this thread writes."""
-    return path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}{DRAFT}")
-
-
 @contextmanager
 def written_together(
     folder: Path, last: str = "", stale: Iterable[str] = (), own: bool = True
@@ -232,9 +239,9 @@ def written_together(
     Every file is complete on the disk before the first file is replaced, so on a full disk the files from
     before remain. Raises `DataError` like `writing`.
 
-    stale : names of files that are deleted at the end.
-    last : name of the file that is replaced last, the mark of a complete result. In the temporary folder, its
-        name ends in `DRAFT`: a search for complete results does not find it there.
+    last : name of the file that is replaced last, the mark of a complete result. In the temporary folder, it
+        is written with the ending `DRAFT`, so that a search for complete results does not find it there.
+    stale : names of files of an earlier result that are then deleted.
     own : whether files in `folder` may be replaced (see `refuse_foreign`).
     """
     draft = _draft_of(folder / "results")
@@ -274,6 +281,7 @@ def delete_tree(path: Path) -> None:
 
 
 def _delete(paths: Iterable[Path]) -> None:
+    """Delete files as far as possible; a missing one is no error."""
     for path in paths:
         with suppress(OSError):
             path.unlink(missing_ok=True)

@@ -15,7 +15,7 @@ from typing import Any
 
 FIRST_NOTEBOOK = "00_start_here.ipynb"  # a file of every folder of the course
 NOTEBOOK = ".ipynb"
-NEW = ".new"  # in the name of the current version beside a notebook that its reader has changed
+NEW = ".new"  # before that, in the name of the current version beside a notebook that its reader has changed
 PACKAGES = ("course", "vo_lib")  # names of these packages are explained
 
 
@@ -24,7 +24,7 @@ def watch_notebook() -> None:
     ipython = sys.modules.get("IPython")
     shell = None if ipython is None else ipython.get_ipython()
     if shell is not None and Path(FIRST_NOTEBOOK).is_file():
-        shell.set_custom_exc((ImportError, AttributeError), _show)
+        shell.set_custom_exc((ImportError, AttributeError), _show_error)
 
 
 def explanation(error: BaseException, notebook: str = "") -> str:
@@ -32,21 +32,21 @@ def explanation(error: BaseException, notebook: str = "") -> str:
 
     notebook : file name of the notebook, if it is known.
     """
-    current = _current(notebook)
-    where = _place(error, current is not None)
-    if not where:
+    current = _current_versions_of(notebook) if notebook else _current_versions()
+    missing = _missing_name(error, also_objects=len(current) == 1)
+    if not missing:
         return ""
     this = notebook or "this notebook"
-    if current is not None:
-        remedy = f"open {current} beside it, which is current and has your answers"
-    elif not notebook and len(found := _new_versions()) > 1:
-        remedy = f"open its current version, with your answers, beside it: one of {', '.join(found)}"
+    if len(current) == 1:
+        remedy = f"open {current[0]} beside it, which is current and has your answers"
+    elif current:
+        remedy = f"open its current version, with your answers, beside it: one of {', '.join(current)}"
     else:
         remedy = "`vo lab --copy-only` puts the current one beside it, with your answers"
-    return f"{where} is not there: {this} is of an older version; {remedy}. ({error})"
+    return f"{missing} is not there: {this} is of an older version; {remedy}. ({error})"
 
 
-def _place(error: BaseException, also_objects: bool) -> str:
+def _missing_name(error: BaseException, also_objects: bool) -> str:
     """The module or name that is missing, if it belongs to the kit; "" otherwise.
 
     also_objects : whether an attribute of an object counts, not only that of a module.
@@ -68,22 +68,21 @@ def _place(error: BaseException, also_objects: bool) -> str:
 
 
 def _is_ours(module: str) -> bool:
+    """Whether a module, by its dotted name, is the kit's."""
     return module.partition(".")[0] in PACKAGES
 
 
-def _current(notebook: str) -> str | None:
-    """The name of the current version beside a notebook, or beside the only one that has such a version."""
-    if not notebook:
-        found = _new_versions()
-        return found[0] if len(found) == 1 else None
-    stem = notebook.removesuffix(NOTEBOOK)
+def _current_versions_of(notebook: str) -> list[str]:
+    """The current version of a notebook beside it, if there is one."""
+    old = notebook.removesuffix(NOTEBOOK)
+    stem = old
     while Path(f"{stem}{NEW}{NOTEBOOK}").is_file():  # a new version that was changed has a newer one
         stem += NEW
-    return None if stem == notebook.removesuffix(NOTEBOOK) else f"{stem}{NOTEBOOK}"
+    return [] if stem == old else [f"{stem}{NOTEBOOK}"]
 
 
-def _new_versions() -> list[str]:
-    """The current versions in this folder of the notebooks that their reader has changed."""
+def _current_versions() -> list[str]:
+    """The current versions in this folder of all notebooks that their reader has changed."""
     names = {path.name.removesuffix(NOTEBOOK) for path in Path().glob(f"*{NEW}{NOTEBOOK}")}
     return sorted(f"{name}{NOTEBOOK}" for name in names if f"{name}{NEW}" not in names)
 
@@ -95,7 +94,7 @@ def _notebook(shell: Any) -> str:
     return name if name.endswith(NOTEBOOK) else ""
 
 
-def _show(
+def _show_error(
     shell: Any,
     kind: type[BaseException],
     error: BaseException,

@@ -52,11 +52,11 @@ def local_pool(workers: int) -> Iterator[Executor]:
 def _set_up_worker(parent: int) -> None:
     """Make a worker ignore Ctrl-C, which the parent process handles, and end when the parent ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    threading.Thread(target=_end_with_parent, args=(parent,), daemon=True).start()
 
 
-def _end_with(parent: int) -> None:
-    """Wait for the end of the parent process, then end this process."""
+def _end_with_parent(parent: int) -> None:
+    """Wait for the end of the parent process, which has this number, then end this process."""
     if sys.platform == "win32":
         # On Windows, getppid keeps the number of a parent that has ended; a handle can be waited for.
         kernel = ctypes.windll.kernel32

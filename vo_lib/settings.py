@@ -10,15 +10,15 @@ import dataclasses
 import functools
 import re
 import typing
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from .errors import DataError, did_you_mean, shorten
 
-# Pattern of a setting that is a list of names or numbers: what can be typed between two commas.
+# Pattern of each item of a setting that is a list: what can be typed between two commas.
 WORD_OF_LIST = r"[^\s,-][^,\n]{0,99}"
-SWITCH = {"true": True, "on": True, "1": True, "false": False, "off": False, "0": False}
+SWITCH = {"true": True, "on": True, "1": True, "false": False, "off": False, "0": False}  # words for a bool
 
 
 def setting(
@@ -35,12 +35,24 @@ def setting(
 ) -> Any:
     """A dataclass field with a unit, a closed range [low, high] or choices, and a sentence on its meaning.
 
-    when : names of other settings with the values for which this setting is used; by default, always.
-    noun : what a text is, such as "name"; pattern : regular expression that a text matches completely.
+    Parameters
+    ----------
+    text : the sentence.
+    when : names of other settings, each with the values for which this setting is used; by default, it is
+        always used.
+    noun : what a text is, such as "name". pattern : regular expression that a text matches completely.
     """
-    meta = {"text": text, "unit": unit, "low": low, "high": high, "choices": choices, "when": when or {}}
-    meta |= {"noun": noun, "pattern": pattern}
-    return dataclasses.field(default=default, metadata=meta)
+    declaration = {
+        "text": text,
+        "unit": unit,
+        "low": low,
+        "high": high,
+        "choices": choices,
+        "when": when or {},
+        "noun": noun,
+        "pattern": pattern,
+    }
+    return dataclasses.field(default=default, metadata=declaration)
 
 
 def section(cls: type) -> Any:
@@ -50,10 +62,14 @@ def section(cls: type) -> Any:
 
 @dataclass(frozen=True)
 class Setting:
-    """One declared setting: `name` is a dotted path such as "selection.sets", `kind` a Python type.
+    """One declared setting, as declared by `setting`.
 
-    If the default is None, None is a valid value. If the default is a tuple, the value is a tuple. `when` :
-    values of other settings for which this setting is used.
+    If the default is None, None is a valid value. If the default is a tuple, the value is a tuple.
+
+    Attributes
+    ----------
+    name : dotted path, such as "selection.sets".
+    kind : Python type of the value.
     """
 
     name: str
@@ -70,45 +86,58 @@ class Setting:
 
     @property
     def _item_kind(self) -> Any:
-        """The type of the value, or of an item if the value is a tuple."""
-        return (typing.get_args(self.kind) or (self.kind,))[0]
+        """The type of the value: `kind`, or str and float for tuple[str, ...] and float | None."""
+        types = typing.get_args(self.kind)
+        return types[0] if types else self.kind
 
     def parse(self, raw: str) -> Any:
         """The value of a command-line argument; the message of a `DataError` lists the allowed values."""
         kind = self._item_kind
+        is_none = raw.lower() == "none"
         try:
             if kind is bool:
                 return SWITCH[raw.lower()]
             if isinstance(self.default, tuple):
-                words = [] if raw.lower() == "none" else [item.strip() for item in raw.split(",")]
+                if is_none:
+                    return ()
+                words = [item.strip() for item in raw.split(",")]
                 return tuple(kind(word) for word in words if word)
-            return None if self.default is None and raw.lower() == "none" else kind(raw)
+            if self.default is None and is_none:
+                return None
+            return kind(raw)
         except (KeyError, ValueError):
             raise DataError(f"{self.name}: {shorten(repr(raw))} is not {self.describe()}") from None
 
     def check(self, value: Any) -> None:
         """Raise `DataError` unless the value has the declared type, range and choices."""
-        single = not isinstance(value, tuple)
-        items = (value,) if single else value
-        is_empty = self.pattern and not items
-        if single == isinstance(self.default, tuple) or is_empty or not all(map(self._allows, items)):
-            if is_empty and not single:
-                raise DataError(f"{self.name} is empty, expected {self.describe()}")
-            is_typed = not single and all(type(item) is self._item_kind for item in items)
-            shown = repr(as_typed(value) if is_typed else value)
-            raise DataError(f"{self.name}: {shorten(shown)} is not {self.describe()}")
+        is_list = isinstance(value, tuple)
+        items = value if is_list else (value,)
+        if self.pattern and not items:
+            raise DataError(f"{self.name} is empty, expected {self.describe()}")
+        is_as_default = is_list == isinstance(self.default, tuple)
+        if is_as_default and all(self._allows(item) for item in items):
+            return
+        # A list of the right type is shown as it was typed, with commas.
+        is_typed = is_list and all(type(item) is self._item_kind for item in items)
+        shown = as_typed(value) if is_typed else value
+        raise DataError(f"{self.name}: {shorten(repr(shown))} is not {self.describe()}")
 
     def _allows(self, item: Any) -> bool:
+        """Whether the setting may have this value, or this item of a list."""
         if item is None:
             return self.default is None
-        if type(item) is not self._item_kind and (type(item), self._item_kind) != (int, float):
+        kind = self._item_kind
+        is_whole_number = kind is float and type(item) is int
+        if type(item) is not kind and not is_whole_number:
             return False
         if self.choices:
             return item in self.choices
         if self.pattern:
             return re.fullmatch(self.pattern, item) is not None
         # NaN fails every comparison.
-        return (self.low is None or item >= self.low) and (self.high is None or item <= self.high)
+        is_not_too_low = self.low is None or item >= self.low
+        is_not_too_high = self.high is None or item <= self.high
+        return is_not_too_low and is_not_too_high
 
     def describe(self) -> str:
         """The allowed values as text, such as "a number from 0 to 5 px"."""
@@ -143,7 +172,8 @@ class Checked:
 
     def __post_init__(self) -> None:
         for item in declared(type(self)):
-            if "." not in item.name:  # the constructor of a nested class has checked its values
+            is_nested = "." in item.name
+            if not is_nested:  # the constructor of the nested class has checked the others
                 item.check(getattr(self, item.name))
 
 
@@ -155,7 +185,8 @@ def declared(cls: type, prefix: str = "") -> tuple[Setting, ...]:
     return _declared(cls, prefix)
 
 
-@functools.cache  # a picture of a panel asks fifty times
+# A picture of a panel asks fifty times. The cached function is apart, since a cache hides the argument types.
+@functools.cache
 def _declared(cls: type, prefix: str) -> tuple[Setting, ...]:
     hints = _hints(cls)
     items = list[Setting]()
@@ -172,13 +203,18 @@ def replace(config: Any, name: str, value: Any) -> Any:
     """A copy of nested settings in which the setting with this dotted name has a new, checked value."""
     items = {item.name: item for item in declared(type(config))}
     if name not in items:
-        raise DataError(
-            f"{shorten(name)}: there is no such setting; {did_you_mean(name, items)}".rstrip("; ")
-        )
+        raise _no_such_setting(name, items)
     items[name].check(value)
     head, _, rest = name.partition(".")
     changed = replace(getattr(config, head), rest, value) if rest else value
     return dataclasses.replace(config, **{head: changed})
+
+
+def _no_such_setting(name: str, names: Iterable[str]) -> DataError:
+    """The error for an unknown name, with the nearest of the known ones."""
+    text = f"{shorten(name)}: there is no such setting"
+    question = did_you_mean(name, names)
+    return DataError(f"{text}; {question.rstrip()}" if question else text)
 
 
 def value_of(config: Any, name: str) -> Any:
@@ -209,9 +245,11 @@ def from_dict(cls: Any, data: dict[str, Any]) -> Any:
     values = dict[str, Any]()
     for name, value in data.items():
         if name not in hints:
-            raise DataError(
-                f"{shorten(name)}: there is no such setting; {did_you_mean(name, hints)}".rstrip("; ")
-            )
-        value = from_dict(hints[name], value) if dataclasses.is_dataclass(hints[name]) else value
-        values[name] = tuple(value) if isinstance(value, list) else value
+            raise _no_such_setting(name, hints)
+        if dataclasses.is_dataclass(hints[name]):
+            values[name] = from_dict(hints[name], value)
+        elif isinstance(value, list):
+            values[name] = tuple(value)
+        else:
+            values[name] = value
     return cls(**values)

@@ -45,8 +45,8 @@ def test_the_lag_of_a_clock_is_found_in_the_turns(ahead: int, part: slice) -> No
     agreement = turn_agreement(times[part] + ahead * INTERVAL, estimated(poses)[part], times, poses)
     assert agreement is not None
     assert agreement.lag == pytest.approx(ahead * INTERVAL, abs=0.5 * INTERVAL * (part.step or 1) + 1e-6)
-    assert agreement.best > 0.9
-    assert (agreement.now > agreement.best - 0.2) is (abs(ahead) <= 1)
+    assert agreement.with_lag > 0.9
+    assert (agreement.as_given > agreement.with_lag - 0.2) is (abs(ahead) <= 1)
 
 
 def test_paths_that_do_not_turn_or_hardly_overlap_tell_nothing_about_their_clocks() -> None:
@@ -59,7 +59,7 @@ def test_other_drives_agree_at_no_lag() -> None:
     times = INTERVAL * np.arange(400.0)
     agreement = turn_agreement(times, town(400), times, town(400, seed=5))
     assert agreement is not None
-    assert agreement.best < 0.6
+    assert agreement.with_lag < 0.6
     assert not agreement.is_another_clock
     assert not agreement.is_one_clock
     assert agreement.is_another_drive

@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from vo_lib.geometry.types import Image
-from vo_lib.paper.features import Described, describe
+from vo_lib.paper.features import DescribedFeatures, describe
 from vo_lib.paper.settings import FeatureConfig
 
 BLOB_UP, BLOB_DOWN, CORNER_UP, CORNER_DOWN = range(4)
@@ -28,7 +28,7 @@ def flat(grey: int = 100) -> Image:
     return np.full((60, 80), grey, np.uint8)
 
 
-def strongest(result: Described, kind: int) -> tuple[tuple[float, ...], float]:
+def strongest(result: DescribedFeatures, kind: int) -> tuple[tuple[float, ...], float]:
     """Position and strength of the strongest feature of the given kind."""
     mine = np.flatnonzero(result.kind == kind)
     best = mine[np.argmax(result.strength[mine])]

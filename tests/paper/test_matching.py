@@ -8,7 +8,7 @@ import pytest
 from conftest import texture
 
 from vo_lib.geometry.types import BoolArray, Image, Index
-from vo_lib.paper.features import Described, best_matches, describe, stereo_matches
+from vo_lib.paper.features import DescribedFeatures, best_matches, describe, stereo_matches
 from vo_lib.paper.matching import close_loop, describe_pair, track
 from vo_lib.paper.settings import FeatureConfig, MatchingConfig
 
@@ -29,7 +29,7 @@ def two_images() -> tuple[Image, Image]:
     return image, image[:, ::-1].copy()
 
 
-def most_alike(a: Described, b: Described, near: BoolArray) -> Index:
+def most_alike(a: DescribedFeatures, b: DescribedFeatures, near: BoolArray) -> Index:
     """Index (N,) of the most similar feature of the same kind; the mask near (N, M) limits the choice."""
     near = near & (a.kind[:, None] == b.kind)
     difference = np.abs(a.descriptor[:, None] - b.descriptor).sum(axis=2)

@@ -19,7 +19,7 @@ from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.motion import rigid, rotation_angle, rotation_from_vector
 from vo_lib.geometry.types import Array, BoolArray
 from vo_lib.paper.settings import ReprojectionConfig
-from vo_lib.paper.viso2 import observed, ransac_motion
+from vo_lib.paper.viso2 import observations, ransac_motion
 from vo_lib.runs.drive import make_odometry, run_methods
 from vo_lib.runs.match_cache import CachedMatches
 
@@ -77,7 +77,7 @@ def test_noise_gives_small_errors() -> None:
 def test_weight_falls_from_the_image_centre() -> None:
     X = np.array([[CAMERA.cx, 10.0], [0.0, 300.0], [CAMERA.cx / 2, 0.0]])
     matches = match_points(*2 * (CAMERA.back_project(X, np.full(3, 20.0)),))
-    np.testing.assert_allclose(observed(CAMERA, matches, CONFIG)[2], [20.0, 1 / 1.05, 1 / 0.55])
+    np.testing.assert_allclose(observations(CAMERA, matches, CONFIG)[2], [20.0, 1 / 1.05, 1 / 0.55])
 
 
 def test_inliers_have_depth_and_small_residuals() -> None:

@@ -6,7 +6,7 @@ import argparse
 import platform
 from importlib import metadata
 
-from ..checkout import checkout_folder, missing_folder
+from ..checkout import checkout_folder, missing_folder_text
 from ..data.catalogue import KITTI, available, kitti_places, kitti_root
 from ..data.drawn import cache_folder
 from ..data.kitti import count_pairs, wanted_frames
@@ -33,7 +33,8 @@ def _check(options: argparse.Namespace) -> int:
     show_table(["subject", "state", "facts"], [[*finding[:3]] for finding in findings], numbers=False)
     print_wrapped(*(f"{subject}: {remedy}" for subject, _, _, remedy in findings if remedy))
     if checkout_folder() is None:
-        print_wrapped(f"note: the commands `vo data …` do not work here: {missing_folder('data_scripts')}")
+        missing = missing_folder_text("data_scripts")
+        print_wrapped(f"note: the commands `vo data …` do not work here: {missing}")
     return int(any(state == "problem" for _, state, _, _ in findings))
 
 

@@ -1,22 +1,24 @@
 """Whether two paths have times of one clock, from the turns of both.
 
-A vehicle turns at the same moments in both paths, whatever their axes, units and drift are: so the angle per
-second from pose to pose is compared, for every lag between the two clocks.
+A vehicle turns at the same moments in both paths, whatever their axes, units and drift are. So the turn rates
+of both, the angles per second from pose to pose, are series that agree at the right lag between the clocks.
+Their correlation says how well they agree at a lag.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from ..geometry.motion import rotation_angle
-from ..geometry.types import Array, Index
+from ..geometry.types import Array, BoolArray, Index
 
-MAX_SAMPLES = 2000  # of the longer path, and of the intervals compared at full rate; more tell nothing more
-MIN_SAMPLES = 30  # in which both paths have poses
-MIN_OVERLAP = 0.5  # of the samples of the shorter path
+# Largest number of samples of the longer path in the coarse search, and of the intervals of the fine search.
+MAX_SAMPLES = 2000
+MIN_SAMPLES = 30  # smallest number of samples that both paths have at a lag
+MIN_OVERLAP = 0.5  # and their smallest share of the samples of the shorter path
 ROUNDING_S = 0.01  # by which an interval may reach beyond the other path
 ABOUT_EQUAL = 0.02  # difference of correlations
 # A lag is clear if the turns agree well, if they leave this many times less unexplained than without it, and
@@ -35,87 +37,147 @@ class TurnAgreement(NamedTuple):
 
     Attributes
     ----------
-    now : with the times as they are. best : with the best lag, the smallest of those that are about as good.
+    as_given : with the times as they are.
+    with_lag : with the best lag; of several that are about as good, with the smallest one.
     lag : seconds by which the clock of the first path is then ahead of that of the second one, a multiple of
-    the shorter of the median intervals of both.
+        the shorter of the median intervals of both.
     samples : number of intervals compared with the times as they are.
     """
 
-    now: float
-    best: float
+    as_given: float
+    with_lag: float
     lag: float
     samples: int
 
     @property
     def is_another_clock(self) -> bool:
         """Whether the turns agree well with the lag, and clearly better than without it, by no accident."""
-        if self.lag == 0 or self.best < CLEAR_AGREEMENT:
+        if self.lag == 0 or self.with_lag < CLEAR_AGREEMENT:
             return False
-        ratio = _unexplained(self.now) / _unexplained(self.best)
+        ratio = _unexplained(self.as_given) / _unexplained(self.with_lag)
         return ratio >= CLEAR_RATIO and self.samples * float(np.log(ratio)) >= CLEAR_EVIDENCE
 
     @property
     def is_one_clock(self) -> bool:
         """Whether the turns agree best with the times as they are, by no accident."""
-        return self.lag == 0 and -self.samples * float(np.log(_unexplained(self.now))) >= CLEAR_EVIDENCE
+        evidence = -self.samples * float(np.log(_unexplained(self.as_given)))
+        return self.lag == 0 and evidence >= CLEAR_EVIDENCE
 
     @property
     def is_another_drive(self) -> bool:
         """Whether the turns agree at no lag."""
-        return self.now < NO_AGREEMENT and self.best < CLEAR_AGREEMENT
+        return self.as_given < NO_AGREEMENT and self.with_lag < CLEAR_AGREEMENT
 
 
 def turn_agreement(times: Array, poses: Array, others: Array, other_poses: Array) -> TurnAgreement | None:
-    """How well the turns of a path with times (N,), seconds, and poses (N, 4, 4) agree with another's.
+    """How well the turns of a path agree with another's, as they are and with the best lag.
 
-    A search over all lags, in steps that may be longer than a frame, is followed by one at full rate around
-    its result and around no lag. None if one of the paths hardly changes its turning, or both have too short
-    a time in common.
+    A coarse search over all lags, in steps that may be longer than a frame, is followed by a fine one around
+    its result and around no lag.
+
+    Parameters
+    ----------
+    times, poses : of the first path, (N,) seconds and (N, 4, 4).
+    others, other_poses : of the second path, (M,) seconds and (M, 4, 4).
+
+    Returns
+    -------
+    None if one of the paths hardly changes its turning, or if both have too short a time in common.
     """
-    intervals = [float(np.median(np.diff(each))) for each in (times, others)]
-    longest = max(float(each[-1] - each[0]) for each in (times, others))
-    step = max(*intervals, longest / MAX_SAMPLES)
+    interval = float(np.median(np.diff(times)))
+    other_interval = float(np.median(np.diff(others)))
+    longest = max(float(times[-1] - times[0]), float(others[-1] - others[0]))
+    step = max(interval, other_interval, longest / MAX_SAMPLES)
     start = min(float(times[0]), float(others[0]))
-    first, rates = _turn_rates(times, poses, start, step)
-    other_first, other_rates = _turn_rates(others, other_poses, start, step)
-    least = max(MIN_SAMPLES, int(MIN_OVERLAP * min(len(rates), len(other_rates))))
-    apart = first - other_first
+    rates = _turn_rates(times, poses, start, step)
+    other_rates = _turn_rates(others, other_poses, start, step)
+    coarse = _coarse_lag(rates, other_rates)
+    if coarse is None:
+        return None
+    if interval >= other_interval:
+        compared = _AtFullRate(times, poses, others, other_poses, sign=1.0)
+    else:
+        compared = _AtFullRate(others, other_poses, times, poses, sign=-1.0)
+    frame = min(interval, other_interval)
+    reach = int(np.ceil(step / frame)) + 1
+    centres = (0, round(coarse * step / frame))
+    lags = {centre + k for centre in centres for k in range(-reach, reach + 1)}
+    fine = _correlations(compared, sorted(lags, key=abs), frame)
+    if 0 not in fine:
+        return None
+    best = max(fine, key=lambda lag: fine[lag])  # the smallest of equally good ones, which comes first
+    return TurnAgreement(fine[0], fine[best], best * frame, compared.samples(0.0))
+
+
+class _TurnRates(NamedTuple):
+    """Turn rates (M,), rad/s, of a path at consecutive samples of a common grid; `first` is the first one."""
+
+    first: int
+    rates: Array
+
+
+def _turn_rates(times: Array, poses: Array, start: float, step: float) -> _TurnRates:
+    """Turn rates of a path; sample k of the grid is at the time start + k step."""
+    angles = _angles(poses[:-1, :3, :3], poses[1:, :3, :3])
+    place = ((times[:-1] + times[1:]) / 2 - start) / step  # on the grid, of the middle between two poses
+    first = int(np.ceil(place[0]))
+    samples = np.arange(first, place[-1] + 1e-9)
+    return _TurnRates(first, np.interp(samples, place, angles / np.diff(times)))
+
+
+def _coarse_lag(path: _TurnRates, other: _TurnRates) -> int | None:
+    """The lag of a path's clock, in samples, with which its turn rates agree best with those of another.
+
+    None if they cannot be compared without a lag.
+    """
+    count = len(path.rates)
+    other_count = len(other.rates)
+    least = max(MIN_SAMPLES, int(MIN_OVERLAP * min(count, other_count)))
+    apart = path.first - other.first
     found = dict[int, float]()
-    for lag in range(apart - len(other_rates) + least, apart + len(rates) - least + 1):
+    for lag in range(apart - other_count + least, apart + count - least + 1):
         # Sample k of the first path is at the time of sample k + offset of the second one.
         offset = apart - lag
         begin = max(0, -offset)
-        end = min(len(rates), len(other_rates) - offset)
-        correlation = _correlation(rates[begin:end], other_rates[begin + offset : end + offset])
+        end = min(count, other_count - offset)
+        correlation = _correlation(path.rates[begin:end], other.rates[begin + offset : end + offset])
         if correlation is not None:
             found[lag] = correlation
     if 0 not in found:
         return None
     # On a path that repeats itself, several lags are about equally good.
-    good = [lag for lag, correlation in found.items() if correlation >= max(found.values()) - ABOUT_EQUAL]
-    coarse = _nearest_peak(found, min(good, key=abs)) * step
-    frame = min(intervals)
-    if intervals[0] >= intervals[1]:
-        compared = _AtFullRate(times, poses, others, other_poses, sign=1.0)
-    else:
-        compared = _AtFullRate(others, other_poses, times, poses, sign=-1.0)
-    reach = int(np.ceil(step / frame)) + 1
-    around = {lag + k for lag in (0, round(coarse / frame)) for k in range(-reach, reach + 1)}
-    fine = dict[int, float]()
-    for lag in sorted(around, key=abs):
+    highest = max(found.values())
+    good = [lag for lag, correlation in found.items() if correlation >= highest - ABOUT_EQUAL]
+    return _nearest_peak(found, min(good, key=abs))
+
+
+def _nearest_peak(correlations: Mapping[int, float], lag: int) -> int:
+    """The lag that is reached from `lag` by steps of one, as long as the correlation rises."""
+    while True:
+        beside = max((lag - 1, lag + 1), key=lambda near: correlations.get(near, -1.0))
+        if correlations.get(beside, -1.0) <= correlations[lag]:
+            return lag
+        lag = beside
+
+
+def _correlations(compared: _AtFullRate, lags: Iterable[int], frame: float) -> dict[int, float]:
+    """The correlations of two paths for some lags, multiples of `frame` seconds; without undefined ones."""
+    result = dict[int, float]()
+    for lag in lags:
         correlation = compared.correlation(lag * frame)
         if correlation is not None:
-            fine[lag] = correlation
-    if 0 not in fine:
-        return None
-    best = max(fine, key=lambda lag: fine[lag])
-    return TurnAgreement(fine[0], fine[best], best * frame, compared.samples(0.0))
+            result[lag] = correlation
+    return result
 
 
 class _AtFullRate:
-    """Turns of a path in its own intervals, and those of a denser path in the same intervals.
+    """The turn rates of a path in its own intervals, beside those of a denser path in the same intervals.
 
-    sign : of the lag of the first path's clock; -1 if the denser path is the first one.
+    Parameters
+    ----------
+    times, poses : of the path with the longer intervals, (N,) seconds and (N, 4, 4).
+    dense_times, dense_poses : of the denser path.
+    sign : 1 if a lag is that of the clock of `times`, -1 if it is that of the clock of `dense_times`.
     """
 
     def __init__(
@@ -130,8 +192,8 @@ class _AtFullRate:
         self.dense_rotations = dense_poses[:, :3, :3]
         self.sign = sign
 
-    def _inside(self, lag: float) -> Array:
-        """Whether the denser path has times for each interval (M,), with a lag in seconds."""
+    def _inside(self, lag: float) -> BoolArray:
+        """Mask (M,) of the intervals for which the denser path has poses, with a lag in seconds."""
         after = self.starts - self.sign * lag >= self.dense_times[0] - ROUNDING_S
         before = self.ends - self.sign * lag <= self.dense_times[-1] + ROUNDING_S
         return np.asarray(after & before)
@@ -145,15 +207,16 @@ class _AtFullRate:
         inside = self._inside(lag)
         if inside.sum() < MIN_SAMPLES:
             return None
-        begins = self._dense_at(self.starts[inside] - self.sign * lag)
-        ends = self._dense_at(self.ends[inside] - self.sign * lag)
-        turns = _angles(begins, ends)
-        return _correlation(self.rates[inside], turns / (self.ends - self.starts)[inside])
+        at_start = self._dense_at(self.starts[inside] - self.sign * lag)
+        at_end = self._dense_at(self.ends[inside] - self.sign * lag)
+        dense_rates = _angles(at_start, at_end) / (self.ends - self.starts)[inside]
+        return _correlation(self.rates[inside], dense_rates)
 
     def _dense_at(self, times: Array) -> Array:
         """Rotations (M, 3, 3) of the denser path at times (M,), with a steady turn from pose to pose."""
         known = self.dense_times
         before = np.clip(np.searchsorted(known, times, side="right") - 1, 0, len(known) - 2)
+        # The share of the time from the pose before to the pose after, and so of the turn between them.
         share = np.clip((times - known[before]) / (known[before + 1] - known[before]), 0.0, 1.0)
         rotations = self.dense_rotations[before]
         turn = np.swapaxes(rotations, 1, 2) @ self.dense_rotations[before + 1]
@@ -188,25 +251,8 @@ def _unexplained(correlation: float) -> float:
     return 1.0 - max(correlation, 0.0) ** 2 + 1e-12
 
 
-def _nearest_peak(correlations: Mapping[int, float], lag: int) -> int:
-    """The lag that is reached from `lag` by steps of one, as long as the correlation rises."""
-    while True:
-        beside = max((lag - 1, lag + 1), key=lambda near: correlations.get(near, -1.0))
-        if correlations.get(beside, -1.0) <= correlations[lag]:
-            return lag
-        lag = beside
-
-
-def _turn_rates(times: Array, poses: Array, start: float, step: float) -> tuple[int, Array]:
-    """Angles per second (M,), rad/s, at the times start + (k + 0, 1, …) step of a path, and the number k."""
-    angles = _angles(poses[:-1, :3, :3], poses[1:, :3, :3])
-    at = ((times[:-1] + times[1:]) / 2 - start) / step
-    first = int(np.ceil(at[0]))
-    return first, np.interp(np.arange(first, at[-1] + 1e-9), at, angles / np.diff(times))
-
-
 def _angles(rotations: Array, others: Array) -> Array:
-    """Angles (M,), rad, between rotations (M, 3, 3) and others."""
+    """Angles (M,), rad, between rotations (M, 3, 3) and others (M, 3, 3)."""
     return rotation_angle(np.swapaxes(rotations, 1, 2) @ others)
 
 

@@ -20,11 +20,11 @@ from ..geometry.rows import Rows
 from ..geometry.types import Array, Index
 from .ate_rpe import frames_of_truth, motion_error
 
-# Lengths for short paths; these sub-sequences start at every frame, and tables name the lengths.
-SHORT_LENGTHS = (20.0, 50.0, 100.0)  # metres
 KITTI_LENGTHS = (100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0)  # metres
 KITTI_STEP = 10  # frames from one start to the next
-KITTI_SPEEDS = tuple(float(v) for v in range(2, 25, 2))  # bin centres, m/s
+SHORT_LENGTHS = (20.0, 50.0, 100.0)  # metres, for paths that are too short for KITTI's lengths
+KITTI_SPEEDS = (2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0, 16.0, 18.0, 20.0, 22.0, 24.0)  # bin centres, m/s
+KITTI_SPEED_REACH = 2.0  # m/s by which a speed may differ from the centre, so that bins overlap
 KITTI_FRAME_TIME = 0.1  # seconds; fixed in the devkit
 KITTI_BIN_MINIMUM = 3  # smallest number of sub-sequences for a point of the devkit's curves
 # With fewer sub-sequences, a single place of the path may decide the mean. KITTI's 04, the shortest, has 43.
@@ -37,7 +37,7 @@ class KittiErrors(Rows):
 
     Attributes
     ----------
-    first, last : (S,) frame numbers.
+    first, last : (S,) numbers of the frames at which a sub-sequence begins and ends.
     length : (S,) nominal length, metres.
     t_err : (S,) translation error divided by the nominal length, no unit.
     r_err : (S,) rotation error divided by the nominal length, rad/m.
@@ -66,8 +66,8 @@ class KittiErrors(Rows):
         return {float(length): self[self.length == length] for length in lengths}
 
     def by_speed(self) -> dict[float, KittiErrors]:
-        """For each bin centre, the sub-sequences with a speed within 2 m/s; bins overlap (as in KITTI)."""
-        return {speed: self[np.abs(self.speed - speed) < 2.0] for speed in KITTI_SPEEDS}
+        """For each bin centre in m/s, the sub-sequences with about this speed; bins overlap (as in KITTI)."""
+        return {speed: self[np.abs(self.speed - speed) < KITTI_SPEED_REACH] for speed in KITTI_SPEEDS}
 
     def curve(
         self, by: str, lengths: Sequence[float] = KITTI_LENGTHS
@@ -92,13 +92,13 @@ class KittiErrors(Rows):
 
 
 def trajectory_distances(T: Array) -> Array:
-    """Path length from the first pose to each pose, (N,), metres."""
+    """Path length from the first pose to each of the poses (N, 4, 4): (N,), metres."""
     steps = np.linalg.norm(np.diff(T[:, :3, 3], axis=0), axis=1)
     return np.concatenate([np.zeros(1), np.cumsum(steps)])
 
 
 def _devkit_distances(T: Array) -> NDArray[np.float32]:
-    """Path length to each pose, (N,), metres, with the devkit's rounding.
+    """`trajectory_distances` with the devkit's rounding.
 
     Squares, their sum and each total have single precision; the root and each addition have double precision.
     """
@@ -114,10 +114,11 @@ def _norm(t: NDArray[Any]) -> Array:
     return np.asarray(np.sqrt((squares[:, 0] + squares[:, 1] + squares[:, 2]).astype(np.float64)))
 
 
-def _sizes(error: Array, length: Array, dtype: type[np.floating[Any]]) -> tuple[Array, Array]:
-    """Translations and angles of error motions (S, 4, 4), divided by lengths (S,) in metres: no unit, rad/m.
+def _errors_per_metre(error: Array, length: Array, dtype: type[np.floating[Any]]) -> tuple[Array, Array]:
+    """Translation errors (S,), no unit, and rotation errors (S,), rad/m, of the error motions (S, 4, 4).
 
-    `dtype` : precision of the variables that have single precision in the devkit.
+    length : (S,) metres by which they are divided.
+    dtype : precision of the variables that have single precision in the devkit.
     """
     rotation = error[:, :3, :3].astype(dtype)
     trace = rotation[:, 0, 0] + rotation[:, 1, 1] + rotation[:, 2, 2]
@@ -141,12 +142,12 @@ def kitti_errors(
     For each length, sub-sequences start at every `step`-th frame and end at the first frame that is more than
     this length ahead. Both errors of inverse(Δest) Δgt are divided by the nominal length.
 
-    If some frames have no estimate, the next frame with an estimate takes the place of a missing end and,
-    before the following start, of a missing start. Errors of a sub-sequence that ends later for this reason
-    are divided by its true length.
+    If some frames have no estimate, the next frame that has one takes the place of a missing end. It also
+    takes the place of a missing start, but only if it comes before the following start. A sub-sequence may
+    then end later than it should; if so, its errors are divided by its true length.
 
     For KITTI's lengths, errors have the devkit's single precision and agree with the devkit in all digits.
-    For shorter lengths it would be too coarse, 0.02° for angles, so all others have double precision.
+    That would be too coarse for shorter lengths, 0.02° for angles, so all others have double precision.
 
     Parameters
     ----------
@@ -159,6 +160,10 @@ def kitti_errors(
     Returns
     -------
     KittiErrors, sorted by the first frame, then in the order of `lengths`; frames are those of the truth.
+
+    Raises
+    ------
+    DataError : a length or the step is not positive, or truth and estimate do not fit (`frames_of_truth`).
     """
     frames = frames_of_truth(truth, estimate, frames)
     if len(lengths) == 0 or not all(0 < length < math.inf for length in lengths):
@@ -166,23 +171,22 @@ def kitti_errors(
     if step < 1:
         raise DataError(f"step: expected 1 frame or more, got {step}")
     path = _devkit_distances(truth)
-    nominal = np.asarray(lengths, dtype=np.float32)
-    starts = _first_matches(frames, np.arange(0, len(truth), step), step)
-    limits = path[frames[starts], None] + nominal
+    starts = _places_of_starts(frames, np.arange(0, len(truth), step), step)
+    # For each start and each length: the distance to exceed, and the place of the first estimate beyond it.
+    limits = path[frames[starts], None] + np.asarray(lengths, dtype=np.float32)
     ends = np.searchsorted(path[frames], limits, side="right")
-    # Each sub-sequence has a start and a length, and ends inside the path.
-    start, which = np.nonzero(ends < len(frames))
-    start_at = starts[start]
-    end_at = ends[start, which]
-    first = frames[start_at]
-    last = frames[end_at]
-    length = np.asarray(lengths, dtype=np.float64)[which]
-    # Without a pose at the right frame, the sub-sequence ends later and is longer.
-    ends_exactly = last == np.searchsorted(path, limits, side="right")[start, which]
-    covered = np.where(ends_exactly, length, path[last].astype(np.float64) - path[first])
-    error = motion_error(truth[frames], estimate, start_at, end_at)
-    single_t, single_r = _sizes(error, covered, np.float32)
-    double_t, double_r = _sizes(error, covered, np.float64)
+    # A sub-sequence is one of these pairs that ends inside the path.
+    which_start, which_length = np.nonzero(ends < len(frames))
+    start = starts[which_start]
+    end = ends[which_start, which_length]
+    length = np.asarray(lengths, dtype=np.float64)[which_length]
+    first = frames[start]
+    last = frames[end]
+    right_last = np.searchsorted(path, limits, side="right")[which_start, which_length]
+    covered = np.where(last == right_last, length, path[last].astype(np.float64) - path[first])
+    error = motion_error(truth[frames], estimate, start, end)
+    single_t, single_r = _errors_per_metre(error, covered, np.float32)
+    double_t, double_r = _errors_per_metre(error, covered, np.float64)
     as_devkit = np.isin(length, KITTI_LENGTHS)
     t_err = np.where(as_devkit, single_t, double_t)
     r_err = np.where(as_devkit, single_r, double_r)
@@ -192,8 +196,11 @@ def kitti_errors(
     return KittiErrors(first, last, length, t_err, r_err, speed.astype(np.float32).astype(np.float64))
 
 
-def _first_matches(frames: Index, starts: Index, step: int) -> Index:
-    """Places in `frames` of the first frame from each start to the next start, which is `step` later."""
+def _places_of_starts(frames: Index, starts: Index, step: int) -> Index:
+    """For each start, the place in `frames` of the first frame from it on, if before the following start.
+
+    frames : (M,) increasing numbers; starts : frame numbers at intervals of `step`.
+    """
     places = np.searchsorted(frames, starts)
     inside = places < len(frames)
     places = places[inside]

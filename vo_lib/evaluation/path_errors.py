@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,12 +16,9 @@ from .ate_rpe import (
     RelativeError,
     absolute_error,
     check_pair,
-    inverses_agree,
-    mirrored_axis,
-    orientations_disagree,
-    quaternions_disagree,
     relative_error,
 )
+from .conventions import inverses_agree, mirrored_axis, orientations_disagree, quaternions_disagree
 from .kitti_errors import (
     FEW_SUBSEQUENCES,
     KITTI_PROTOCOL,
@@ -47,10 +44,8 @@ class PathErrors:
     length_ratio : length of the estimated path divided by that of the true path over the compared poses; None
         if the truth does not move.
     kitti, ate, rpe : the errors.
-    other_orientations : whether the orientations have another convention than those of the truth.
-    other_quaternions : whether the quaternions of the path or of the truth were read in another order.
-    mirrored : the axis of which the path or the truth has the sign reversed, or "".
-    inverted : whether the path and the truth agree far better if the poses of one of them are inverted.
+    other_orientations, other_quaternions, inverted, mirrored : whether the path or the truth has another
+        convention: `orientations_disagree`, `quaternions_disagree`, `inverses_agree`, `mirrored_axis`.
     """
 
     name: str
@@ -64,6 +59,22 @@ class PathErrors:
     other_quaternions: bool
     inverted: bool
     mirrored: str
+
+    def to_dict(self, lengths: Sequence[float]) -> dict[str, Any]:
+        """All results for JSON except the single sub-sequences; `lengths`, metres, are those of TE and RE."""
+        return {
+            "name": self.name,
+            "frames": self.frames,
+            "distance_m": self.distance,
+            "length_ratio": self.length_ratio,
+            **self.kitti.to_tables(lengths),
+            "ate": self.ate.to_dict(),
+            "rpe": self.rpe.to_dict(),
+            "other_orientations": self.other_orientations,
+            "other_quaternions": self.other_quaternions,
+            "inverted": self.inverted,
+            "mirrored_axis": self.mirrored or None,
+        }
 
 
 @dataclass(frozen=True)
@@ -98,25 +109,14 @@ class Evaluation:
 
         `key` : key of the list of paths in the result.
         """
-        lengths = self.measure.lengths
         return {
-            "lengths_m": list(lengths),
+            "lengths_m": list(self.measure.lengths),
             "step_frames": self.measure.step,
             "subsequences": self.subsequences,
             "few_subsequences": self.subsequences < FEW_SUBSEQUENCES,
             "whole_truth": self.whole_truth,
             "as_kitti": self.as_kitti,
-            key: [
-                {"name": path.name, "frames": path.frames, "distance_m": path.distance}
-                | {"length_ratio": path.length_ratio}
-                | path.kitti.to_tables(lengths)
-                | {"ate": path.ate.to_dict(), "rpe": path.rpe.to_dict()}
-                | {"other_orientations": path.other_orientations}
-                | {"other_quaternions": path.other_quaternions}
-                | {"inverted": path.inverted}
-                | {"mirrored_axis": path.mirrored or None}
-                for path in self.paths
-            ],
+            key: [path.to_dict(self.measure.lengths) for path in self.paths],
         }
 
 
@@ -133,33 +133,40 @@ def evaluate(
 ) -> Evaluation:
     """KITTI errors, ATE and RPE of named estimates (M, 4, 4) of a true path (N, 4, 4).
 
-    `times` : (N,) seconds, for speeds, or None. `delta` : interval of the RPE. `frames` : (M,) increasing
-    numbers of the true poses to which the poses of all estimates belong, or None for all. `is_part` : whether
-    the truth is only a part of that of a sequence.
+    Parameters
+    ----------
+    measure : the sub-sequences of TE and RE.
+    times : (N,) seconds, for speeds, or None.
+    alignment : of the ATE. delta : interval of the RPE.
+    frames : (M,) increasing numbers of the true poses to which the poses of all estimates belong, or None for
+        all.
+    is_part : whether the truth is only a part of that of a sequence.
 
     Raises
     ------
-    DataError : if truth and an estimate differ in length, or an option is out of range.
+    DataError : truth and an estimate differ in length, or an option is out of range.
     """
-    path = trajectory_distances(truth)
+    distances = trajectory_distances(truth)
     compared = np.arange(len(truth)) if frames is None else frames
-    by_length = path if delta.unit == "m" else None
+    true_poses = truth[compared]
     results = list[PathErrors]()
     for name, estimate in estimates.items():
-        check_pair(truth[compared], estimate, f"{name}: ")
+        check_pair(true_poses, estimate, f"{name}: ")
         results.append(
             PathErrors(
                 name=name,
                 frames=len(compared),
-                distance=float(path[compared[-1]] - path[compared[0]]),
-                length_ratio=_length_ratio(truth[compared], estimate),
+                distance=float(distances[compared[-1]] - distances[compared[0]]),
+                length_ratio=_length_ratio(true_poses, estimate),
                 kitti=kitti_errors(truth, estimate, measure.lengths, measure.step, times, compared),
-                ate=absolute_error(truth[compared], estimate, alignment),
-                rpe=relative_error(truth, estimate, delta.size, by_length, compared),
-                other_orientations=orientations_disagree(truth[compared], estimate),
-                other_quaternions=quaternions_disagree(truth[compared], estimate),
-                mirrored=mirrored_axis(truth[compared], estimate),
-                inverted=inverses_agree(truth[compared], estimate),
+                ate=absolute_error(true_poses, estimate, alignment),
+                rpe=relative_error(
+                    truth, estimate, delta.size, distances if delta.unit == "m" else None, compared
+                ),
+                other_orientations=orientations_disagree(true_poses, estimate),
+                other_quaternions=quaternions_disagree(true_poses, estimate),
+                inverted=inverses_agree(true_poses, estimate),
+                mirrored=mirrored_axis(true_poses, estimate),
             )
         )
     return Evaluation(
@@ -171,6 +178,6 @@ def evaluate(
 
 
 def _length_ratio(truth: Array, estimate: Array) -> float | None:
-    """Length of an estimated path (M, 4, 4) divided by that of the true path (M, 4, 4)."""
+    """Length of an estimated path (M, 4, 4) divided by that of the true path (M, 4, 4), which may be 0."""
     true_length = float(trajectory_distances(truth)[-1])
     return float(trajectory_distances(estimate)[-1]) / true_length if true_length > 0 else None

@@ -16,16 +16,20 @@ from ..geometry.types import Array
 from .ate_rpe import Alignment, align, rmse
 from .kitti_errors import trajectory_distances
 
-MOVES = 0.1  # a step counts as motion if it is longer than this share of a usual step
-ONE_WAY = 0.3  # length of the mean of unit vectors from which on they have a common direction
-ONE_LINE = 0.6  # share of their squares along one line from which on they have a common line
+MIN_MOVING_SHARE = 0.1  # a step counts as motion if it is longer than this share of a usual step
+# Of the directions (unit vectors) in which a path moves:
+ONE_DIRECTION = 0.3  # length of their mean from which on they have one direction in common
+ONE_LINE = 0.6  # share of their squares along a line from which on they have this line in common
+CAMERA_CONE_DEG = 45.0  # a camera that drives forward moves nearer than this to its z axis
+FORWARD = 0.9  # their mean z component from which on a path clearly moves along +z
+NOT_FORWARD = 0.5  # and below which it clearly does not
+# Of leaps:
 MAX_SPEED = 100.0  # m/s; no vehicle of a test drive is faster
 MAX_STEP = 10.0  # metres from pose to pose without times: that speed at ten frames a second
-LEAP_RATIO = 5.0  # of a leap to the path's own median step and speed
-SCALELESS_LEAP_RATIO = 30.0  # to nine tenths of the speeds, for a path in a small unit or without scale
-FORWARD = 0.9  # mean z component of unit vectors from which on a path clearly moves along +z
-NOT_FORWARD = 0.5  # and below which it clearly does not
-CAMERA_CONE_DEG = 45.0  # a camera that drives forward moves nearer than this to its z axis
+LEAP_RATIO = 5.0  # smallest ratio of a leap to the path's own median step, and to its median speed
+# For a path in a small unit or without scale, which never reaches `MAX_SPEED`: the ratio of a leap to the
+# speed that nine tenths of the steps stay below.
+SCALELESS_LEAP_RATIO = 30.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +38,8 @@ class PathFacts:
 
     Attributes
     ----------
-    poses : number of poses; length : of the path, metres.
+    poses : number of poses.
+    length : of the path, metres.
     duration : seconds from the first to the last pose, or None if the times are unknown.
     end : (3,) position of the last pose in the axes of the first, metres: x right, y down, z forward.
     """
@@ -73,33 +78,43 @@ def path_facts(poses: Array, times: Array | None) -> PathFacts:
 def unusual_axis(poses: Array) -> str:
     """The own axis, such as "+x", along which a path (N, 4, 4) moves, if a camera would rarely move along it.
 
-    A camera in a vehicle looks ahead, so from pose to pose it moves along its own z axis. Empty for a path of
-    which the mean direction of motion, the mean of the unit vectors of inverse(T_i) T_i+1, is nearer to +z
-    than `CAMERA_CONE_DEG`. A path that moves to and fro has no mean direction: then the line counts along
-    which it moves, and its axis is named without a sign. Empty as well for a path that moves in all
-    directions, or not at all.
+    A camera in a vehicle looks ahead, so from pose to pose it moves along its own +z axis. The result is ""
+    for a path whose mean direction is nearer to that axis than `CAMERA_CONE_DEG`. A path that moves to and
+    fro has no mean direction: there the line counts along which it moves, and the axis has no sign. The
+    result is also "" for a path that moves in all directions, or not at all.
+    """
+    directions = _directions(poses)
+    if len(directions) == 0:
+        return ""
+    mean = directions.mean(axis=0)
+    length = float(np.linalg.norm(mean))
+    camera_cone = np.cos(np.radians(CAMERA_CONE_DEG))
+    if length > ONE_DIRECTION:
+        if mean[2] / length > camera_cone:
+            return ""
+        sizes = np.array([abs(mean[0]), abs(mean[1]), max(-mean[2], 0.0)])  # +z is not the unusual one
+        axis = int(np.argmax(sizes))
+        sign = "-" if mean[axis] < 0 else "+"
+        return sign + "xyz"[axis]
+    # The eigenvectors are lines; the last one has the largest share of the squared directions.
+    shares, lines = np.linalg.eigh(directions.T @ directions / len(directions))
+    line = np.abs(lines[:, -1])
+    if shares[-1] < ONE_LINE or line[2] > camera_cone:
+        return ""
+    return "xy"[int(np.argmax(line[:2]))]
+
+
+def _directions(poses: Array) -> Array:
+    """Unit vectors (M, 3) along which a path (N, 4, 4) moves from pose to pose, in each pose's own axes.
+
+    They are the directions of the translations of inverse(T_i) T_i+1. Poses that hardly move have none.
     """
     steps = np.asarray(np.linalg.inv(poses[:-1]) @ poses[1:])[:, :3, 3]
     lengths = np.linalg.norm(steps, axis=1)
     if not lengths.sum() > 0:
-        return ""
-    moving = lengths > MOVES * _usual_step(lengths)
-    directions = steps[moving] / lengths[moving, None]
-    mean = directions.mean(axis=0)
-    length = float(np.linalg.norm(mean))
-    nearest_to_z = np.cos(np.radians(CAMERA_CONE_DEG))
-    if length > ONE_WAY:
-        forward = mean[2] / length
-        if forward > nearest_to_z:
-            return ""
-        sizes = np.array([abs(mean[0]), abs(mean[1]), max(-mean[2], 0.0)])  # +z is not the unusual one
-        axis = int(np.argmax(sizes))
-        return f"{'-' if mean[axis] < 0 else '+'}{'xyz'[axis]}"
-    shares, lines = np.linalg.eigh(directions.T @ directions / len(directions))
-    line = np.abs(lines[:, -1])  # along which the directions have the largest share
-    if shares[-1] < ONE_LINE or line[2] > nearest_to_z:
-        return ""
-    return "xy"[int(np.argmax(line[:2]))]
+        return np.zeros((0, 3))
+    moving = lengths > MIN_MOVING_SHARE * _usual_step(lengths)
+    return np.asarray(steps[moving] / lengths[moving, None])
 
 
 @dataclass(frozen=True)
@@ -108,8 +123,10 @@ class Leaps:
 
     Attributes
     ----------
-    count : number of them. pose : number of the pose, from 0, at which the largest one ends.
-    length : of the largest, metres. usual : median step of the path, metres.
+    count : number of them.
+    pose : number of the pose, from 0, at which the largest one ends.
+    length : of the largest, metres.
+    usual : median step of the path, metres.
     speed : of the largest, m/s, or None without times.
     """
 
@@ -123,60 +140,70 @@ class Leaps:
 def leaps(poses: Array, times: Array | None) -> Leaps | None:
     """The leaps of a path (N, 4, 4) with times (N,), seconds, or None; None for a path without leaps.
 
-    A leap is `LEAP_RATIO` times as long and as fast as the median of the steps that are not 0, and faster
-    than `MAX_SPEED` (without times, longer than `MAX_STEP`), or `SCALELESS_LEAP_RATIO` times as fast as nine
-    tenths of the steps.
+    A leap is too fast: faster than `MAX_SPEED` (without times, longer than `MAX_STEP`), or faster than
+    `SCALELESS_LEAP_RATIO` times the speed that nine tenths of the steps stay below. It is also `LEAP_RATIO`
+    times as long, and as fast, as the median of the steps that are not 0.
     """
     steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
     if not steps.any():
         return None
-    rates = steps if times is None else steps / np.diff(times)
-    limit = MAX_STEP if times is None else MAX_SPEED
-    usual = float(np.median(steps[steps > 0]))
-    usual_rate = float(np.median(rates[rates > 0]))
-    most = float(np.quantile(rates, 0.9))
-    too_fast = (rates > limit) | ((rates > SCALELESS_LEAP_RATIO * most) & (most > 0))
-    found = np.flatnonzero(too_fast & (steps > LEAP_RATIO * usual) & (rates > LEAP_RATIO * usual_rate))
+    if times is None:
+        speeds = steps  # in metres from pose to pose
+        limit = MAX_STEP
+    else:
+        speeds = steps / np.diff(times)
+        limit = MAX_SPEED
+    median_step = float(np.median(steps[steps > 0]))
+    median_speed = float(np.median(speeds[speeds > 0]))
+    high_speed = float(np.quantile(speeds, 0.9))
+    too_fast = speeds > limit
+    if high_speed > 0:
+        too_fast |= speeds > SCALELESS_LEAP_RATIO * high_speed
+    stands_out = (steps > LEAP_RATIO * median_step) & (speeds > LEAP_RATIO * median_speed)
+    found = np.flatnonzero(too_fast & stands_out)
     if not len(found):
         return None
     largest = int(found[np.argmax(steps[found])])
-    speed = None if times is None else float(rates[largest])
-    return Leaps(len(found), largest + 1, float(steps[largest]), usual, speed)
+    return Leaps(
+        count=len(found),
+        pose=largest + 1,
+        length=float(steps[largest]),
+        usual=median_step,
+        speed=None if times is None else float(speeds[largest]),
+    )
 
 
 def usual_speed(poses: Array, times: Array) -> float:
-    """Median speed, m/s, of the steps of a path (N, 4, 4) with times (N,), seconds, that are not 0."""
-    rates = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1) / np.diff(times)
-    return float(np.median(rates[rates > 0])) if rates.any() else 0.0
+    """Median speed, m/s, of a path (N, 4, 4) with times (N,), seconds, without its standstills."""
+    speeds = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1) / np.diff(times)
+    return float(np.median(speeds[speeds > 0])) if speeds.any() else 0.0
 
 
 def probably_inverted(poses: Array) -> bool:
     """Whether only the inverses of poses (N, 4, 4) move along their own +z axis, as a camera does.
 
-    Poses that move along -z, and so straight, tell nothing: the camera may have moved backwards.
+    Poses that move straight along their -z axis tell nothing: the camera may have moved backwards.
     """
-    forward = _forward_share(poses)
-    return -FORWARD < forward < NOT_FORWARD and _forward_share(np.asarray(np.linalg.inv(poses))) > FORWARD
+    as_given = _mean_forward(poses)
+    inverted = _mean_forward(np.asarray(np.linalg.inv(poses)))
+    return -FORWARD < as_given < NOT_FORWARD and inverted > FORWARD
 
 
-def _forward_share(poses: Array) -> float:
-    """Mean z component of the unit vectors of inverse(T_i) T_i+1 of the moving poses; 0 without motion."""
-    steps = np.asarray(np.linalg.inv(poses[:-1]) @ poses[1:])[:, :3, 3]
-    lengths = np.linalg.norm(steps, axis=1)
-    if not lengths.sum() > 0:
-        return 0.0
-    moving = lengths > MOVES * _usual_step(lengths)
-    return float(np.mean(steps[moving, 2] / lengths[moving]))
+def _mean_forward(poses: Array) -> float:
+    """Mean z component, in [-1, 1], of the directions in which a path (N, 4, 4) moves; 0 without motion."""
+    directions = _directions(poses)
+    return float(np.mean(directions[:, 2])) if len(directions) else 0.0
 
 
 def _usual_step(lengths: Array) -> float:
-    """The length of a step of which the longer ones, and it, are half of a path, from all lengths (M,).
+    """A usual one of the lengths (M,) of all steps: the steps of this length or more are half of the path.
 
-    Neither a long standstill nor a leap that is shorter than half of the path makes it useless.
+    Unlike the median, it is not 0 after a long standstill. A leap does not change it much either, unless it
+    is half of the path.
     """
     descending = np.sort(lengths)[::-1]
-    total = np.cumsum(descending)
-    return float(descending[np.searchsorted(total, 0.5 * total[-1])])
+    length_so_far = np.cumsum(descending)
+    return float(descending[np.searchsorted(length_so_far, 0.5 * length_so_far[-1])])
 
 
 @dataclass(frozen=True)
@@ -206,14 +233,24 @@ class PathDifference:
 
 
 def path_difference(first: str, poses: Array, second: str, others: Array) -> PathDifference:
-    """The distances between the positions of two named paths (N, 4, 4) after a common start.
+    """The distances between the positions of two paths after a common start.
 
-    Raises `DataError` unless both have the same number of finite poses.
+    Parameters
+    ----------
+    first, second : names of the paths; poses, others : their poses (N, 4, 4).
+
+    Raises
+    ------
+    DataError : the paths differ in length, or a pose is not finite.
     """
     moved, _ = align(poses, others, Alignment.ORIGIN)
     distance = np.linalg.norm(moved[:, :3, 3] - poses[:, :3, 3], axis=1)
     return PathDifference(
-        first, second, float(distance[-1]), float(distance.max()), float(rmse(distance) or 0.0)
+        first=first,
+        second=second,
+        end=float(distance[-1]),
+        largest=float(distance.max()),
+        rmse=rmse(distance) or 0.0,
     )
 
 
@@ -221,5 +258,5 @@ def path_differences(paths: Mapping[str, Array]) -> list[PathDifference]:
     """The distances of each pair of named paths (N, 4, 4)."""
     return [
         path_difference(first, paths[first], second, paths[second])
-        for first, second in combinations(paths, 2)
+        for first, second in combinations(paths, 2)  # of names
     ]

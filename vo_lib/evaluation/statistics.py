@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike
 from ..geometry.types import Array
 
 # A change of an error would show in one run if it exceeds this number of standard deviations over the seeds,
-# and this share of the error.
+# and this share of the error. `NO_CHANGE` and `COUNTED` say so in reports.
 SPREADS = 2.0
 SHARE = 0.02
 NO_CHANGE = f"within two standard deviations over the seeds or {100 * SHARE:.0f} %"
@@ -37,7 +37,7 @@ COUNTED = (
 )
 CONFIDENCE = 0.95  # of the intervals
 POWER = 0.8  # probability with which a test should find a change that is there
-MOST_NEEDED = 1000  # changes, up to which `changes_needed` gives a number
+MOST_NEEDED = 1000  # largest number that `changes_needed` gives
 MAX_EXACT_FLIPS = 16  # number of changes up to which all 2ⁿ choices of signs are tried
 RANDOM_FLIPS = 100_000  # number of random choices of signs for more changes
 
@@ -61,9 +61,10 @@ def mean_and_deviation(values: ArrayLike) -> tuple[float, float]:
 
 
 def change_limit(error: float, *deviations: float) -> float:
-    """Limit above which one run would show a change of an error; NaN with one seed (NaN deviations).
+    """Limit above which one run would show a change of an error.
 
-    deviations : standard deviations over the seeds of the error before and after the change.
+    deviations : standard deviations over the seeds, those of the error before and after the change. With one
+        seed they are NaN, and so is the limit.
     """
     return max(SPREADS * math.hypot(*deviations), SHARE * error)
 
@@ -91,7 +92,8 @@ def t_quantile(probability: float, freedom: float) -> float:
         return NormalDist().inv_cdf(probability)
     if freedom < 1 or freedom != int(freedom):
         raise ValueError(f"degrees of freedom {freedom}: expected a whole number from 1, or infinity")
-    # The distribution in the angle atan(t / √ν), which is bounded, grows from 0 to 1: bisection finds it.
+    # The angle atan(t / √ν) is bounded, and the probability that |T| is less than t grows with it from 0 to
+    # 1: bisection finds the angle with the wanted probability.
     central = abs(2.0 * probability - 1.0)
     low = 0.0
     high = 0.5 * math.pi
@@ -201,12 +203,13 @@ def changes_needed(mean: float, deviation: float, power: float = POWER) -> int |
     if not (math.isfinite(mean) and math.isfinite(deviation)) or mean == 0.0:
         return None
     level = 0.5 + 0.5 * CONFIDENCE
-    # Student's quantiles are larger than those of a normal distribution, which need no count.
+    # The quantiles of the normal distribution do not depend on the count, and Student's are larger. So they
+    # give a count to start from, which is not too large.
     normal = t_quantile(level, math.inf) + t_quantile(power, math.inf)
-    root = normal * deviation / abs(mean)
-    if root > math.sqrt(MOST_NEEDED):
+    root_of_count = normal * deviation / abs(mean)
+    if root_of_count > math.sqrt(MOST_NEEDED):
         return None
-    count = max(2, math.ceil(root**2))
+    count = max(2, math.ceil(root_of_count**2))
     while count <= MOST_NEEDED:
         t = t_quantile(level, count - 1) + t_quantile(power, count - 1)
         if abs(mean) * math.sqrt(count) >= t * deviation:
@@ -218,7 +221,8 @@ def changes_needed(mean: float, deviation: float, power: float = POWER) -> int |
 def means_without_each(values: ArrayLike) -> Array:
     """For each of n values, the mean of the others, (n,); NaN for a single value.
 
-    If one of these means has another sign than the mean of all changes, one drive decides the result.
+    If the values are the changes on n drives, and one of these means has another sign than the mean of all,
+    then a single drive decides the result.
     """
     sample = np.asarray(values, np.float64)
     if len(sample) < 2:
@@ -243,7 +247,7 @@ def sign_flip_share(changes: ArrayLike) -> float:
         random = np.random.default_rng(0)
         signs = random.choice((1.0, -1.0), (RANDOM_FLIPS, len(sample)))
         signs[0] = 1.0
+    # The first choice in both cases is that of the changes as they are.
     sums = np.abs(signs @ sample)
-    # Sums of the same numbers in another order differ by rounding.
-    reached = sums >= sums[0] - 1e-9 * np.abs(sample).sum()
-    return float(np.mean(reached))
+    rounding = 1e-9 * np.abs(sample).sum()  # by which sums of the same numbers in another order may differ
+    return float(np.mean(sums >= sums[0] - rounding))

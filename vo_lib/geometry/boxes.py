@@ -14,7 +14,7 @@ PARKED = 0
 UNKNOWN = 1
 MOVING = 2
 
-VEHICLES = "vehicles"  # in a choice of classes: all classes with the name of a vehicle
+VEHICLES = "vehicles"  # stands for all classes of vehicles in a list of chosen classes
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +24,8 @@ class Boxes(Rows):
     Attributes
     ----------
     xyxy : (K, 4) left, top, right, bottom, pixels (pixel centres at integers).
-    class_id : (K,) int; numbers of the label file or model, or, of chosen boxes, COCO's number of their kind.
+    class_id : (K,) int. When boxes are read, the class numbers of the label file or model; once the boxes of
+        the chosen classes are selected, COCO's number for a vehicle of that kind.
     score : (K,) in [0, 1]; 1 for labels without a score.
     """
 

@@ -25,11 +25,14 @@ def skew(v: Array) -> Array:
 
 
 def rotation_from_vector(w: Array) -> Array:
-    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) in radians, by Rodrigues' formula."""
+    """Rotation matrices (..., 3, 3) of rotation vectors w (..., 3) in radians, by Rodrigues' formula.
+
+    R = I + (sin θ / θ) W + ((1 - cos θ) / θ²) W² with W = [w]× and θ = ‖w‖.
+    """
     w = np.asarray(w, dtype=np.float64)
     theta2 = np.sum(w * w, axis=-1)[..., None, None]
     theta = np.sqrt(theta2)
-    small = theta2 < 1e-12
+    small = theta2 < 1e-12  # there, series replace the quotients, which would be 0 / 0
     safe = np.where(small, 1.0, theta)
     a = np.where(small, 1.0 - theta2 / 6.0, np.sin(safe) / safe)
     b = np.where(small, 0.5 - theta2 / 24.0, (1.0 - np.cos(safe)) / (safe * safe))
@@ -40,33 +43,36 @@ def rotation_from_vector(w: Array) -> Array:
 def rotation_angle(R: Array) -> Array:
     """Angle of rotation matrices (..., 3, 3), radians, in [0, π].
 
-    The formula with both the trace and the antisymmetric part is precise even at small angles.
+    The antisymmetric part of R has 2 sin θ times the axis, and its trace is 1 + 2 cos θ. Both together are
+    precise even at small angles, where the cosine alone is not.
     """
     R = np.asarray(R, dtype=np.float64)
     axis = np.stack(
         [R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], axis=-1
     )
-    sine2 = np.linalg.norm(axis, axis=-1)
-    return np.asarray(np.arctan2(sine2, np.trace(R, axis1=-2, axis2=-1) - 1.0))
+    twice_sine = np.linalg.norm(axis, axis=-1)
+    twice_cosine = np.trace(R, axis1=-2, axis2=-1) - 1.0
+    return np.asarray(np.arctan2(twice_sine, twice_cosine))
 
 
 def nearest_rotation(M: Array) -> Array:
     """The rotation nearest to M (3, 3) in Frobenius norm; removes the rounding errors of long products."""
     U, _, Vt = np.linalg.svd(M)
-    U[:, -1] *= np.linalg.det(U) * np.linalg.det(Vt)
+    U[:, -1] *= np.linalg.det(U) * np.linalg.det(Vt)  # so that the product is no reflection
     return np.asarray(U @ Vt)
 
 
 def quaternion_from_rotation(R: Array) -> Array:
     """Unit quaternion (qx, qy, qz, qw) of a rotation matrix (3, 3), in TUM's order and with qw >= 0."""
     R = np.asarray(R, dtype=np.float64)
-    # Bar-Itzhack 2000: the quaternion is the eigenvector of a symmetric matrix with the largest eigenvalue.
+    # Bar-Itzhack 2000: the quaternion is the eigenvector of this symmetric matrix for its largest eigenvalue.
     K = np.empty((4, 4))
     K[:3, :3] = R + R.T - np.trace(R) * np.eye(3)
     K[3, :3] = [R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]
     K[:3, 3] = K[3, :3]
     K[3, 3] = np.trace(R)
-    q = np.linalg.eigh(K)[1][:, -1]
+    _, eigenvectors = np.linalg.eigh(K)  # by ascending eigenvalue
+    q = eigenvectors[:, -1]
     return np.asarray(-q if q[3] < 0 else q)
 
 
@@ -86,13 +92,13 @@ def rigid(R: Array, t: Array) -> Array:
 
 
 def inverse(T: Array) -> Array:
-    """Inverses of rigid motions (..., 4, 4), from the transposed rotations."""
-    R_t = np.swapaxes(T[..., :3, :3], -1, -2)
-    out = np.zeros_like(T)
-    out[..., :3, :3] = R_t
-    out[..., :3, 3] = -(R_t @ T[..., :3, 3, None])[..., 0]
-    out[..., 3, 3] = 1.0
-    return out
+    """Inverses X -> Rᵀ (X - t) of rigid motions (..., 4, 4)."""
+    R_inverse = np.swapaxes(T[..., :3, :3], -1, -2)
+    result = np.zeros_like(T)
+    result[..., :3, :3] = R_inverse
+    result[..., :3, 3] = -(R_inverse @ T[..., :3, 3, None])[..., 0]
+    result[..., 3, 3] = 1.0
+    return result
 
 
 def transform(T: Array, X: Array) -> Array:
@@ -123,6 +129,7 @@ def decompose_essential(E: Array) -> tuple[Array, Array]:
     (Hartley and Zisserman, result 9.19). Known depths select one of the four pairs (R, ±t).
     """
     U, _, Vt = np.linalg.svd(E)
+    # The sign of E is free, so U and V may be made rotations, with determinant 1.
     U = U * np.linalg.det(U)[..., None, None]
     Vt = Vt * np.linalg.det(Vt)[..., None, None]
     W = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])

@@ -11,9 +11,9 @@ from .matches import StereoMatches
 from .motion import rigid, rotation_from_vector
 from .types import Array
 
-CONVERGED_STEP = 1e-9  # step at which the iteration ends, radians and metres
-CONVERGED_TRIAL_STEP = 1e-4  # step at which the iteration of a trial ends; only its inliers are counted
-MAX_AGREEMENT_RESIDUAL_PX = 2.0  # residual norm of a match below which the match agrees with a motion
+CONVERGED_STEP = 1e-9  # length of a step at which the iteration ends, radians and metres
+CONVERGED_TRIAL_STEP = 1e-4  # the same for a trial motion, of which only the inliers are counted
+MAX_AGREEMENT_RESIDUAL_PX = 2.0  # a match with a smaller residual norm agrees with a motion
 
 
 class MotionFit(NamedTuple):
@@ -37,9 +37,10 @@ def fit_motion(
     ----------
     matches : N matches whose points have a depth.
     start : T_cp (4, 4) at which the iteration starts.
-    scale : pixel residual at which a point's weight is halved (Cauchy weights, 1 / (1 + r² / scale²)),
-        or the median residual if the median is larger.
-    tolerance : step at which the iteration ends, radians and metres.
+    scale : residual, pixels, at which a point's weight is halved (Cauchy weights, 1 / (1 + r² / scale²)); the
+        median residual takes its place as long as it is larger.
+    iterations : largest number of steps.
+    tolerance : length of a step at which the iteration ends, radians and metres.
     """
     X_p = camera.triangulate(matches.prev_left, matches.prev_right)
     R = start[:3, :3]
@@ -51,14 +52,15 @@ def fit_motion(
         rotated = X_p @ R.T
         r, jac, depth = linearise(camera, rotated, t, measured)
         residual = np.where(depth > 0, np.sqrt(np.sum(r * r, axis=1)), np.inf)
-        # The residuals returned are those of the final motion.
+        # The last round is without a step, so that the residuals returned are those of the final motion.
         if converged or step == iterations:
             break
         # Far from the solution all residuals are large. Near points, which determine the translation, keep a
         # high weight if the scale is at least the median residual.
-        current = max(scale, float(np.median(residual)))
+        scale_now = max(scale, float(np.median(residual)))
         in_front = np.isfinite(residual)
-        ratio = np.divide(residual, current, out=np.full_like(residual, 1e6), where=in_front)
+        # A point behind the camera has hardly any weight.
+        ratio = np.divide(residual, scale_now, out=np.full_like(residual, 1e6), where=in_front)
         weight = 1.0 / (1.0 + ratio**2)
         jac = jac.reshape(-1, 6)
         weighted = (jac * np.repeat(weight, 4)[:, None]).T
@@ -70,10 +72,11 @@ def fit_motion(
 
 
 def stereo_residuals(camera: StereoCamera, matches: StereoMatches, T_cp: Array) -> Array:
-    """How far a motion is from the stereo depths: reprojection errors of the matches, (N,) pixels.
+    """How far a motion is from the stereo depths: the reprojection error of each match, (N,) pixels.
 
-    The point of the previous pair moves with T_cp (4, 4) and is projected into the current pair. The residual
-    is the norm over its four coordinates; it is infinite for a point without depth or behind the camera.
+    The point of the previous pair moves with T_cp (4, 4) and is projected into the current pair. The error is
+    the norm of the residuals of its four coordinates, and infinite for a point without depth or behind the
+    camera.
     """
     X_p = camera.triangulate(matches.prev_left, matches.prev_right)
     measured = measured_pixels(camera, matches.cur_left, matches.cur_right)
@@ -89,8 +92,8 @@ def linearise(
 
     Parameters
     ----------
-    rotated : (..., N, 3) points R_cp X_p; t_cp : (3,) or broadcastable to `rotated`.
-    measured : (..., N, 4) u, v in the left and u, v in the right image, relative to the principal point.
+    rotated : (..., N, 3) points R_cp X_p, metres; t_cp : (3,) or broadcastable to `rotated`.
+    measured : (..., N, 4) `measured_pixels`: u, v in the left and u, v in the right image.
 
     Returns
     -------
@@ -109,14 +112,15 @@ def linearise(
     b = rotated[..., 1]
     c = rotated[..., 2]
     jac = np.zeros((*z.shape, 4, 6))
-    # du = s dX_x - (u / z) dX_z; the derivatives in the left and the right image differ only in u.
+    # A point at (X, Y, z) has u = f X / z, so du = s dX - (u / z) dz with s = f / z. The derivatives in the
+    # left and in the right image differ only in u.
     for row, u_over_z in ((0, u / z), (2, u_right / z)):
         jac[..., row, 0] = -u_over_z * b
         jac[..., row, 1] = s * c + u_over_z * a
         jac[..., row, 2] = -s * b
         jac[..., row, 3] = s
         jac[..., row, 5] = -u_over_z
-    # dv = s dX_y - (v / z) dX_z, equal in both images.
+    # dv = s dY - (v / z) dz, equal in both images.
     v_over_z = v / z
     jac[..., 1, 0] = -s * c - v_over_z * b
     jac[..., 1, 1] = v_over_z * a

@@ -21,8 +21,8 @@ class Flag(StrEnum):
     PRIOR_DROPPED = "prior_dropped"  # best candidate of the prior clearly worse than the overall best
 
 
-MAX_MISSING_FRAMES = 10  # largest number of frames in a row without a motion; with more, tracking is lost
-WITHOUT_MOTION = frozenset((Flag.FEW_MATCHES, Flag.NO_MOTION))
+WITHOUT_MOTION = frozenset((Flag.FEW_MATCHES, Flag.NO_MOTION))  # flags of a frame that repeats a motion
+MAX_MISSING_FRAMES = 10  # largest number of such frames in a row; with more, tracking is lost
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,8 @@ class FrameResult:
     Attributes
     ----------
     T_cp : (4, 4) motion from the previous to the current left camera, metres.
-    matches, removed, used : numbers of all matches, of removed matches and of matches after bucketing.
+    matches, removed, used : numbers of all matches, of those that the box rule removed, and of those that
+        were left after bucketing.
     inliers : number of used matches that agree with the epipolar geometry.
     prior_angle : angle to the previous essential vector, degrees; NaN if one of the two vectors is missing.
     flags : remarks on unusual frames.
@@ -57,14 +58,14 @@ class FrameResult:
 
 
 class Clock:
-    """A clock that measures the time of consecutive stages, milliseconds."""
+    """A clock that measures the times of consecutive stages; `ms` has the milliseconds of each by name."""
 
     def __init__(self) -> None:
         self.ms: dict[str, float] = {}
         self._last = time.perf_counter()
 
     def stage(self, name: str) -> None:
-        """End a stage; times of stages with equal names are added."""
+        """End a stage, which began with the end of the previous one; times with equal names are added."""
         now = time.perf_counter()
         self.ms[name] = self.ms.get(name, 0.0) + 1e3 * (now - self._last)
         self._last = now

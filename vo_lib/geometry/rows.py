@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
@@ -24,13 +24,15 @@ class Rows:
         first: Any = next(iter(vars(self).values()))
         return len(first)
 
-    def __getitem__(self: AnyRows, index: BoolArray | Index) -> AnyRows:
-        """The rows selected by a boolean mask or an index array."""
-        return type(self)(*(array[index] for array in vars(self).values()))
+    def __getitem__(self, index: BoolArray | Index) -> Self:
+        """The rows selected by a boolean mask or an index array, of every array."""
+        selected = {name: array[index] for name, array in vars(self).items()}
+        return type(self)(**selected)
 
 
 def joined(parts: Iterable[AnyRows]) -> AnyRows:
-    """The concatenated rows of one or more objects."""
+    """The concatenated rows of one or more objects of one class."""
     parts = list(parts)
-    columns = zip(*(vars(part).values() for part in parts), strict=True)
-    return type(parts[0])(*map(np.concatenate, columns))
+    names = vars(parts[0])
+    arrays = {name: np.concatenate([vars(part)[name] for part in parts]) for name in names}
+    return type(parts[0])(**arrays)

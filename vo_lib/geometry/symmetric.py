@@ -6,9 +6,10 @@ import numpy as np
 
 from .types import Array
 
-# Row and column, in the matrix, of each stored entry; and the other way round, number of each entry's row.
+# Row and column in the matrix of each of the six stored entries.
 ROW = np.array([0, 1, 2, 0, 0, 1])
 COLUMN = np.array([0, 1, 2, 1, 2, 2])
+# The other way round: which of the six is at each place of the full matrix.
 FULL = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
 
 

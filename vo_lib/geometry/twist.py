@@ -1,4 +1,9 @@
-"""Twists (..., 6), each a rotation vector and a translation part: logarithm and exponential of SE(3)."""
+"""Twists (..., 6), each a rotation vector w and a translation part v: logarithm and exponential of SE(3).
+
+A twist (w, v) belongs to the motion with the rotation R(w) and the translation V v, where
+
+    V = I + ((1 - cos θ) / θ²) W + ((θ - sin θ) / θ³) W²,   W = [w]×,   θ = ‖w‖.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +16,10 @@ SMALL_ANGLE_RAD = 1e-4  # below this angle, series replace quotients that are ne
 
 
 def twist_from_motion(T: Array) -> Array:
-    """Twists (..., 6) of motions (..., 4, 4) with rotations of less than π."""
+    """Twists (..., 6) of motions (..., 4, 4) with rotations of less than π.
+
+    v = V⁻¹ t with V⁻¹ = I - W / 2 + c W², and c = (1 - θ / (2 tan(θ / 2))) / θ².
+    """
     R = T[..., :3, :3]
     angle = rotation_angle(R)[..., None]
     difference = R - np.swapaxes(R, -1, -2)
@@ -34,9 +42,10 @@ def motion_from_twist(xi: Array) -> Array:
     b = np.where(small, 0.5 - angle**2 / 24.0, (1.0 - np.cos(safe)) / safe**2)
     c = np.where(small, 1.0 / 6.0 - angle**2 / 120.0, (safe - np.sin(safe)) / safe**3)
     W = skew(w)
+    V = np.eye(3) + b * W + c * (W @ W)
     T = np.zeros((*xi.shape[:-1], 4, 4))
     T[..., :3, :3] = rotation_from_vector(w)
-    T[..., :3, 3] = ((np.eye(3) + b * W + c * (W @ W)) @ xi[..., 3:, None])[..., 0]
+    T[..., :3, 3] = (V @ xi[..., 3:, None])[..., 0]
     T[..., 3, 3] = 1.0
     return T
 
@@ -44,17 +53,18 @@ def motion_from_twist(xi: Array) -> Array:
 def adjoint(T: Array) -> Array:
     """Matrices (..., 6, 6) that transform twists from frame b to frame a, for motions T_ab (..., 4, 4)."""
     R = T[..., :3, :3]
-    out = np.zeros((*T.shape[:-2], 6, 6))
-    out[..., :3, :3] = R
-    out[..., 3:, 3:] = R
-    out[..., 3:, :3] = skew(T[..., :3, 3]) @ R
-    return out
+    result = np.zeros((*T.shape[:-2], 6, 6))
+    result[..., :3, :3] = R
+    result[..., 3:, 3:] = R
+    result[..., 3:, :3] = skew(T[..., :3, 3]) @ R
+    return result
 
 
 def bracket(xi: Array) -> Array:
     """Matrices (..., 6, 6) of the Lie bracket with twists (..., 6): the derivative of `adjoint`."""
-    out = np.zeros((*xi.shape, 6))
-    out[..., :3, :3] = skew(xi[..., :3])
-    out[..., 3:, 3:] = out[..., :3, :3]
-    out[..., 3:, :3] = skew(xi[..., 3:])
-    return out
+    W = skew(xi[..., :3])
+    result = np.zeros((*xi.shape, 6))
+    result[..., :3, :3] = W
+    result[..., 3:, 3:] = W
+    result[..., 3:, :3] = skew(xi[..., 3:])
+    return result

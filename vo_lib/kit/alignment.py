@@ -165,7 +165,7 @@ def track_warped(
         centre,
         window,
         MAX_REFINEMENT_PX,
-        ends=(15, 0.01),
+        criteria=(15, 0.01),
     )
     positions = anchor + np.einsum("nij,nj->ni", A, tracked - centre)
     return np.where(ok[:, None], positions, start), difference

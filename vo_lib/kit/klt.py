@@ -156,7 +156,7 @@ class KltMatcher:
             self.config.window,
             np.inf,
             levels,
-            ends=COARSE_ENDS,
+            criteria=COARSE_ENDS,
         )
         ok &= (difference <= self.config.max_difference) & _inside(cur_left, left)
         over_time, has_depth = _in_right_image(pair.disparity, cur_left)

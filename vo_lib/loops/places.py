@@ -15,7 +15,7 @@ from ..data.masks import read_mask
 from ..data.sequence import Sequence, at_pixels
 from ..geometry.types import Array, BoolArray, IntArray, Progress
 from ..paper.box_removal import in_boxes
-from ..paper.features import Described, describe
+from ..paper.features import DescribedFeatures, describe
 from ..paper.settings import FeatureConfig, MethodConfig
 from .settings import LoopConfig
 
@@ -30,7 +30,7 @@ def place_frames(count: int, config: LoopConfig) -> IntArray:
     return np.arange(0, count, step, dtype=np.int64)
 
 
-def learn_words(images: list[Described], config: LoopConfig, seed: int) -> Array:
+def learn_words(images: list[DescribedFeatures], config: LoopConfig, seed: int) -> Array:
     """The vocabulary (kinds, words, 32) of images, by k-means on a sample of the features of each kind."""
     rng = np.random.default_rng(seed)
     words = []
@@ -48,7 +48,7 @@ def learn_words(images: list[Described], config: LoopConfig, seed: int) -> Array
     return np.array(words)
 
 
-def histogram(image: Described, words: Array, width: int, columns: int) -> Array:
+def histogram(image: DescribedFeatures, words: Array, width: int, columns: int) -> Array:
     """Number of features for each column, kind and word (columns, kinds, words); width : image, pixels."""
     likeness = (words[image.kind] @ image.descriptor[:, :, None])[..., 0]
     nearest = likeness.argmax(axis=1)
@@ -61,7 +61,7 @@ def histogram(image: Described, words: Array, width: int, columns: int) -> Array
 def similarities(sequence: Sequence, method: MethodConfig, config: LoopConfig, progress: Progress) -> Array:
     """Similarity (N, N) in [-1, 1] of the left images of the N places of a sequence."""
     frames = place_frames(len(sequence), config)
-    images: list[Described] = []
+    images: list[DescribedFeatures] = []
     for frame in frames.tolist():
         image = describe(sequence.stereo(frame)[0], FeatureConfig())
         image = image[uncovered(sequence, frame, image.uv, method)]

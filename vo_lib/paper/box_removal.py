@@ -1,4 +1,7 @@
-"""Removal of the features in vehicle boxes (chapter 5; paper, section 3)."""
+"""Removal of the features in vehicle boxes (chapter 5; paper, section 3).
+
+Boxes exist in the left images only, so a match is judged by its two left pixels.
+"""
 
 from __future__ import annotations
 
@@ -32,18 +35,21 @@ class Removal:
 
 
 class BoxFilter:
-    """The box rule on a sequence: `start` for the first frame, then `step` for each further frame."""
+    """The box rule on a sequence: `start` with the first frame, then `step` with each further frame.
+
+    A match has a pixel in the previous left image too, so the filter remembers the boxes of one frame.
+    """
 
     def __init__(self, config: FilterConfig):
         self.config = config
         self._previous_boxes = no_boxes()
 
     def start(self, boxes: Boxes) -> None:
-        """Store the boxes in the first frame's left image."""
+        """Remember the boxes in the first frame's left image."""
         self._previous_boxes = boxes
 
     def step(self, matches: StereoMatches, boxes: Boxes) -> Removal:
-        """What the rule does to the matches between the previous frame and the frame with these boxes."""
+        """What the rule does to the matches (N) between the previous frame and the frame with these boxes."""
         previous_boxes = self._previous_boxes
         self._previous_boxes = boxes
         if self.config.rule == "none":
@@ -54,7 +60,10 @@ class BoxFilter:
 
 
 def vehicles(boxes: Boxes, config: FilterConfig) -> Boxes:
-    """The boxes with a sufficient score, enlarged by the margin; all boxes are of the chosen classes."""
+    """The boxes with a sufficient score, enlarged by the margin.
+
+    The chosen classes are no matter here: a sequence gives boxes of these classes only.
+    """
     selection = boxes[boxes.score >= config.score]
     top_left = selection.xyxy[:, :2]
     bottom_right = selection.xyxy[:, 2:]
@@ -64,17 +73,20 @@ def vehicles(boxes: Boxes, config: FilterConfig) -> Boxes:
 
 
 def inside(uv: Array, xyxy: Array) -> BoolArray:
-    """Mask (N, K) of pixels (N, 2) in boxes (K, 4), borders included."""
+    """For each of N pixels (N, 2) and each of K boxes (K, 4), whether the pixel is in the box, (N, K).
+
+    The borders belong to the box.
+    """
     u = uv[:, :1]
     v = uv[:, 1:]
     return (u >= xyxy[:, 0]) & (u <= xyxy[:, 2]) & (v >= xyxy[:, 1]) & (v <= xyxy[:, 3])
 
 
 def in_boxes(uv: Array, boxes: Boxes, config: FilterConfig) -> BoolArray:
-    """Mask (N,) of pixels (N, 2) in vehicle boxes."""
+    """Mask (N,) of the pixels (N, 2) that are in any vehicle box of their image."""
     return np.asarray(inside(uv, vehicles(boxes, config).xyxy).any(axis=1))
 
 
 def on_vehicles(matches: StereoMatches, boxes_p: Boxes, boxes_c: Boxes, config: FilterConfig) -> BoolArray:
-    """Mask (N,) of matches in a vehicle box of the previous or the current left image."""
+    """Mask (N,) of the matches that are in a vehicle box of the previous or of the current left image."""
     return in_boxes(matches.prev_left, boxes_p, config) | in_boxes(matches.cur_left, boxes_c, config)

@@ -9,25 +9,36 @@ from .settings import BucketConfig
 
 
 def square_numbers(uv: Array, side: int) -> IntArray:
-    """Indices (N,) of the image squares, `side` pixels wide, that contain the pixels (N, 2)."""
+    """Numbers (N,) of the squares, `side` pixels wide, that contain the pixels (N, 2).
+
+    The squares are counted row by row, as far to the right as there are pixels.
+    """
     column, row = (uv // side).astype(np.int64).T
-    return np.asarray(row * (column.max(initial=0) + 1) + column)
+    columns = column.max(initial=0) + 1
+    return np.asarray(row * columns + column)
+
+
+def ranks_in_groups(groups: IntArray | Index) -> Index:
+    """The rank 0, 1, … (N,) of each item within its group, for items (N,) sorted by their group's number."""
+    start_of_group = np.searchsorted(groups, groups)  # the first place at which an item's group appears
+    return np.arange(len(groups)) - start_of_group
 
 
 def select_by_bucket(uv: Array, age: IntArray, strength: Array, config: BucketConfig) -> Index:
     """The oldest features of each bucket; among features of equal age, the strongest (section 1).
 
+    A bucket is a square of `config.size` × `config.size` pixels.
+
     Parameters
     ----------
-    uv : (N, 2) pixels; age : (N,) frames; strength : (N,).
+    uv : (N, 2) pixels; age : (N,) frames; strength : (N,) responses of the detector.
 
     Returns
     -------
-    Sorted indices of the selected features: at most `config.features` per square of `config.size` pixels.
+    Sorted indices of the selected features, at most `config.features` of each bucket.
     """
     bucket = square_numbers(uv, config.size)
-    order = np.lexsort((-strength, -age, bucket))  # by bucket, in a bucket by age, at equal age by strength
-    sorted_bucket = bucket[order]
-    first_of_bucket = np.searchsorted(sorted_bucket, sorted_bucket)
-    rank = np.arange(len(order)) - first_of_bucket
+    # The last key is the first to decide: by bucket, in a bucket by age, at equal age by strength.
+    order = np.lexsort((-strength, -age, bucket))
+    rank = ranks_in_groups(bucket[order])
     return np.sort(order[rank < config.features])

@@ -4,11 +4,16 @@ Source: Nistér, "An efficient solution to the five-point relative pose problem"
 are from Stewénius, Engels and Nistér, "Recent developments on direct relative orientation", 2006.
 
 Each step is a function. The last axis of the intermediate arrays is the axis of the sets, so that NumPy does
-each operation for all sets in one pass over memory.
+each operation for all sets in one pass over memory. S is the number of sets, M that of solutions:
 
-    epipolar_rows (5, 9, S) -> null_space (4, 3, 3, S) -> cubic_constraints (10, 20, S)
-    -> eliminate (6, 16, S) -> determinant (11, S) -> real_roots -> back_substitute (4, M) -> polish
-    -> E = x E0 + y E1 + z E2 + w E3
+    epipolar_rows (5, 9, S)           one linear equation in E for each match
+    null_space (4, 3, 3, S)           so E = x E0 + y E1 + z E2 + w E3
+    cubic_constraints (10, 20, S)     of an essential matrix, in x, y, z, w
+    eliminate (6, 16, S)              without x³, y³, x²y, xy²: linear in x², y², xy, x, y, 1
+    determinant (11, S)               of these six equations: a polynomial in (z, w) alone
+    real_roots                        its roots (z, w)
+    back_substitute (4, M)            x and y of each root
+    polish                            Newton steps on the constraints
 
 Two steps differ from Nistér's paper. Nistér sets w = 1; here (z, w) is a point of the projective line, so no
 solution is at infinity. Nistér eliminates ten monomials and divides by their pivots, which may be small; here
@@ -27,21 +32,28 @@ from ..geometry.types import Array, BoolArray, Index
 from .real_roots import DEGREE, real_roots
 
 # Degenerate sets cause these floating-point errors; their candidates are removed at the end.
-DEGENERATE_SETS = np.errstate(divide="ignore", invalid="ignore", over="ignore")
+ignore_degenerate_sets = np.errstate(divide="ignore", invalid="ignore", over="ignore")
 
-# Exponents of x, y, z, w in the 20 monomials of degree 3: first x³, y³, x²y, xy², which are eliminated;
-# then x², y², xy, each times (z, w); x and y, each times (z², zw, w²); and z³, z²w, zw², w³.
-_WORDS = "3000 0300 2100 1200 2010 2001 0210 0201 1110 1101 1020 1011 1002 0120 0111 0102 0030 0021 0012 0003"
-EXPONENTS = np.array([[int(digit) for digit in word] for word in _WORDS.split()])
-# A cubic is computed from its values at 20 points; with the exponents as points, errors are not amplified.
+# The 20 monomials of degree 3, by their power of x and y. The four without z and w are eliminated.
+WITHOUT_Z_AND_W = ["xxx", "yyy", "xxy", "xyy"]
+QUADRATIC = ["xxz", "xxw", "yyz", "yyw", "xyz", "xyw"]
+LINEAR = ["xzz", "xzw", "xww", "yzz", "yzw", "yww"]
+CONSTANT = ["zzz", "zzw", "zww", "www"]
+MONOMIALS = [*WITHOUT_Z_AND_W, *QUADRATIC, *LINEAR, *CONSTANT]
+EXPONENTS = np.array([[monomial.count(variable) for variable in "xyzw"] for monomial in MONOMIALS])
+# The 20 coefficients of a cubic are computed from its values at 20 points (x, y, z, w): `VALUES_OF_MONOMIALS`
+# has a row for each point, so its inverse turns values into coefficients. With the exponents as points,
+# errors are not amplified.
 POINTS = EXPONENTS / np.linalg.norm(EXPONENTS, axis=1, keepdims=True)
-CUBIC_FROM_VALUES = np.linalg.inv(np.prod(POINTS[:, None, :] ** EXPONENTS, axis=2))
+VALUES_OF_MONOMIALS = np.prod(POINTS[:, None, :] ** EXPONENTS, axis=2)
+CUBIC_FROM_VALUES = np.linalg.inv(VALUES_OF_MONOMIALS)
 
-# The polynomial of degree 10 is computed from its values in eleven directions (z, w).
+# In the same way, the polynomial of degree 10 is computed from its values in eleven directions (z, w).
 _ANGLES = np.pi * np.arange(DEGREE + 1) / (DEGREE + 1)
-NODES = np.array([np.cos(_ANGLES), np.sin(_ANGLES)])
-_ORDER = np.arange(DEGREE + 1)
-POLYNOMIAL_FROM_VALUES = np.linalg.inv(NODES[0][:, None] ** _ORDER[::-1] * NODES[1][:, None] ** _ORDER)
+Z_NODES = np.cos(_ANGLES)
+W_NODES = np.sin(_ANGLES)
+_POWERS = np.arange(DEGREE + 1)
+POLYNOMIAL_FROM_VALUES = np.linalg.inv(Z_NODES[:, None] ** _POWERS[::-1] * W_NODES[:, None] ** _POWERS)
 
 SOLVING_TURNS = 2  # largest number of attempts to solve a set, each with a different order of the axes
 POLISH_STEPS = 8  # largest number of steps of the polishing
@@ -83,33 +95,8 @@ def five_point(x_p: Array, x_c: Array) -> Candidates:
     """
     x_p, x_c = _checked_points(x_p, x_c)
     basis, independent = null_space(epipolar_rows(x_p, x_c))
-    solutions = [np.empty((4, 0))]
-    indices = [np.empty(0, dtype=np.intp)]
-    todo = np.flatnonzero(independent)
-    for turn in range(SOLVING_TURNS):
-        # Solutions with nearly equal z/w are hard to separate; with other axes as z and w, the ratios differ.
-        axes = (np.arange(4) + turn) % 4
-        v, index, doubtful = _solve(basis[axes].take(todo, axis=-1))
-        solutions.append(v[np.argsort(axes)])
-        indices.append(todo[index])
-        todo = todo[doubtful]
-        if not todo.size:
-            break
-    v = np.concatenate(solutions, axis=1)
-    index = np.concatenate(indices)
-    # Sorted by |x| within each set, so that duplicates of a solution are neighbours.
-    order = np.argsort(index + 0.99 * np.abs(v[0]))
-    v = v.take(order, axis=1)
-    index = index[order]
-    distinct = np.ones(index.size, dtype=bool)
-    cosine = np.abs(np.einsum("am,am->m", v[:, 1:], v[:, :-1]))
-    distinct[1:] = (index[1:] != index[:-1]) | (1.0 - cosine > 0.5 * SAME_CANDIDATE_DISTANCE**2)
-    # Ten polynomials of degree three have at most ten common roots, or a whole family of them. So a set with
-    # more than ten solutions has samples of a family.
-    count = np.bincount(index[distinct], minlength=len(x_p))
-    kept = distinct & (count <= DEGREE)[index]
-    v = v[:, kept]
-    index = index[kept]
+    v, index = _solve_in_turns(basis, np.flatnonzero(independent))
+    v, index = _distinct_solutions(v, index)
     E = np.einsum("am,aijm->mij", v, basis.take(index, axis=-1))
     return Candidates(E, index)
 
@@ -137,19 +124,59 @@ def _checked_points(x_p: Array, x_c: Array) -> tuple[Array, Array]:
     return checked[0], checked[1]
 
 
+def _solve_in_turns(basis: Array, sets: Index) -> tuple[Array, Index]:
+    """Solutions v = (x, y, z, w) of norm 1, (4, M), of some of the sets, and the set (M,) of each.
+
+    Solutions with nearly equal z/w are hard to separate. So a set with doubtful solutions has another turn,
+    with other matrices of the basis in the places of E2 and E3, where the ratios differ.
+    """
+    solutions = [np.empty((4, 0))]
+    indices = [np.empty(0, dtype=np.intp)]
+    todo = sets
+    for turn in range(SOLVING_TURNS):
+        axes = (np.arange(4) + turn) % 4
+        v, index, doubtful = _solve(basis[axes].take(todo, axis=-1))
+        solutions.append(v[np.argsort(axes)])  # back in the order of the basis
+        indices.append(todo[index])
+        todo = todo[doubtful]
+        if not todo.size:
+            break
+    return np.concatenate(solutions, axis=1), np.concatenate(indices)
+
+
 def _solve(basis: Array) -> tuple[Array, Index, BoolArray]:
     """Solutions v = (x, y, z, w) of norm 1, (4, M), their sets (M,), and a mask (S,) of doubtful sets."""
     rows = eliminate(cubic_constraints(basis))
     z, w, index, doubtful = real_roots(determinant(rows))
     start = back_substitute(rows, z, w, index)
     v, converged = polish(basis, start, index)
+    # The cosine of a small angle a is 1 - a² / 2.
     near = np.abs(np.einsum("am,am->m", start, v)) > 1.0 - 0.5 * MAX_POLISH_MOVE**2
     doubtful[index[~(converged & near)]] = True
     return v[:, converged], index[converged], doubtful
 
 
+def _distinct_solutions(v: Array, index: Index) -> tuple[Array, Index]:
+    """The solutions v (4, M) and their sets (M,), sorted by set, without duplicates and samples of families.
+
+    Ten polynomials of degree three have at most ten common roots, or a whole family of them. So the solutions
+    of a set that has more than ten are samples of a family, and all of them are left out.
+    """
+    # By set, in a set by |x|, which is 1 or less: so duplicates of a solution are neighbours.
+    order = np.argsort(index + 0.99 * np.abs(v[0]))
+    v = v.take(order, axis=1)
+    index = index[order]
+    cosine = np.abs(np.einsum("am,am->m", v[:, 1:], v[:, :-1]))
+    differs = 1.0 - cosine > 0.5 * SAME_CANDIDATE_DISTANCE**2
+    distinct = np.ones(index.size, dtype=bool)
+    distinct[1:] = (index[1:] != index[:-1]) | differs
+    count_in_set = np.bincount(index[distinct])
+    kept = distinct & (count_in_set <= DEGREE)[index]
+    return v[:, kept], index[kept]
+
+
 def epipolar_rows(x_p: Array, x_c: Array) -> Array:
-    """Rows a (5, 9, S) of points (S, 5, 2), with a · vec(E) = x_cᵀ E x_p; vec(E) has E row by row."""
+    """The rows a (5, 9, S) of matches (S, 5, 2): a · vec(E) = x_cᵀ E x_p, where vec(E) is E row by row."""
     h_p = np.ones((5, 3, len(x_p)))
     h_c = np.ones((5, 3, len(x_c)))
     h_p[:, :2] = np.transpose(x_p, (1, 2, 0))
@@ -166,13 +193,15 @@ def householder(A: Array, columns: int) -> Array:
     """
     buffer = np.empty_like(A)
     for k in range(columns):
+        # The reflection X -> X - 2 v (vᵀ X) / (vᵀ v) with v = a ± ‖a‖ e1 takes the column a to ∓ ‖a‖ e1. The
+        # names `v` and `rest` are views, so A itself changes; vᵀ v / 2 is `norm` times the first entry of v.
         v = A[k:, k]
         rest = A[k:, k + 1 :]
         norm = np.copysign(np.sqrt(np.einsum("is,is->s", v, v)), v[0])
         v[0] += norm
-        step = np.einsum("is,ijs->js", v, rest)
-        step /= np.maximum(norm * v[0], 1e-300)
-        rest -= np.multiply(v[:, None], step, out=buffer[k:, k + 1 :])
+        factor = np.einsum("is,ijs->js", v, rest)
+        factor /= np.maximum(norm * v[0], 1e-300)
+        rest -= np.multiply(v[:, None], factor, out=buffer[k:, k + 1 :])
         v[0] = -norm
     return A
 
@@ -180,30 +209,34 @@ def householder(A: Array, columns: int) -> Array:
 def null_space(rows: Array) -> tuple[Array, BoolArray]:
     """Four orthonormal matrices (4, 3, 3, S) that span all E with rows · vec(E) = 0.
 
-    The reflections Q make Q rowsᵀ triangular and so change [rowsᵀ | I] to [R | Q]. The last four rows of Q
-    are orthogonal to all five `rows`. The second result is a mask (S,) of the sets with independent rows.
+    The second result is a mask (S,) of the sets with independent rows.
+
+    The reflections Q make Q rowsᵀ triangular and so change [rowsᵀ | I] to [R | Q]. Below the triangle, R is
+    zero, so the last four rows of Q are orthogonal to all five `rows`.
 
     The order of the matrices matters. Row i of Q is near the unit vector i, so the largest entries of the
-    four matrices are E22, E21, E20 and E12. The last two, with the factors z and w, are components of the
-    translation, which differs between solutions; E22 is small in all solutions.
+    four matrices, from the last row of Q upwards, are E22, E21, E20 and E12. The last two, with the factors z
+    and w, are components of the translation, which differs between solutions; E22 is small in all solutions.
     """
     sets = rows.shape[-1]
     identity = np.broadcast_to(np.eye(9)[..., None], (9, 9, sets))
     RQ = householder(np.concatenate([rows.swapaxes(0, 1), identity], axis=1), 5)
     diagonal = np.abs(RQ[range(5), range(5)])
     independent = diagonal.min(axis=0) > 1e-12 * diagonal.max(axis=0)
-    return np.ascontiguousarray(RQ[:4:-1, 5:]).reshape(4, 3, 3, sets), independent
+    last_rows = RQ[5:, 5:]
+    return np.ascontiguousarray(last_rows[::-1]).reshape(4, 3, 3, sets), independent
 
 
 def cubic_constraints(basis: Array) -> Array:
-    """Coefficients (10, 20, S) of the ten cubics in (x, y, z, w); `EXPONENTS` lists their monomials.
+    """Coefficients (10, 20, S) of the ten cubics in (x, y, z, w), in the order of `MONOMIALS`.
 
     E Eᵀ E - trace(E Eᵀ) E / 2 = 0 (nine cubics) and det E = 0 (one), for E = x E0 + y E1 + z E2 + w E3.
     """
     sets = basis.shape[-1]
+    # E at each of the 20 points, and the values of the ten cubics there.
     E = (POINTS @ basis.reshape(4, -1)).reshape(20, 3, 3, sets)
-    M = np.einsum("niks,njks->nijs", E, E)
-    M[:, range(3), range(3)] -= 0.5 * np.einsum("niis->ns", M)[:, None]
+    M = np.einsum("niks,njks->nijs", E, E)  # E Eᵀ
+    M[:, range(3), range(3)] -= 0.5 * np.einsum("niis->ns", M)[:, None]  # E Eᵀ - trace(E Eᵀ) I / 2
     values = np.empty((20, 10, sets))
     np.einsum("niks,nkjs->nijs", M, E, out=values[:, :9].reshape(20, 3, 3, sets))
     values[:, 9] = _det_3x3(E.transpose(1, 2, 0, 3))
@@ -216,7 +249,11 @@ def eliminate(cubics: Array) -> Array:
 
 
 def hidden_variable_matrix(rows: Array, z: Array, w: Array) -> Array:
-    """Matrices C (6, 6, …) of the six rows (6, 16, …) at given (z, w): C (x², y², xy, x, y, 1)ᵀ = 0."""
+    """Matrices C (6, 6, …) of the six rows (6, 16, …) at given (z, w): C (x², y², xy, x, y, 1)ᵀ = 0.
+
+    The 16 coefficients of a row are those of `MONOMIALS` without the first four, and C sums up those that
+    belong to the same power of x and y.
+    """
     zz = z * z
     zw = z * w
     ww = w * w
@@ -228,26 +265,39 @@ def hidden_variable_matrix(rows: Array, z: Array, w: Array) -> Array:
 
 
 def determinant(rows: Array) -> Array:
-    """Coefficients (11, S) of z¹⁰, z⁹w, …, w¹⁰ in det C(z), from the values of det C(z) at the `NODES`."""
-    C = hidden_variable_matrix(rows[:, :, None], *NODES[..., None])
+    """Coefficients (11, S) of z¹⁰, z⁹w, …, w¹⁰ in det C(z, w), from its values in eleven directions.
+
+    A solution has C (x², y², xy, x, y, 1)ᵀ = 0 with a vector that is not zero, so det C(z, w) = 0.
+    """
+    C = hidden_variable_matrix(rows[:, :, None], Z_NODES[:, None], W_NODES[:, None])
+    # After three reflections the determinant is a product. They change its sign in all sets alike, which does
+    # not matter for the roots.
     R = householder(C.reshape(6, 6, -1), 3)
     values = R[0, 0] * R[1, 1] * R[2, 2] * _det_3x3(R[3:, 3:])
     return np.asarray(POLYNOMIAL_FROM_VALUES @ values.reshape(DEGREE + 1, -1))
 
 
-@DEGENERATE_SETS
+@ignore_degenerate_sets
 def back_substitute(rows: Array, z: Array, w: Array, index: Index) -> Array:
-    """Solutions (4, M) of norm 1 from roots (z, w): (x², y², xy, x, y, 1) spans the null space of C(z)."""
+    """Solutions (4, M) of norm 1 from roots z, w (M,), and the set (M,) of each.
+
+    (x², y², xy, x, y, 1) spans the null space of C(z, w). Three reflections leave three equations for
+    (x, y, 1) alone, whose solution is any column of the cofactors of the transposed matrix that is not zero.
+    """
     R = householder(hidden_variable_matrix(rows.take(index, axis=-1), z, w), 3)
     x, y, one = _longest_column(_cofactors(R[3:, 3:].swapaxes(0, 1)))
     return _unit(np.stack([x, y, z * one, w * one]))
 
 
-@DEGENERATE_SETS
+@ignore_degenerate_sets
 def polish(basis: Array, v: Array, index: Index) -> tuple[Array, BoolArray]:
     """Solutions v (4, M) refined by Newton steps, and a mask (M,) of the converged solutions.
 
     The steps use the constraints, which are more precise than the polynomial. Most candidates need one step.
+
+    Parameters
+    ----------
+    basis : (4, 3, 3, S) null spaces of all sets; index : (M,) the set of each solution.
     """
     v = v.copy()
     converged = np.zeros(v.shape[1], dtype=bool)
@@ -257,22 +307,17 @@ def polish(basis: Array, v: Array, index: Index) -> tuple[Array, BoolArray]:
     old = v.copy()
     for _ in range(POLISH_STEPS):
         new = newton_step(N, old)
-        move = np.linalg.norm(new - np.einsum("am,am->m", new, old) * old, axis=0)  # sine of the angle
+        # The part of `new` across `old`: the sine of the angle between them, whatever their signs are.
+        move = np.linalg.norm(new - np.einsum("am,am->m", new, old) * old, axis=0)
         v[:, todo] = new
         converged[todo] = move < CONVERGED
-        remaining = np.flatnonzero(~(move < POLISH_DONE))
+        remaining = np.flatnonzero(~(move < POLISH_DONE))  # with those whose step is NaN
         if not remaining.size:
             break
         todo = todo[remaining]
         N = N.take(remaining, axis=-1)
         old = new.take(remaining, axis=-1)
     return v, converged
-
-
-# Signs of the permutations of four indices; a contraction with three vectors is their cross product.
-_SIGNS = np.zeros((4, 4, 4, 4))
-for _i, _l, _j, _k in permutations(range(4)):
-    _SIGNS[_i, _l, _j, _k] = np.linalg.det(np.eye(4)[[_i, _l, _j, _k]])
 
 
 def newton_step(N: Array, v: Array) -> Array:
@@ -282,34 +327,52 @@ def newton_step(N: Array, v: Array) -> Array:
     zero (one equation), and the other two are equal (two equations). Let t be the left null vector of E,
     (a, b, t) orthonormal, p = Eᵀa and q = Eᵀb. Then
 
-        (p·p - q·q) / 2 = 0,   p·q = 0,   (Eᵀt)·(p×q) = det E = 0.
+        r0 = (p·p - q·q) / 2 = 0,   r1 = p·q = 0,   r2 = (Eᵀt)·(p×q) = det E = 0.
+
+    The vectors a, b, t and the product p×q count as constant in the step.
     """
     E = np.einsum("am,aijm->ijm", v, N)
     t = _longest_column(_cofactors(E))
-    h = t.copy()  # the reflection that takes t to the third axis has rows a, b, ±t
+    # The reflection that takes t to the third axis has the rows a, b, ±t.
+    h = t.copy()
     h[2] += np.copysign(1.0, t[2])
     frame = np.eye(3)[..., None] - h[:, None] * (h / (1.0 + np.abs(t[2])))
+    # P has Eᵀa, Eᵀb and Eᵀt of each matrix of the null space: they are the derivatives of p, q and Eᵀt.
     P = np.einsum("kim,aijm->kajm", frame, N)
     pq = np.einsum("am,kajm->kjm", v, P[:2])
-    G = np.einsum("kjm,lajm->klam", pq, P[:2])
-    p, q = pq[:, [0, 1, 2, 0, 1]]
+    G = np.einsum("kjm,lajm->klam", pq, P[:2])  # p or q times the derivative of p or q
+    p, q = pq[:, [0, 1, 2, 0, 1]]  # the first two entries again, so that slices give the cross product
     cross = p[1:4] * q[2:] - p[2:] * q[1:4]
     J = np.stack([G[0, 0] - G[1, 1], G[0, 1] + G[1, 0]])
     J_det = np.einsum("jm,ajm->am", cross, P[2])
     # The constraints are homogeneous: J v = (2 r0, 2 r1, r2). So the step r + J (v' - v) = 0 with v·v' = 1
-    # becomes (J - (r0, r1, 0) vᵀ) v' = 0, and v' is the cross product of three rows, without a division.
+    # becomes (J - (r0, r1, 0) vᵀ) v' = 0: v' is orthogonal to three rows, so it is their cross product.
     J -= 0.5 * np.einsum("kam,am->km", J, v)[:, None] * v
-    minors = _SIGNS.reshape(16, 16) @ (J[0][:, None] * J[1]).reshape(16, -1)
-    return _unit(np.einsum("ilm,lm->im", minors.reshape(4, 4, -1), J_det))
+    return _unit(_cross_product(J[0], J[1], J_det))
+
+
+# Entry i of the cross product of three vectors a, b, c is a sum of products ± c_l a_j b_k. The sign is that
+# of the permutation (i, l, j, k), and 0 if an index occurs twice.
+_SIGNS = np.zeros((4, 4, 4, 4))
+for _permutation in permutations(range(4)):
+    _SIGNS[_permutation] = np.linalg.det(np.eye(4)[list(_permutation)])
+
+
+def _cross_product(a: Array, b: Array, c: Array) -> Array:
+    """The vectors (4, M) that are orthogonal to a, b and c, each (4, M)."""
+    minors = _SIGNS.reshape(16, 16) @ (a[:, None] * b).reshape(16, -1)
+    return np.asarray(np.einsum("ilm,lm->im", minors.reshape(4, 4, -1), c))
 
 
 def _cofactors(A: Array) -> Array:
     """Cofactors of A (3, 3, …): A[i+1, j+1] A[i+2, j+2] - A[i+1, j+2] A[i+2, j+1], indices modulo 3."""
+    # The first two rows and columns again behind the last ones, so that slices can be taken modulo 3.
     A = A[[[0], [1], [2], [0], [1]], [0, 1, 2, 0, 1]]
     return np.asarray(A[1:4, 1:4] * A[2:, 2:] - A[1:4, 2:] * A[2:, 1:4])
 
 
 def _det_3x3(A: Array) -> Array:
+    """Determinants (…) of matrices (3, 3, …)."""
     (a, b, c), (d, e, f), (g, h, i) = A
     return np.asarray(a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g))
 
@@ -322,4 +385,5 @@ def _longest_column(A: Array) -> Array:
 
 
 def _unit(v: Array) -> Array:
+    """Vectors v (K, M) divided by their norms."""
     return np.asarray(v / np.sqrt(np.einsum("im,im->m", v, v)))

@@ -2,8 +2,8 @@
 
     left previous -> right previous -> right current -> left current -> left previous
 
-Each step takes the most similar feature of the same kind; the loop must end at its start. The result is in
-whole pixels; Lucas-Kanade then refines the positions.
+Each step takes the most similar feature of the same kind, and the loop must end at the feature where it
+began. That gives whole pixels, which Lucas-Kanade then refines.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ import numpy as np
 
 from ..geometry.matches import StereoMatches, empty_matches
 from ..geometry.types import Array, BoolArray, Image, Index, IntArray
-from .features import Described, best_matches, describe, stereo_matches
+from .features import DescribedFeatures, best_matches, describe, stereo_matches
 from .settings import FeatureConfig, MatchingConfig, StereoLimits
 
-MAX_FINISH_MOVE_PX = 2.0  # largest displacement of a position in the sub-pixel refinement
+MAX_REFINEMENT_MOVE_PX = 2.0  # largest displacement along u and v in the sub-pixel refinement
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,24 +27,25 @@ class DescribedPair:
 
     Attributes
     ----------
-    left, right : (H, W) uint8 images; in_left, in_right : features of these images.
+    left, right : (H, W) uint8 images.
+    in_left, in_right : the N features of the left and the M features of the right image.
     to_right : (N,) index of the right feature most similar to each left feature, -1 for none.
     to_left : (M,) index of the left feature most similar to each right feature, -1 for none.
     """
 
     left: Image
     right: Image
-    in_left: Described
-    in_right: Described
+    in_left: DescribedFeatures
+    in_right: DescribedFeatures
     to_right: Index
     to_left: Index
 
 
 def describe_pair(
-    pair: tuple[Image, Image], features: FeatureConfig, matching: MatchingConfig
+    images: tuple[Image, Image], features: FeatureConfig, matching: MatchingConfig
 ) -> DescribedPair:
     """Features of a left and a right image, and indices of the most similar features in the other image."""
-    left, right = pair
+    left, right = images
     in_left = describe(left, features)
     in_right = describe(right, features)
     to_right, to_left = stereo_matches(in_left, in_right, matching.max_disparity)
@@ -60,13 +61,14 @@ class LoopMatcher:
     def __init__(self, features: FeatureConfig, matching: MatchingConfig):
         self.features = features
         self.config = matching
+        # The previous pair, and the age and number of each of its left features.
         self._previous: DescribedPair | None = None
         self._age: IntArray = np.zeros(0, np.int64)
         self._id: IntArray = np.zeros(0, np.int64)
         self._next_id = 0
 
     def prepare(self, pair: tuple[Image, Image]) -> DescribedPair:
-        """Features of one pair; may be called before `step`, in other threads."""
+        """Features of a left and a right image; may be called before `step`, in other threads."""
         return describe_pair(pair, self.features, self.config)
 
     def step(self, pair: DescribedPair) -> StereoMatches:
@@ -75,20 +77,20 @@ class LoopMatcher:
         self._previous = pair
         number = len(pair.in_left)
         age = np.ones(number, np.int64)
-        identity = np.full(number, -1, np.int64)
+        identity = np.full(number, -1, np.int64)  # -1: not matched, so the feature gets a new number
         matches = empty_matches()
         if before is not None:
             prev_left, prev_right, cur_left, cur_right = close_loop(before, pair, self.config.search_radius)
             age[cur_left] = self._age[prev_left] + 1
             identity[cur_left] = self._id[prev_left]
             coarse = StereoMatches(
-                before.in_left.uv[prev_left],
-                before.in_right.uv[prev_right],
-                pair.in_left.uv[cur_left],
-                pair.in_right.uv[cur_right],
-                self._age[prev_left],
-                before.in_left.strength[prev_left],
-                self._id[prev_left],
+                prev_left=before.in_left.uv[prev_left],
+                prev_right=before.in_right.uv[prev_right],
+                cur_left=pair.in_left.uv[cur_left],
+                cur_right=pair.in_right.uv[cur_right],
+                age=self._age[prev_left],
+                strength=before.in_left.strength[prev_left],
+                id=self._id[prev_left],
             )
             matches = subpixel_matches(before, pair, coarse, self.config)
         new = np.flatnonzero(identity < 0)
@@ -102,12 +104,17 @@ class LoopMatcher:
 def close_loop(before: DescribedPair, pair: DescribedPair, radius: int) -> tuple[Index, ...]:
     """Features whose loop through the four images is closed.
 
+    Parameters
+    ----------
+    before, pair : the previous and the current stereo pair.
+    radius : of the search from one frame to the next, pixels (`best_matches`).
+
     Returns
     -------
     Indices (N,) of these features in each image: previous left, previous right, current left, current right.
     """
     # Left to right in the previous pair. Left features with the same right feature share the rest of the
-    # loop, so each right feature is matched once.
+    # loop, so each right feature is followed only once.
     prev_right = np.unique(before.to_right[before.to_right >= 0])
     # Previous to current right image.
     cur_right = best_matches(before.in_right[prev_right], pair.in_right, radius)
@@ -120,9 +127,10 @@ def close_loop(before: DescribedPair, pair: DescribedPair, radius: int) -> tuple
     prev_right = prev_right[matched]
     cur_right = cur_right[matched]
     cur_left = cur_left[matched]
-    # Current to previous left image; the loop is closed if it began at this feature.
-    distinct, which = np.unique(cur_left, return_inverse=True)
-    prev_left = best_matches(pair.in_left[distinct], before.in_left, radius)[which]
+    # Current to previous left image; again, each feature is searched only once.
+    distinct, place = np.unique(cur_left, return_inverse=True)
+    prev_left = best_matches(pair.in_left[distinct], before.in_left, radius)[place]
+    # The loop is closed if it began at the feature where it ends.
     closed = np.flatnonzero((prev_left >= 0) & (before.to_right[prev_left] == prev_right))
     closed = closed[np.argsort(prev_left[closed])]
     return prev_left[closed], prev_right[closed], cur_left[closed], cur_right[closed]
@@ -136,6 +144,11 @@ def subpixel_matches(
     The position in the previous left image is kept. From there, Lucas-Kanade tracks it to the previous right
     and to the current left image, and from both to the current right image, where the two positions must
     agree. A match that fails a check is not tracked further.
+
+    Parameters
+    ----------
+    before, pair : the previous and the current stereo pair.
+    matches : in whole pixels, from `close_loop`.
     """
     side = config.subpixel_window
     # Previous left to previous right.
@@ -145,10 +158,10 @@ def subpixel_matches(
     # Previous left to current left.
     cur_left, ok, _ = track(before.left, pair.left, matches.prev_left, matches.cur_left, side)
     matches = replace(matches, cur_left=cur_left)[ok]
-    # To current right, from both.
+    # Previous right to current right, and current left to current right.
     over_time, ok, _ = track(before.right, pair.right, matches.prev_right, matches.cur_right, side)
-    cur_right, in_pair, _ = track(pair.left, pair.right, matches.cur_left, matches.cur_right, side)
-    ok &= in_pair
+    cur_right, ok_in_pair, _ = track(pair.left, pair.right, matches.cur_left, matches.cur_right, side)
+    ok &= ok_in_pair
     ok &= np.linalg.norm(cur_right - over_time, axis=1) <= config.loop_tolerance
     ok &= is_stereo(matches.cur_left, cur_right, config)
     return replace(matches, cur_right=cur_right)[ok]
@@ -156,8 +169,9 @@ def subpixel_matches(
 
 def is_stereo(left: Array, right: Array, config: StereoLimits) -> BoolArray:
     """Mask (N,) of left and right pixels (N, 2) with nearly equal rows and a sufficient disparity."""
-    disparity, row = (left - right).T
-    return np.asarray((disparity >= config.min_disparity) & (np.abs(row) <= config.row_tolerance))
+    disparity, row_difference = (left - right).T
+    same_row = np.abs(row_difference) <= config.row_tolerance
+    return np.asarray((disparity >= config.min_disparity) & same_row)
 
 
 def track(
@@ -166,20 +180,24 @@ def track(
     uv: Array,
     start: Array,
     side: int,
-    reach: float = MAX_FINISH_MOVE_PX,
+    max_move: float = MAX_REFINEMENT_MOVE_PX,
     levels: int = 0,
-    ends: tuple[int, float] = (20, 0.005),
+    criteria: tuple[int, float] = (20, 0.005),
 ) -> tuple[Array, BoolArray, Array]:
-    """Positions in `target` of the windows around `uv` (N, 2), by Lucas-Kanade from `start` (N, 2).
+    """Where the windows around the pixels of `image` are in `target`, by Lucas-Kanade.
 
     Parameters
     ----------
-    side : side of a window, pixels; reach : largest distance from the start, pixels; levels : pyramid levels.
-    ends : largest number of steps, and length, pixels, of a step that ends the iteration.
+    uv : (N, 2) pixels of `image`; start : (N, 2) pixels of `target` at which the iteration starts.
+    side : side of a window, pixels.
+    max_move : largest distance from the start along u and along v, pixels.
+    levels : levels of the image pyramid above the image itself.
+    criteria : of the end of the iteration: number of steps, and length of the last step, pixels.
 
     Returns
     -------
-    Pixels (N, 2), a mask (N,) of successes, and mean absolute differences (N,) of the windows, grey levels.
+    Pixels (N, 2), a mask (N,) of successes, and mean absolute differences (N,) of the windows, grey levels;
+    the difference is infinite without success.
     """
     if len(uv) == 0:
         return start, np.zeros(0, np.bool_), np.zeros(0)
@@ -190,9 +208,9 @@ def track(
         start.astype(np.float32),
         winSize=(side, side),
         maxLevel=levels,
-        criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, *ends),
+        criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, *criteria),
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
     )
     positions = np.asarray(moved, np.float64).reshape(-1, 2)
-    ok = (status.ravel() == 1) & (np.abs(positions - start).max(axis=1) <= reach)
+    ok = (status.ravel() == 1) & (np.abs(positions - start).max(axis=1) <= max_move)
     return positions, ok, np.where(ok, difference.ravel(), np.inf)

@@ -1,5 +1,13 @@
 """The paper's method: the motion of a frame from its matches and boxes, in seven steps.
 
+1. Remove the features in vehicle boxes (section 3).
+2. Select features by bucket, age and strength (section 1).
+3. Draw five-point sets and compute all their essential matrices (section 2.1).
+4. Select one of these candidates, near the previous frame's essential vector (section 2.2).
+5. Take its rotation (section 2.1).
+6. Solve the linear system for the translation (equations 2 and 3).
+7. Store the winner's essential vector for the next frame (section 2.2).
+
 One check is ours: `Odometry.contradicts_stereo` flags a frame, and changes no path.
 """
 
@@ -24,14 +32,15 @@ from .selection import WINNER_CRITERIA, candidates_near_prior, draw_sets, resolv
 from .settings import MethodConfig
 from .translation import PairBefore, solve_translation
 
-# The check of a motion against the stereo depths is not in the paper; it flags frames and changes no path.
-# A motion is compared with a fit of the reprojection error if its own error exceeds this multiple of the
-# matches' noise, or `stereo_limit`, whichever is less; rounding leaves errors below the other limit.
+# Limits of the check of a motion against the stereo depths (`contradicts_stereo`).
+#
+# A motion is suspicious, and compared with a fit, if its error exceeds this multiple of the matches' noise,
+# or the setting `stereo_limit`, whichever is less. Below the second limit, the error is only rounding.
 SUSPICION_OVER_NOISE = 5.0
 LEAST_SUSPICION_PX = 0.05
-# Matches contradict each other, so no motion is right, if the error of the fit exceeds this multiple of the
-# noise, or `stereo_limit`, whichever is less; but never below the other limits, which are for images without
-# noise and for very noisy ones.
+# If the error of the fit itself exceeds this multiple of the noise, or `stereo_limit`, whichever is less,
+# then the matches contradict each other, and no motion is right. The two lower limits are for very noisy
+# images and for images without noise.
 CONTRADICTION_OVER_NOISE = 15.0
 LEAST_CONTRADICTION_OVER_NOISE = 3.0
 LEAST_CONTRADICTION_PX = 0.3
@@ -43,7 +52,7 @@ class StepResult:
 
     Attributes
     ----------
-    motion : the motion, with counts, flags and times.
+    motion : of the frame, with counts, flags and times.
     removal : what the box rule did to the matches.
     used : the matches from which the motion was computed, after box rule and bucketing.
     """
@@ -54,14 +63,14 @@ class StepResult:
 
 
 class Winner(NamedTuple):
-    """Number of a frame's winning candidate, and remarks on the choice."""
+    """Which of a frame's candidates E (M, 3, 3) has won, as an index, and remarks on the choice."""
 
     candidate: int
     flags: tuple[Flag, ...] = ()
 
 
 class Rotation(NamedTuple):
-    """Results of a frame's winner: R_cp (3, 3), E (3, 3), and a mask (N,) of inliers."""
+    """What the winner gives: the rotation R_cp (3, 3), E (3, 3), and a mask (N,) of its inliers."""
 
     R_cp: Array
     E: Array
@@ -77,17 +86,17 @@ class Solution(NamedTuple):
 
 
 class Odometry:
-    """The paper's method on a sequence, frame by frame.
+    """The paper's method on a sequence: `start` with the first frame, then `step` with each further frame.
 
-    Flags: `standstill`; `contradicts_stereo`, for a motion that the stereo depths do not support; and, if the
-    motion of the previous frame is repeated, `few_matches` or `no_motion`.
+    A frame may have a flag: `standstill`; `contradicts_stereo`, for a motion that the stereo depths do not
+    support; `few_matches` or `no_motion`, if the motion of the previous frame is repeated.
 
     Attributes
     ----------
     e_prev : (9,) essential vector of the last winner, the paper's E_prev; None at the start.
     clock : times of the current frame's stages.
-    fit_gain : a motion contradicts stereo if a fit to the depths has an error so many times smaller. On drawn
-        and real drives, right motions of the method as published reach 3.8.
+    fit_gain : a motion contradicts stereo if the error of a fit to the depths is so many times smaller. On
+        drawn and real drives, right motions of the method as published reach 3.8.
     """
 
     fit_gain = 4.0
@@ -103,14 +112,14 @@ class Odometry:
         self._pair_before: PairBefore | None = None
 
     def start(self, boxes: Boxes) -> None:
-        """Store the boxes of the first frame."""
+        """Remember the boxes in the first frame's left image."""
         self.box_filter.start(boxes)
 
     def step(self, matches: StereoMatches, boxes: Boxes) -> StepResult:
-        """Motion of the next frame from its matches and the boxes in its left image."""
+        """Motion of the next frame from its matches (N) and the boxes (K) in its left image."""
         self._frame += 1
         self.clock = Clock()
-        removal = self.box_filter.step(matches, boxes)  # step 1 (section 3)
+        removal = self.box_filter.step(matches, boxes)  # step 1
         static = matches[removal.kept]
         used = self.bucketed(static)
         self.clock.stage("filter")
@@ -121,9 +130,10 @@ class Odometry:
         else:
             motion = self.motion_or_previous(used)
         self._last_motion = motion.T_cp
-        # Only a measured motion is precise enough for the rows of a third frame.
-        measured = not set(motion.flags) - {Flag.CONTRADICTS_STEREO}
-        self._pair_before = PairBefore(static, motion.T_cp) if measured else None
+        # The rows of a third frame need a precise motion, so not a repeated one or that of a standstill. The
+        # check against stereo only flags a frame, and changes nothing here.
+        precise = set(motion.flags) <= {Flag.CONTRADICTS_STEREO}
+        self._pair_before = PairBefore(static, motion.T_cp) if precise else None
         motion = replace(
             motion,
             matches=len(matches),
@@ -136,7 +146,10 @@ class Odometry:
 
     def motion_or_previous(self, matches: StereoMatches) -> FrameResult:
         """The motion from the matches; without a result, the previous frame's motion with a flag."""
-        return self.motion(matches) or FrameResult(self._last_motion, flags=(Flag.NO_MOTION,))
+        motion = self.motion(matches)
+        if motion is None:
+            return FrameResult(self._last_motion, flags=(Flag.NO_MOTION,))
+        return motion
 
     def motion(self, matches: StereoMatches) -> FrameResult | None:
         """Steps 3 to 7; None without a result."""
@@ -144,7 +157,7 @@ class Odometry:
         return None if solution is None else self.finish_frame(solution)
 
     def solve(self, matches: StereoMatches) -> Solution | None:
-        """Rotation from the essential matrix, then the translation; None without a result."""
+        """Steps 3 to 6: rotation from the essential matrix, then the translation; None without a result."""
         x_p, x_c = self.points(matches)
         sets = self.draw_sets(x_p, x_c)
         E, set_index = five_point(x_p[sets], x_c[sets])
@@ -154,11 +167,12 @@ class Odometry:
         rotation = self.rotation(E[winner.candidate], matches)
         self.clock.stage("rotation")
         t_cp = self.translate(matches, rotation)
-        flags = winner.flags
-        if t_cp is not None and self.contradicts_stereo(matches, rotation, t_cp):
-            flags = (*flags, Flag.CONTRADICTS_STEREO)
+        contradicts = t_cp is not None and self.contradicts_stereo(matches, rotation, t_cp)
         self.clock.stage("translation")
-        return None if t_cp is None else Solution(rotation, t_cp, flags)
+        if t_cp is None:
+            return None
+        flags = (*winner.flags, Flag.CONTRADICTS_STEREO) if contradicts else winner.flags
+        return Solution(rotation, t_cp, flags)
 
     def bucketed(self, matches: StereoMatches) -> StereoMatches:
         """Step 2 (section 1): the selected matches of each bucket."""
@@ -170,13 +184,16 @@ class Odometry:
         return draw_sets(self.random(), len(x_p), self.config.selection.sets)
 
     def select(self, E: Array, set_index: Index, x_p: Array, x_c: Array) -> Winner:
-        """Step 4 (section 2.2): the best candidate near the previous frame's E."""
+        """Step 4 (section 2.2): the best of the candidates E (M, 3, 3) that are near the previous frame's E.
+
+        set_index : (M,) the five-point set of each candidate; x_p, x_c : `points`.
+        """
         errors = WINNER_CRITERIA[self.config.selection.winner](E, x_p, x_c, self.threshold)
         compete = candidates_near_prior(E, set_index, self.e_prev, self.config.selection)
         return Winner(int(np.argmin(np.where(compete, errors, np.inf))))
 
     def rotation(self, E: Array, matches: StereoMatches) -> Rotation:
-        """Step 5 (section 2.1): of the winner's four motions, the one that agrees with stereo depth."""
+        """Step 5 (section 2.1): of the four motions of the winner E, that which agrees with stereo depth."""
         x_p, x_c = self.points(matches)
         inliers = sampson_inliers(E, x_p, x_c, self.threshold)
         X_p = self.camera.triangulate(matches.prev_left, matches.prev_right)
@@ -190,8 +207,9 @@ class Odometry:
         solution = solve_translation(self.camera, matches[rotation.inliers], rotation.R_cp, config, before)
         if solution is None:
             return None
-        t_cp, agrees = solution
-        return t_cp if np.count_nonzero(agrees) >= self.config.min_matches else None
+        t_cp, inliers = solution
+        enough = np.count_nonzero(inliers) >= self.config.min_matches
+        return t_cp if enough else None
 
     def finish_frame(self, solution: Solution) -> FrameResult:
         """Step 7 (section 2.2): the winner becomes E_prev."""
@@ -207,23 +225,23 @@ class Odometry:
         )
 
     def next_prior(self, e: Array, flags: tuple[Flag, ...]) -> Array | None:
-        """The E_prev of the next frame, as a vector (9,): that of the winner, e."""
+        """The E_prev of the next frame, (9,): the winner's vector e (9,), whatever flags the frame has."""
         return e
 
     def stands_still(self, matches: StereoMatches) -> bool:
-        """Whether the camera stands still: the selected static features hardly move.
+        """Whether the camera stands still: the features outside vehicle boxes hardly move in the image.
 
-        Features on vehicles do not count, since traffic also passes a camera at rest.
+        Those on vehicles do not count, since traffic also passes a camera at rest.
         """
         return median_flow(matches) < self.config.selection.standstill_flow
 
     def contradicts_stereo(self, matches: StereoMatches, rotation: Rotation, t_cp: Array) -> bool:
         """Whether the stereo depths speak against a motion (not in the paper).
 
-        Two essential matrices fit the images of a plane, and several those of a repeated pattern. The wrong
+        Two essential matrices fit the images of a plane, and several fit those of a repeated pattern. A wrong
         one has inliers like the right one, but the depths disagree with it: the median reprojection error of
-        the inliers is many times that of a motion fitted to the depths, or no motion fits them at all. The
-        noise of the matches is taken from the rows, which are equal in the left and right image.
+        the inliers is many times that of a motion fitted to the depths, or no motion fits them at all. How
+        large an error is normal, the noise of the matches tells.
         """
         agreeing = matches[rotation.inliers]
         noise = row_noise(agreeing)
@@ -256,14 +274,20 @@ class Odometry:
 
 
 def row_noise(matches: StereoMatches) -> float:
-    """Standard deviation of the row differences between left and right images, pixels, from their median."""
+    """Noise of the matches, pixels: standard deviation of the row differences between left and right images.
+
+    Without noise, rows are equal. The deviation comes from the median, which a few wrong matches do not move.
+    """
     before = matches.prev_left[:, 1] - matches.prev_right[:, 1]
     now = matches.cur_left[:, 1] - matches.cur_right[:, 1]
     return DEVIATION_OVER_MEDIAN * float(np.median(np.abs(np.concatenate([before, now]))))
 
 
 def contradiction_limit(noise: float, stereo_limit: float) -> float:
-    """Median error of a fit, pixels, above which the matches contradict each other, for a noise in pixels."""
+    """Median error of a fit, pixels, above which the matches contradict each other.
+
+    noise : `row_noise`, pixels; stereo_limit : the setting, pixels.
+    """
     limit = min(stereo_limit, CONTRADICTION_OVER_NOISE * noise)
     return max(limit, LEAST_CONTRADICTION_OVER_NOISE * noise, LEAST_CONTRADICTION_PX)
 

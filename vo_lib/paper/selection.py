@@ -1,8 +1,9 @@
 """Selection of an essential matrix from many candidates, and its rotation (chapter 3; paper, section 2.2).
 
-In each five-point set, the k candidates nearest to the previous frame's essential vector are kept. The kept
-candidate with the smallest error wins; in our interpretation, it is a mean over all matches. Without
-the prior, and with the number of inliers instead of the error, this is RANSAC, our interpretation of MESVO_F.
+Of each five-point set, only the k candidates nearest to the previous frame's essential vector are kept. That
+vector is called the prior. Among the kept candidates of all sets, the one with the smallest error wins; the
+paper does not say which error, and we take a mean over all matches of the frame. Without the prior, and with
+the number of inliers in place of the error, the same steps are RANSAC, which is how we read MESVO_F.
 """
 
 from __future__ import annotations
@@ -11,13 +12,14 @@ import numpy as np
 
 from ..geometry.motion import decompose_essential, essential_angle, essential_vector
 from ..geometry.types import Array, BoolArray, Index
+from .buckets import ranks_in_groups
 from .sampson import Floats, candidate_terms, match_terms, sampson_distance, squared_distances
 from .settings import SelectionConfig
 
 
 def draw_sets(rng: np.random.Generator, number: int, sets: int) -> Index:
     """Random sets (sets, 5) of five different indices below `number`; all sets are equally likely."""
-    # The indices of the five smallest of `number` random numbers are such a set.
+    # Draw `number` random numbers for each set: the places of the five smallest ones are the set.
     return np.argpartition(rng.random((sets, number)), 4, axis=1)[:, :5]
 
 
@@ -31,14 +33,18 @@ def truncated_errors(E: Array, x_p: Array, x_c: Array, threshold: float) -> Arra
 
     Returns
     -------
-    mean(min(d² / threshold², 1)), in [0, 1]. Single precision is enough for a ranking, and twice as fast.
+    mean(min(d² / threshold², 1)), in [0, 1]: an outlier costs 1, however far off it is.
     """
+    # Single precision is enough for a ranking, and twice as fast.
     d2 = squared_distances(candidate_terms(E, np.float32), match_terms(x_p, x_c, np.float32))
     return truncated_mean(d2, threshold)
 
 
 def truncated_mean(squared: Floats, threshold: float) -> Array:
-    """mean(min(d² / threshold², 1)) of squared distances (…, N) over the last axis; changes `squared`."""
+    """mean(min(d² / threshold², 1)) over the last axis of squared distances d² (…, N).
+
+    To save memory, `squared` itself is truncated.
+    """
     np.minimum(squared, squared.dtype.type(threshold**2), out=squared)
     return np.asarray(squared.mean(axis=-1, dtype=np.float64) / threshold**2)
 
@@ -57,12 +63,17 @@ WINNER_CRITERIA = {"error": truncated_errors, "inliers": outlier_shares}
 
 
 def sampson_inliers(E: Array, x_p: Array, x_c: Array, threshold: float) -> BoolArray:
-    """Mask (N,) of the matches with a distance to E (3, 3) below `threshold`, in the points' unit."""
+    """Mask (N,) of the matches (x_p, x_c), normalised points (N, 2), whose distance to E (3, 3) is small.
+
+    threshold : Sampson distance, in the unit of the points, that an inlier stays below.
+    """
     return np.asarray(np.abs(sampson_distance(E, x_p, x_c)) < threshold)
 
 
 def nearest_to_prior(E: Array, set_index: Index, e_prev: Array, top_k: int) -> BoolArray:
     """Solution selection: the `top_k` candidates of each set nearest to the previous essential vector.
+
+    The nearest are those with the smallest angle acos|eᵀ e_prev| between the two vectors.
 
     Parameters
     ----------
@@ -71,13 +82,11 @@ def nearest_to_prior(E: Array, set_index: Index, e_prev: Array, top_k: int) -> B
 
     Returns
     -------
-    Mask (M,) of these candidates; the distance to the vector is the angle acos|eᵀ e_prev|.
+    Mask (M,) of the nearest candidates.
     """
     angle = essential_angle(essential_vector(E), e_prev)
     order = np.lexsort((angle, set_index))  # by set, in a set by angle
-    ordered_sets = set_index[order]
-    first_of_set = np.searchsorted(ordered_sets, ordered_sets)
-    rank = np.arange(len(order)) - first_of_set
+    rank = ranks_in_groups(set_index[order])
     kept = np.zeros(len(order), np.bool_)
     kept[order[rank < top_k]] = True
     return kept
@@ -86,7 +95,10 @@ def nearest_to_prior(E: Array, set_index: Index, e_prev: Array, top_k: int) -> B
 def candidates_near_prior(
     E: Array, set_index: Index, e_prev: Array | None, config: SelectionConfig
 ) -> BoolArray:
-    """Mask (M,) of candidates near `e_prev`; without a previous vector or the prior, all candidates."""
+    """Mask (M,) of the candidates that may win: those near the prior `e_prev` (9,).
+
+    In the first frame there is no `e_prev`, and `config.prior` may be off: then all candidates may win.
+    """
     if not config.prior or e_prev is None:
         return np.ones(len(E), np.bool_)
     return nearest_to_prior(E, set_index, e_prev, config.top_k)
@@ -103,8 +115,11 @@ def resolve_by_depth(E: Array, x_p: Array, x_c: Array, X_p: Array) -> tuple[Arra
     -------
     R_cp (3, 3) and the unit direction of t_cp (3,).
 
-    For each rotation, the best length s of t is computed by least squares on x_c × (R X_p + s t) = 0. The
-    sign of s selects t or -t; the median residual angle selects the rotation.
+    Notes
+    -----
+    For each of the two rotations R, the length s of the translation is the least-squares solution of
+    x_c × (R X_p + s t) = 0 over all matches. A negative s means that -t is right. The right rotation is the
+    one with the smallest median angle between the ray of x_c and the moved point R X_p + s t.
     """
     rotations, t = decompose_essential(E)
     ray = np.concatenate([x_c, np.ones((len(x_c), 1))], axis=1)
@@ -118,9 +133,11 @@ def resolve_by_depth(E: Array, x_p: Array, x_c: Array, X_p: Array) -> tuple[Arra
         rotated = X_p @ R.T
         ray_X = np.sum(ray * rotated, axis=1)
         t_X = rotated @ t
-        # (ray × a)·(ray × b) = a·b - (ray·a)(ray·b). Nearer points determine the length better, so the weight
-        # is 1 / |X|².
-        s = -np.sum((t_X - ray_t * ray_X) / length2) / max(np.sum((1.0 - ray_t**2) / length2), 1e-12)
+        # s = -Σ (ray × t)·(ray × R X) / Σ |ray × t|², with (ray × a)·(ray × b) = a·b - (ray·a)(ray·b). Nearer
+        # points determine the length better, so each term has the weight 1 / |X|².
+        numerator = np.sum((t_X - ray_t * ray_X) / length2)
+        denominator = max(np.sum((1.0 - ray_t**2) / length2), 1e-12)
+        s = -numerator / denominator
         moved_length = np.sqrt(np.maximum(length2 + 2.0 * s * t_X + s * s, 1e-12))
         cosine = float(np.median((ray_X + s * ray_t) / moved_length))
         if cosine > best_cosine:

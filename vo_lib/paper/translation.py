@@ -1,10 +1,17 @@
 """The translation by the pseudo-inverse, equations (2) and (3) of the paper (chapter 4).
 
-With known R, a feature at x = (u - cx) / f, y = (v - cy) / f gives two rows in each image: (x e3 - e1)ᵀ P = 0
-and (y e3 - e2)ᵀ P = 0 in a left image; (x e3 - e1)ᵀ P = -b in a right image, where P = Q in the previous pair
-and P = R Q + t in the current pair. The eight rows have six unknowns, Q and t. In the paper, Q is in the
-current frame, and P is the projection matrix. A row divided by the feature's depth is in pixels over f, like
-the projection in (2). With rows in metres, far features have the largest weight: steps on KITTI are too long.
+Let Q be a feature's point in the previous left camera, and P the same point in the left camera of any of the
+pairs: P = Q in the previous pair, and P = R Q + t in the current one. In a left image, the feature is seen at
+x = P_x / P_z and y = P_y / P_z, where x = (u - cx) / f and y = (v - cy) / f; multiplied by P_z, that is
+
+    (x e3 - e1)ᵀ P = 0,   (y e3 - e2)ᵀ P = 0.
+
+The right camera is a baseline b to the right, which changes the first row to (x e3 - e1)ᵀ P = -b. Two rows in
+each of four images are eight rows, with the six unknowns Q and t, since R is known. (In the paper, Q is in
+the current frame, and P̂ is its projection.)
+
+The rows are in metres, so far features would have the largest weight, and steps on KITTI would be too long.
+A row divided by the feature's depth is in pixels over f, like the projection in (2).
 
 Section 2 requires the constraints of three consecutive frames. A feature that was already matched one frame
 earlier has four more rows, with P = R' Q + t', where (R', t') is the inverse of the last motion. These rows
@@ -23,11 +30,17 @@ from ..geometry.motion import inverse
 from ..geometry.types import Array, BoolArray
 from .settings import TranslationLimits
 
-SOLVING_ROUNDS = 2
+SOLVING_ROUNDS = 2  # number of times that outliers are removed and the rest is solved
 
 
 class PairBefore(NamedTuple):
-    """Matches between the previous frame and the frame before, and the motion T_cp (4, 4), metres."""
+    """The result of the previous frame, for the rows of a third frame.
+
+    Attributes
+    ----------
+    matches : between the frame before the previous one and the previous one.
+    T_cp : (4, 4) motion between these two frames, metres.
+    """
 
     matches: StereoMatches
     T_cp: Array
@@ -43,12 +56,16 @@ def view_rows(camera: StereoCamera, uv: Array) -> Array:
 
 
 def feature_rows(camera: StereoCamera, matches: StereoMatches, R_cp: Array) -> tuple[Array, Array, Array]:
-    """The system A Q + B t = c of every feature, equation (3).
+    """The system A Q + B t = c of every feature, equation (3), in metres.
+
+    Parameters
+    ----------
+    matches : N features; R_cp : (3, 3) rotation, previous to current.
 
     Returns
     -------
     A (N, 8, 3), B (N, 8, 3), c (N, 8). Rows: x and y in previous left, previous right, current left,
-    current right. Q (in the previous left frame) and t_cp are in metres.
+    current right.
     """
     n = len(matches)
     views = (matches.prev_left, matches.prev_right, matches.cur_left, matches.cur_right)
@@ -74,9 +91,11 @@ def earlier_rows(camera: StereoCamera, matches: StereoMatches, before: PairBefor
     n = len(matches)
     A = np.zeros((n, 2, 2, 3))
     c = np.zeros((n, 2, 2))
+    # Places of the features that both pairs have, in the matches of each.
     _, here, there = np.intersect1d(matches.id, before.matches.id, return_indices=True)
     earlier = before.matches[there]
     T_pc = inverse(before.T_cp)
+    # With P = R' Q + t', the part with t' is known: it goes to the right-hand side.
     for view, uv in enumerate((earlier.prev_left, earlier.prev_right)):
         rows = view_rows(camera, uv)
         A[here, view] = rows @ T_pc[:3, :3]
@@ -86,9 +105,17 @@ def earlier_rows(camera: StereoCamera, matches: StereoMatches, before: PairBefor
 
 
 def eliminate_points(A: Array, B: Array, c: Array) -> tuple[Array, Array]:
-    """The rows M t = d of every feature after the elimination of its point Q by I - A A⁺.
+    """The rows M t = d of every feature, without its point Q.
 
-    A, B (N, K, 3) and c (N, K), K rows per feature, from `feature_rows`; M (N, K, 3), d (N, K).
+    The projector I - A A⁺ eliminates Q, since (I - A A⁺) A = 0, where A⁺ is the pseudo-inverse.
+
+    Parameters
+    ----------
+    A, B : (N, K, 3); c : (N, K). The K rows of each feature, from `feature_rows`.
+
+    Returns
+    -------
+    M (N, K, 3), d (N, K).
     """
     A_plus = np.linalg.solve(A.swapaxes(1, 2) @ A, A.swapaxes(1, 2))
     projector = np.eye(A.shape[1]) - A @ A_plus
@@ -100,10 +127,10 @@ def eliminate_points(A: Array, B: Array, c: Array) -> tuple[Array, Array]:
 def residual_limit(agreement: float, seen_before: BoolArray) -> Array:
     """Largest residual norm (N,) of an inlier's rows, pixels; larger for a feature with twelve rows.
 
-    With noise of standard deviation σ in each of K rows, K - 3 independent residuals remain after the
-    elimination of the three unknowns of Q; t, which hundreds of features share, takes almost none. So the
-    expected squared norm is (K - 3) σ²: 5 σ² for eight rows, 9 σ² for twelve rows. With one limit for both,
-    features that were matched one frame earlier would be removed more often than the others.
+    Of K rows with noise of standard deviation σ in each, the elimination of the three unknowns of Q leaves
+    K - 3 independent residuals. (The three unknowns of t take almost none, since hundreds of features share
+    them.) So the expected squared norm is (K - 3) σ²: 5 σ² for eight rows, and 9 σ² for twelve rows. With one
+    limit for both, features that were matched one frame earlier would be removed more often than the others.
 
     Parameters
     ----------
@@ -122,18 +149,19 @@ def solve_translation(
 ) -> tuple[Array, BoolArray] | None:
     """One translation for all features: equation (3) stacked and solved by the pseudo-inverse.
 
-    Each feature alone gives a translation; the median of these translations is the start. Features whose rows
-    do not fit are removed from the stacked system (`residual_limit`). The solution is the start of a second
-    pass.
+    Each feature alone gives a translation, and their median is the first estimate. Then, twice, the features
+    whose rows do not fit the estimate are left out (`residual_limit`), and the stacked rows of the others
+    give a new one.
 
     Parameters
     ----------
     matches : N features; R_cp : (3, 3) rotation, previous to current.
-    before : the previous pair, for the constraints of three frames; None: two frames.
+    before : result of the previous frame, for the constraints of three frames; None: two frames.
 
     Returns
     -------
-    t_cp (3,), metres, and a mask (N,) of inliers. None without a usable feature, or with too few inliers.
+    t_cp (3,), metres, and a mask (N,) of the features from which it was computed. None if no feature is near
+    enough to be used, or if their rows do not determine a translation.
     """
     depth = camera.triangulate(matches.prev_left, matches.prev_right)[:, 2]
     near = np.flatnonzero(depth <= config.max_depth)  # an undefined depth is NaN, which fails the comparison
@@ -151,17 +179,18 @@ def solve_translation(
     M, d = eliminate_points(A, B, c)
     M = M / depth[near, None, None]
     d = d / depth[near, None]
-    # The normal equations H t = g of each feature.
+    # The normal equations H t = g of each feature; those of the stacked rows are their sums.
     H = M.swapaxes(1, 2) @ M
     g = (M.swapaxes(1, 2) @ d[..., None])[..., 0]
     try:
-        t = np.median(np.linalg.solve(H, g[..., None])[..., 0], axis=0)
+        t_of_each = np.linalg.solve(H, g[..., None])[..., 0]
+        t = np.median(t_of_each, axis=0)
         for _ in range(SOLVING_ROUNDS):
             residual = camera.f * np.linalg.norm(d - M @ t, axis=1)
             fits = residual < limit
             t = np.linalg.solve(H[fits].sum(axis=0), g[fits].sum(axis=0))
     except np.linalg.LinAlgError:
         return None
-    agrees = np.zeros(len(matches), np.bool_)
-    agrees[near[fits]] = True
-    return t, agrees
+    inliers = np.zeros(len(matches), np.bool_)
+    inliers[near[fits]] = True
+    return t, inliers

@@ -1,7 +1,7 @@
 """The VISO2 estimator of Table 1 (StereoScan: Geiger, Ziegler, Stiller, IV 2011).
 
-Gauss-Newton on the reprojection error in both current images: many motions, each from three points of known
-depth, and a refit of the best motion.
+A RANSAC: Gauss-Newton on the reprojection error in both current images gives many motions, each from three
+points of known depth. The motion with the most inliers wins, and is fitted again to all of its inliers.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from .odometry import Odometry
 from .settings import ReprojectionConfig
 
 MIN_MATCHES_FOR_FIT = 6  # smallest number of matches for a motion; three would suffice without outliers
+DIVERGENT_STEP = 1e3  # length of a step, radians and metres, from which on an iteration has diverged
 
 
 class Viso2(Odometry):
@@ -37,12 +38,13 @@ class Viso2(Odometry):
         return FrameResult(rigid(R_cp, t_cp), inliers=int(np.count_nonzero(inliers)))
 
     def fit(self, matches: StereoMatches) -> tuple[Array, Array, BoolArray] | None:
-        """Rotation, translation and inliers (N,); None with too few inliers."""
+        """R_cp (3, 3), t_cp (3,) in metres, and a mask (N,) of inliers; None with too few inliers."""
         solution = ransac_motion(self.camera, matches, self.random(), self.config.reprojection)
         if solution is None:
             return None
         _, _, inliers = solution
-        return solution if np.count_nonzero(inliers) >= self.config.min_matches else None
+        enough = np.count_nonzero(inliers) >= self.config.min_matches
+        return solution if enough else None
 
 
 def ransac_motion(
@@ -55,58 +57,67 @@ def ransac_motion(
     R_cp (3, 3), t_cp (3,) metres, and a mask (N,) of inliers: their residual norm over four coordinates is
     below the threshold. None with fewer than six matches with depth, or fewer than six inliers.
     """
-    usable = np.flatnonzero(matches.prev_left[:, 0] > matches.prev_right[:, 0])
-    if len(usable) < MIN_MATCHES_FOR_FIT:
+    with_depth = np.flatnonzero(matches.prev_left[:, 0] > matches.prev_right[:, 0])
+    if len(with_depth) < MIN_MATCHES_FOR_FIT:
         return None
-    X, measured, weight = observed(camera, matches[usable], config)
-    triples = _triples(rng, len(usable), config.trials)
+    X_p, measured, weight = observations(camera, matches[with_depth], config)
+    triples = _triples(rng, len(with_depth), config.trials)
     R, t = _gauss_newton(
         camera,
-        X[triples],
+        X_p[triples],
         measured[triples],
         weight[triples],
-        np.tile(np.eye(3), (config.trials, 1, 1)),
-        np.zeros((config.trials, 3)),
-        config.iterations,
-        CONVERGED_TRIAL_STEP,
+        R=np.tile(np.eye(3), (config.trials, 1, 1)),
+        t=np.zeros((config.trials, 3)),
+        iterations=config.iterations,
+        tolerance=CONVERGED_TRIAL_STEP,
     )
-    inliers = _residuals(camera, X, measured, R, t) < config.threshold
-    best = int(np.argmax(np.count_nonzero(inliers, axis=1)))
-    agreed = usable[inliers[best]]
-    if len(agreed) < MIN_MATCHES_FOR_FIT:
+    agrees = _residuals(camera, X_p, measured, R, t) < config.threshold
+    best = int(np.argmax(np.count_nonzero(agrees, axis=1)))
+    agreeing = with_depth[agrees[best]]
+    if len(agreeing) < MIN_MATCHES_FOR_FIT:
         return None
-    R_cp, t_cp = refit_motion(camera, matches[agreed], R[best], t[best], config)
+    R_cp, t_cp = refit_motion(camera, matches[agreeing], R[best], t[best], config)
     # The refit changes the inliers, so they are computed again for the final motion.
-    final = np.zeros(len(matches), np.bool_)
-    final[usable] = (_residuals(camera, X, measured, R_cp[None], t_cp[None]) < config.threshold)[0]
-    return R_cp, t_cp, final
+    residual = _residuals(camera, X_p, measured, R_cp[None], t_cp[None])[0]
+    inliers = np.zeros(len(matches), np.bool_)
+    inliers[with_depth] = residual < config.threshold
+    return R_cp, t_cp, inliers
 
 
 def refit_motion(
     camera: StereoCamera, matches: StereoMatches, R_cp: Array, t_cp: Array, config: ReprojectionConfig
 ) -> tuple[Array, Array]:
-    """Rotation (3, 3) and translation (3,) by least squares; R_cp and t_cp are a start near the solution."""
-    X_p, measured, weight = observed(camera, matches, config)
+    """The motion of the least squares over all matches: R_cp (3, 3) and t_cp (3,), metres.
+
+    The arguments R_cp and t_cp are a start near the solution.
+    """
+    X_p, measured, weight = observations(camera, matches, config)
     R, t = _gauss_newton(
         camera,
         X_p[None],
         measured[None],
         weight[None],
-        R_cp[None],
-        t_cp[None],
-        config.iterations,
-        CONVERGED_STEP,
+        R=R_cp[None],
+        t=t_cp[None],
+        iterations=config.iterations,
+        tolerance=CONVERGED_STEP,
     )
     return R[0], t[0]
 
 
-def observed(
+def observations(
     camera: StereoCamera, matches: StereoMatches, config: ReprojectionConfig
 ) -> tuple[Array, Array, Array]:
-    """Points X_p (N, 3), metres, their current pixels (N, 4), and the weights (N,) of their residuals.
+    """What the fit compares: points, the pixels to which a motion should move them, and weights.
 
     StereoScan's weight is 1 / (|u - cu| / |cu| + centre): calibration errors grow towards the left and right
     border of the image, so the centre has larger weights.
+
+    Returns
+    -------
+    Points X_p (N, 3) of the previous pair, metres; `measured_pixels` (N, 4) of the current pair; weights
+    (N,) of the residuals.
     """
     X_p = camera.triangulate(matches.prev_left, matches.prev_right)
     weight = 1.0 / (np.abs(matches.cur_left[:, 0] - camera.cx) / abs(camera.cx) + config.centre)
@@ -123,9 +134,15 @@ def _gauss_newton(
     iterations: int,
     tolerance: float,
 ) -> tuple[Array, Array]:
-    """Solutions of M problems at once: X_p (M, N, 3), measured (M, N, 4), weight (M, N), initial R and t.
+    """Motions R (M, 3, 3) and t (M, 3) of M problems at once, each with N points.
 
     A converged problem is not changed any more; a divergent problem keeps its last state.
+
+    Parameters
+    ----------
+    X_p : (M, N, 3) points, metres; measured : (M, N, 4) pixels; weight : (M, N); see `observations`.
+    R, t : (M, 3, 3) and (M, 3) at the start.
+    tolerance : length of a step, radians and metres, that ends the iteration of a problem.
     """
     R = R.copy()
     t = t.copy()
@@ -140,13 +157,13 @@ def _gauss_newton(
         # Three points on one line do not fix the rotation; a small regularisation keeps the batch solvable.
         H = jac_t @ jac
         H += 1e-9 * np.trace(H, axis1=1, axis2=2)[:, None, None] * np.eye(6)
-        delta = np.asarray(np.linalg.solve(H, jac_t @ r)[:, :, 0], np.float64)
-        size = np.linalg.norm(delta, axis=1)
-        sane = size < 1e3
-        moved = active[sane]
-        R[moved] = rotation_from_vector(delta[sane, :3]) @ R[moved]
-        t[moved] += delta[sane, 3:]
-        active = active[sane & (size > tolerance)]
+        step = np.asarray(np.linalg.solve(H, jac_t @ r)[:, :, 0], np.float64)
+        length = np.linalg.norm(step, axis=1)
+        bounded = length < DIVERGENT_STEP  # NaN, too, fails the comparison
+        moved = active[bounded]
+        R[moved] = rotation_from_vector(step[bounded, :3]) @ R[moved]
+        t[moved] += step[bounded, 3:]
+        active = active[bounded & (length > tolerance)]
         if len(active) == 0:
             break
     return R, t
@@ -157,20 +174,25 @@ def _triples(rng: np.random.Generator, number: int, trials: int) -> Index:
     first = rng.integers(0, number, trials)
     second = rng.integers(0, number - 1, trials)
     third = rng.integers(0, number - 2, trials)
-    # Each index is drawn as a rank among the unused indices, then increased past the used indices.
+    # Each number is drawn as a place among the indices that are still free. For each used index that is not
+    # larger, the lower one first, it moves up by one, and so becomes the index itself.
     second += second >= first
-    for lower in np.sort([first, second], axis=0):
-        third += third >= lower
+    for used in np.sort([first, second], axis=0):
+        third += third >= used
     return np.stack([first, second, third], axis=1)
 
 
 def _residuals(camera: StereoCamera, X_p: Array, measured: Array, R: Array, t: Array) -> Array:
-    """Residual norms (M, N) of N matches for M motions, pixels; infinite for points behind the camera."""
+    """Residual norms (M, N), pixels, of N matches for M motions R (M, 3, 3), t (M, 3).
+
+    Points X_p (N, 3) and pixels `measured` (N, 4) are from `observations`. The residual of a point that is
+    behind the current camera is infinite.
+    """
     x, y, z = np.moveaxis(R @ X_p.T + t[:, :, None], 1, 0)
-    front = z > 0
-    s = camera.f / np.where(front, z, 1.0)
+    in_front = z > 0
+    s = camera.f / np.where(in_front, z, 1.0)
     u = s * x
     v = s * y
     squared = (measured[:, 0] - u) ** 2 + (measured[:, 1] - v) ** 2
     squared += (measured[:, 2] - u + s * camera.baseline) ** 2 + (measured[:, 3] - v) ** 2
-    return np.asarray(np.where(front, np.sqrt(squared), np.inf))
+    return np.asarray(np.where(in_front, np.sqrt(squared), np.inf))

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from ..data.poses import from_first
-from ..evaluation.ate_rpe import align, inverses_agree, orientations_disagree, quaternions_disagree, rmse
+from ..evaluation.ate_rpe import align, rmse
+from ..evaluation.conventions import inverses_agree, orientations_disagree, quaternions_disagree
 from ..evaluation.kitti_errors import FEW_SUBSEQUENCES, KITTI_PROTOCOL, SHORT_PROTOCOL, count_words
 from ..evaluation.path_errors import Evaluation, PathErrors
 from ..evaluation.path_facts import path_differences, path_facts, probably_inverted, unusual_axis
