@@ -78,10 +78,10 @@ def describe(image: Image, config: FeatureConfig) -> DescribedFeatures:
         # 16-bit integers represent every response exactly, and take half the time of floats.
         response = np.asarray(cv2.filter2D(image, cv2.CV_16S, mask), np.int16)
         for signed in (response, -response):
-            uv, strength = _peaks(signed, config)
-            positions.append(uv)
-            strengths.append(strength)
-    kind = np.repeat(np.arange(4), [len(uv) for uv in positions])
+            pixels, responses = _peaks(signed, config)
+            positions.append(pixels)
+            strengths.append(responses)
+    kind = np.repeat(np.arange(4), [len(pixels) for pixels in positions])
     uv = np.concatenate(positions)
     return DescribedFeatures(uv, kind, np.concatenate(strengths), _descriptors(image, uv))
 

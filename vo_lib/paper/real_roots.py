@@ -124,8 +124,12 @@ def _selected(mask: BoolArray, low: Array, width: float, p: Index, b: Array) -> 
 
 def _joined(groups: list[Intervals]) -> Intervals:
     """All intervals of several groups."""
-    columns = zip(*groups, strict=True)
-    return Intervals(*(np.concatenate(column, axis=-1) for column in columns))
+    return Intervals(
+        low=np.concatenate([group.low for group in groups]),
+        width=np.concatenate([group.width for group in groups]),
+        p=np.concatenate([group.p for group in groups]),
+        b=np.concatenate([group.b for group in groups], axis=1),
+    )
 
 
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")

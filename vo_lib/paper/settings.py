@@ -13,7 +13,7 @@ from typing import ClassVar
 from ..geometry.boxes import VEHICLES
 from ..settings import WORD_OF_LIST, Checked, section, setting
 
-# Values of other settings for which a setting is used.
+# Conditions under which a setting is used: the values that other settings then have.
 ESSENTIAL = {"estimator": ("essential",)}
 REPROJECTION = {"estimator": ("reprojection",)}
 PRIOR = ESSENTIAL | {"selection.prior": (True,)}
@@ -99,7 +99,7 @@ class FilterConfig(Checked):
 
     @property
     def uses_boxes(self) -> bool:
-        """Whether the rule needs boxes; the truth about moving vehicles comes without boxes."""
+        """Whether the rule needs boxes; `none`, and `truth` of variant `kit`, do not."""
         return self.rule in BOXES["filter.rule"]
 
 
@@ -158,7 +158,7 @@ class TranslationLimits(Checked):
 
     @property
     def pairs(self) -> int:
-        """Stereo pairs in a feature's equations."""
+        """Stereo pairs in a feature's equations: two, unless a variant declares a setting of this name."""
         return 2
 
 

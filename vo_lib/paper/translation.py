@@ -1,8 +1,9 @@
 """The translation by the pseudo-inverse, equations (2) and (3) of the paper (chapter 4).
 
-Let Q be a feature's point in the previous left camera, and P the same point in the left camera of any of the
-pairs: P = Q in the previous pair, and P = R Q + t in the current one. In a left image, the feature is seen at
-x = P_x / P_z and y = P_y / P_z, where x = (u - cx) / f and y = (v - cy) / f; multiplied by P_z, that is
+Let Q be a feature's point as seen from the previous left camera, and P the same point as seen from the left
+camera of any pair: P = Q in the previous pair, and P = R Q + t in the current one. In a left image, the
+feature is at x = P_x / P_z and y = P_y / P_z, where x = (u - cx) / f and y = (v - cy) / f. Multiplied by P_z,
+that is
 
     (x e3 - e1)ᵀ P = 0,   (y e3 - e2)ᵀ P = 0.
 
@@ -11,7 +12,8 @@ each of four images are eight rows, with the six unknowns Q and t, since R is kn
 the current frame, and P̂ is its projection.)
 
 The rows are in metres, so far features would have the largest weight, and steps on KITTI would be too long.
-A row divided by the feature's depth is in pixels over f, like the projection in (2).
+A row divided by the feature's depth is an error in the image, in pixels divided by f, like the projection in
+(2).
 
 Section 2 requires the constraints of three consecutive frames. A feature that was already matched one frame
 earlier has four more rows, with P = R' Q + t', where (R', t') is the inverse of the last motion. These rows
@@ -111,7 +113,8 @@ def eliminate_points(A: Array, B: Array, c: Array) -> tuple[Array, Array]:
 
     Parameters
     ----------
-    A, B : (N, K, 3); c : (N, K). The K rows of each feature, from `feature_rows`.
+    A, B : (N, K, 3); c : (N, K). The K rows of each feature: eight from `feature_rows`, or twelve if those of
+        `earlier_rows` follow.
 
     Returns
     -------
