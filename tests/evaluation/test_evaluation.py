@@ -13,14 +13,8 @@ from made_entries import straight
 
 from vo_lib.data.poses import read_kitti_poses
 from vo_lib.errors import DataError
-from vo_lib.evaluation.ate_rpe import (
-    Alignment,
-    absolute_error,
-    align,
-    orientations_disagree,
-    quaternions_disagree,
-    relative_error,
-)
+from vo_lib.evaluation.ate_rpe import Alignment, absolute_error, align, relative_error
+from vo_lib.evaluation.conventions import orientations_disagree, quaternions_disagree
 from vo_lib.evaluation.kitti_errors import (
     KITTI_BIN_MINIMUM,
     KITTI_LENGTHS,

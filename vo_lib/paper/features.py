@@ -96,7 +96,7 @@ def _descriptors(image: Image, uv: Array) -> NDArray[np.float32]:
     to_number = np.array([1, image.shape[1]])
     centres = uv.astype(np.intp) @ to_number
     samples = both.take(centres[:, None] + DESCRIPTOR_OFFSETS @ to_number)
-    return samples.view(np.int16).astype(np.float32)
+    return np.asarray(samples.view(np.int16), np.float32)
 
 
 def _peaks(response: NDArray[np.int16], config: FeatureConfig) -> tuple[Array, Array]:
