@@ -19,7 +19,7 @@ from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.types import Array, Image
 from vo_lib.kit.klt import KltMatcher
-from vo_lib.kit.rig import ERROR_NAMES, FIELD, Rig, field_at, prior_covariance
+from vo_lib.kit.rig import ERROR_NAMES, FIELD_COUNT, Rig, field_at, prior_covariance
 from vo_lib.kit.settings import CalibrationConfig, KitConfig, KitTranslationConfig
 from vo_lib.kit.weighted_translation import papers_translation, robust_translation
 from vo_lib.paper.matching import LoopMatcher
@@ -137,8 +137,8 @@ def test_left_out_faults_have_no_variance() -> None:
     x, y = np.array([0.8]), np.array([0.0])
 
     def variance(*without: str) -> float:
-        covariance = prior_covariance(without)[:FIELD, :FIELD]
-        effect = np.stack([field_at(row, x, y)[0] for row in np.eye(len(ERROR_NAMES))])[:FIELD, 0]
+        covariance = prior_covariance(without)[:FIELD_COUNT, :FIELD_COUNT]
+        effect = np.stack([field_at(row, x, y)[0] for row in np.eye(len(ERROR_NAMES))])[:FIELD_COUNT, 0]
         return float(effect @ covariance @ effect)
 
     assert variance("focal-length") == pytest.approx(variance() - 0.8**2, rel=1e-6)

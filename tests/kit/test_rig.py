@@ -21,7 +21,7 @@ from vo_lib.kit.rig import (
     BY_PARALLAX,
     DISPARITY_TERMS,
     ERROR_NAMES,
-    FIELD,
+    FIELD_COUNT,
     K1,
     ROW_TERMS,
     Rig,
@@ -109,8 +109,8 @@ def test_corrected_positions_equal_the_exact_ones(faults: Faults, errors: Array 
 def test_perfect_lenses_stay_uncorrected(noise: float, step: float) -> None:
     """The estimate of the lens errors remains near zero for any noise of the matches."""
     rig = learnt(Faults(), CalibrationConfig(), 100, noise, step)
-    np.testing.assert_array_equal(rig.errors[FIELD:], np.zeros(4))
-    assert (np.abs(rig.estimate[FIELD:]) < 2.0 * np.sqrt(np.diag(rig.covariance)[FIELD:])).all()
+    np.testing.assert_array_equal(rig.errors[FIELD_COUNT:], np.zeros(4))
+    assert (np.abs(rig.estimate[FIELD_COUNT:]) < 2.0 * np.sqrt(np.diag(rig.covariance)[FIELD_COUNT:])).all()
 
 
 def test_calibration_ignores_features_in_boxes() -> None:

@@ -22,11 +22,15 @@ from .surface import CoarseDisparity, fit_surface, motion_warp, right_slope, ste
 GRID_CELL_PX = 32
 # A refinement that moves a feature farther is rejected.
 MAX_REFINEMENT_PX = 1.5
+REFINEMENT_CRITERIA = (15, 0.01)  # iterations, and step in pixels, at which a refinement ends
 # Number of tiles side by side in a picture.
 TILES_IN_A_ROW = 32
 TILES_IN_A_REMAP_ROW = 8  # a divisor of TILES_IN_A_ROW; 8 tiles of the widest window have 16928 pixels
 # Smallest standard deviation of the features' brightness from which a gain is estimated.
 MIN_CONTRAST_LEVELS = 10.0
+# Smallest and largest gain that is estimated, and share of the tiles that are fitted in the second round.
+GAINS = (0.5, 2.0)
+FITTED_SHARE = 0.8
 
 # (N, tile²) grey levels, row by row.
 Tiles = NDArray[np.uint8]
@@ -54,13 +58,20 @@ def refine_stereo(
     ok &= surface.share >= config.surface_share
     positions = np.array(right, np.float64)
     if "stereo-fit" not in config.without:
-        warp = stereo_warp(surface.slope[ok])
         if "stereo-warp" in config.without:
-            warp = np.tile(np.eye(2), (len(warp), 1, 1))
-        positions[ok], difference = track_warped(
-            *pair, left[ok], right[ok], warp, config.subpixel_window, "brightness" not in config.without
+            warp = _no_warp(int(np.count_nonzero(ok)))
+        else:
+            warp = stereo_warp(surface.slope[ok])
+        refined, difference = track_warped(
+            *pair,
+            left[ok],
+            right[ok],
+            warp,
+            config.subpixel_window,
+            equal_brightness="brightness" not in config.without,
         )
-        ok[ok] = difference <= config.max_difference
+        positions[ok] = refined
+        ok[ok] = difference <= config.max_difference  # of the features that are still good
     ok &= np.abs(left[:, 0] - positions[:, 0] - surface.disparity) <= config.surface_tolerance
     return positions, surface.slope, ok & is_stereo(left, positions, config)
 
@@ -88,32 +99,49 @@ def refine_over_time(
     -------
     left (N, 2), right (N, 2) pixels, and a mask (N,) of features with similar windows in both images.
     """
+    start_left, start_right = start
     if "motion-fit" in config.without:
-        return start[0], start[1], np.ones(len(slope), np.bool_)
+        return start_left, start_right, np.ones(len(slope), np.bool_)
+    previous_left, previous_right = previous
+    disparity = previous_left[:, 0] - previous_right[:, 0]
     R = motion[:3, :3]
     t = motion[:3, 3]
     # The right camera is one baseline to the right of the left camera.
     t_right = t + camera.baseline * (R[:, 0] - (1.0, 0.0, 0.0))
-    sides = ((slope, t), (right_slope(slope), t_right))
-    disparity = previous[0][:, 0] - previous[1][:, 0]
-    positions = [np.array(start[side], np.float64) for side in (0, 1)]
+    side_slopes = (slope, right_slope(slope))
+    side_translations = (t, t_right)
+    positions = (np.array(start_left, np.float64), np.array(start_right, np.float64))
     # Features lost in the left images are not tracked in the right images.
     ok = np.ones(len(slope), np.bool_)
-    for side, (side_slope, side_t) in enumerate(sides):
-        warp = motion_warp(camera, previous[side][ok], disparity[ok], side_slope[ok], R, side_t)
+    for side in (0, 1):
         if "motion-warp" in config.without:
-            warp = np.tile(np.eye(2), (len(warp), 1, 1))
-        positions[side][ok], difference = track_warped(
+            warp = _no_warp(int(np.count_nonzero(ok)))
+        else:
+            warp = motion_warp(
+                camera,
+                previous[side][ok],
+                disparity[ok],
+                side_slopes[side][ok],
+                R,
+                side_translations[side],
+            )
+        refined, difference = track_warped(
             before[side],
             pair[side],
             previous[side][ok],
             start[side][ok],
             warp,
             config.subpixel_window,
-            "brightness" not in config.without,
+            equal_brightness="brightness" not in config.without,
         )
-        ok[ok] = difference <= config.max_difference
+        positions[side][ok] = refined
+        ok[ok] = difference <= config.max_difference  # of the features that are still good
     return positions[0], positions[1], ok
+
+
+def _no_warp(number: int) -> Array:
+    """Warps (N, 2, 2) that leave N = `number` windows as they are."""
+    return np.tile(np.eye(2), (number, 1, 1))
 
 
 def track_warped(
@@ -121,7 +149,7 @@ def track_warped(
     second: Image,
     uv: Array,
     start: Array,
-    A: Array,
+    warp: Array,
     window: int,
     equal_brightness: bool = True,
 ) -> tuple[Array, Array]:
@@ -131,7 +159,7 @@ def track_warped(
     ----------
     first, second : (H, W) uint8, of the same size.
     uv, start : (N, 2) pixels in the first image, and start positions in the second.
-    A : (N, 2, 2) warp of a window from the first to the second image; window : side, pixels, odd.
+    warp : (N, 2, 2) of a window, from the first to the second image; window : its side, pixels, odd.
     equal_brightness : whether the second image's windows first get the brightness of the first image's.
 
     Returns
@@ -139,25 +167,26 @@ def track_warped(
     Positions (N, 2), pixels, and mean absolute differences (N,) of the windows, grey levels; infinite
     differences for a lost feature or a refinement larger than MAX_REFINEMENT_PX.
     """
-    if len(uv) == 0:
+    count = len(uv)
+    if count == 0:
         return np.zeros((0, 2)), np.zeros(0)
     # A tile contains the window at its largest displacement, and the border that Lucas-Kanade needs.
     tile = window + 2 * int(np.ceil(MAX_REFINEMENT_PX)) + 1
     pixel = np.rint(uv)
     anchor = np.rint(start * GRID_CELL_PX) / GRID_CELL_PX
-    # Every row of a picture is full; the unused tiles of the last row are black.
-    index = np.arange(len(uv) + -len(uv) % TILES_IN_A_ROW)
-    row, column = np.divmod(index[: len(uv)], TILES_IN_A_ROW)
+    row, column = np.divmod(np.arange(count), TILES_IN_A_ROW)
     centre = np.stack([column, row], axis=1) * float(tile) + tile // 2
-    index %= len(uv)
+    # Every row of a picture is full: the first tiles fill the last row, and are blackened there below.
+    unused = -count % TILES_IN_A_ROW
+    index = np.arange(count + unused) % count
     before = _tiles(first, pixel[index], tile)
-    after = _warped_tiles(second, anchor[index], A[index], tile)
+    after = _warped_tiles(second, anchor[index], warp[index], tile)
     if equal_brightness:
-        gain, offset = brightness_change(before[: len(uv)], after[: len(uv)])
+        gain, offset = brightness_change(before[:count], after[:count])
         tone = np.clip(np.rint(gain * np.arange(256) + offset), 0, 255).astype(np.uint8)
         after = np.asarray(cv2.LUT(after, tone), np.uint8)
-    before[len(uv) :] = 0
-    after[len(uv) :] = 0
+    before[count:] = 0
+    after[count:] = 0
     tracked, ok, difference = track(
         _side_by_side(before, tile),
         _side_by_side(after, tile),
@@ -165,9 +194,10 @@ def track_warped(
         centre,
         window,
         MAX_REFINEMENT_PX,
-        criteria=(15, 0.01),
+        criteria=REFINEMENT_CRITERIA,
     )
-    positions = anchor + np.einsum("nij,nj->ni", A, tracked - centre)
+    # A displacement in the tile, which was warped back, is warped to one in the second image.
+    positions = anchor + np.einsum("nij,nj->ni", warp, tracked - centre)
     return np.where(ok[:, None], positions, start), difference
 
 
@@ -178,25 +208,27 @@ def brightness_change(before: Tiles, after: Tiles) -> tuple[float, float]:
     then again without the 20 % of tiles that have the largest residuals. If the fitted tiles hardly differ in
     brightness, the gain is 1.
     """
-    a = cv2.reduce(before, 1, cv2.REDUCE_AVG, dtype=cv2.CV_32F)[:, 0]
-    b = cv2.reduce(after, 1, cv2.REDUCE_AVG, dtype=cv2.CV_32F)[:, 0]
-    inliers = np.ones(len(a), np.bool_)
+    mean_before = cv2.reduce(before, 1, cv2.REDUCE_AVG, dtype=cv2.CV_32F)[:, 0]
+    mean_after = cv2.reduce(after, 1, cv2.REDUCE_AVG, dtype=cv2.CV_32F)[:, 0]
+    fitted = np.ones(len(mean_before), np.bool_)
+    rank = int(FITTED_SHARE * len(mean_before))
     for _ in range(2):
-        x = a[inliers]
-        y = b[inliers]
-        spread = y - y.mean()
-        if spread @ spread < len(a) * MIN_CONTRAST_LEVELS**2:
-            return 1.0, float(np.median(a - b))
-        gain = float(np.clip(spread @ (x - x.mean()) / (spread @ spread), 0.5, 2.0))
-        offset = float(x.mean() - gain * y.mean())
-        residual = np.abs(a - gain * b - offset)
-        # The 80 % quantile; np.quantile would take longer than the rest of this function.
-        inliers = residual <= np.partition(residual, int(0.8 * len(residual)))[int(0.8 * len(residual))]
+        x = mean_after[fitted]
+        y = mean_before[fitted]
+        spread = x - x.mean()
+        squared_spread = spread @ spread
+        if squared_spread < len(mean_before) * MIN_CONTRAST_LEVELS**2:
+            return 1.0, float(np.median(mean_before - mean_after))
+        gain = float(np.clip(spread @ (y - y.mean()) / squared_spread, *GAINS))
+        offset = float(y.mean() - gain * x.mean())
+        residual = np.abs(mean_before - gain * mean_after - offset)
+        # The quantile of the fitted share; np.quantile would take longer than the rest of this function.
+        fitted = residual <= np.partition(residual, rank)[rank]
     return gain, offset
 
 
 def _tiles(image: Image, pixel: Array, tile: int) -> Tiles:
-    """Neighbourhoods of integer pixels (N, 2)."""
+    """Neighbourhoods of integer pixels (N, 2), squares with a side of `tile` pixels."""
     half = tile // 2
     padded = cv2.copyMakeBorder(image, half, half, half, half, cv2.BORDER_REPLICATE)
     u, v = pixel.astype(np.intp).T
@@ -204,16 +236,21 @@ def _tiles(image: Image, pixel: Array, tile: int) -> Tiles:
     return np.asarray(windows[v, u].reshape(len(u), -1), np.uint8)
 
 
-def _warped_tiles(image: Image, uv: Array, A: Array, tile: int) -> Tiles:
-    """Neighbourhoods of pixels (N, 2), warped back by A (N, 2, 2)."""
+def _warped_tiles(image: Image, uv: Array, warp: Array, tile: int) -> Tiles:
+    """Neighbourhoods of pixels (N, 2), warped back by `warp` (N, 2, 2); N is a multiple of TILES_IN_A_ROW."""
     dv, du = np.indices((tile, tile)).reshape(2, -1) - tile // 2
     offset = np.stack([du, dv, np.ones_like(du)]).astype(np.float32)
-    u = np.column_stack([A[:, 0], uv[:, 0]]).astype(np.float32) @ offset
-    v = np.column_stack([A[:, 1], uv[:, 1]]).astype(np.float32) @ offset
+    # u = warp_11 du + warp_12 dv + u of the feature; v likewise.
+    u = np.column_stack([warp[:, 0], uv[:, 0]]).astype(np.float32) @ offset
+    v = np.column_stack([warp[:, 1], uv[:, 1]]).astype(np.float32) @ offset
     # cv2.remap is limited to 32767 rows and columns.
-    row = TILES_IN_A_REMAP_ROW * tile * tile
+    pixels_in_row = TILES_IN_A_REMAP_ROW * tile * tile
     warped = cv2.remap(
-        image, u.reshape(-1, row), v.reshape(-1, row), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        image,
+        u.reshape(-1, pixels_in_row),
+        v.reshape(-1, pixels_in_row),
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REPLICATE,
     )
     return np.asarray(warped.reshape(len(uv), -1), np.uint8)
 

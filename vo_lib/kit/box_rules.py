@@ -29,6 +29,7 @@ class KitBoxFilter(BoxFilter):
 
     Parameters
     ----------
+    camera : the stereo camera, for the rule `moving`.
     on_moving : the truth about moving objects, for the rule `truth`.
 
     Raises
@@ -40,11 +41,15 @@ class KitBoxFilter(BoxFilter):
 
     def __init__(self, camera: StereoCamera, config: KitFilterConfig, on_moving: OnMoving | None = None):
         super().__init__(config)
-        if config.rule == "truth" and on_moving is None:
-            raise ValueError("the rule truth needs the function on_moving")
-        self._on_moving = on_moving if config.rule == "truth" else None
-        self._classifier = BoxMotionClassifier(camera, config) if config.rule == "moving" else None
+        self._on_moving: OnMoving | None = None  # set for the rule `truth`
+        self._classifier: BoxMotionClassifier | None = None  # set for the rule `moving`
         self._frame = 0
+        if config.rule == "truth":
+            if on_moving is None:
+                raise ValueError("the rule truth needs the function on_moving")
+            self._on_moving = on_moving
+        if config.rule == "moving":
+            self._classifier = BoxMotionClassifier(camera, config)
 
     def start(self, boxes: Boxes) -> None:
         """Store the boxes in the first frame's left image."""
@@ -62,8 +67,10 @@ class KitBoxFilter(BoxFilter):
         return removal
 
     def _by_rule(self, matches: StereoMatches, boxes: Boxes) -> Removal:
+        """What the rule does, however few matches remain."""
         if self._classifier is not None:
             return self._classifier.step(matches, boxes)
         if self._on_moving is not None:
-            return Removal(~self._on_moving(self._frame, matches), vehicles(boxes, self.config))
+            kept = ~self._on_moving(self._frame, matches)
+            return Removal(kept, vehicles(boxes, self.config))
         return super().step(matches, boxes)

@@ -14,7 +14,16 @@ from ..files import read_mapping
 from ..geometry.camera import StereoCamera
 from ..geometry.types import Array
 from ..settings import to_dict
-from .rig import DISPARITIES, ERROR_COUNT, ERROR_NAMES, FIELD, RIG_FAULTS, Rig, field_at, powers
+from .rig import (
+    DISPARITY_COUNT,
+    ERROR_COUNT,
+    ERROR_NAMES,
+    FIELD_COUNT,
+    RIG_FAULTS,
+    Rig,
+    field_at,
+    field_terms,
+)
 from .settings import CalibrationConfig
 
 MAX_LENGTH_DIFFERENCE = 0.01  # largest relative difference of focal length and baseline for the same camera
@@ -25,6 +34,7 @@ MIN_REPORTED_ERROR_PX = 0.05
 # differ by 1.3 to 2.2 times its standard deviations.
 SPREAD_BETWEEN_DRIVES = 2.0
 UNREPORTED_EDGE = 0.08  # width of the image border without reported errors, as a share of the image
+REPORTED_PLACES = 9  # along the width and along the height of the image
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +54,8 @@ class Calibration:
     def covariance_on_another_drive(self) -> Array:
         """Covariance at the start of another drive, with an added variance for a new shift of disparities."""
         covariance = self.covariance.copy()
-        covariance[0, 0] += RIG_FAULTS["shift along the rows"][2] ** 2
+        shift = ERROR_NAMES.index("disparity 1")
+        covariance[shift, shift] += RIG_FAULTS["shift along the rows"].deviation_px ** 2
         return covariance
 
     def check(self, camera: StereoCamera) -> None:
@@ -59,8 +70,8 @@ class Calibration:
             "image size": (self.camera.size, camera.size, MAX_VIEW_DIFFERENCE * size),
             "principal point": (self.camera.K[:2, 2], camera.K[:2, 2], MAX_VIEW_DIFFERENCE * size),
         }
-        for name, (stored, actual, limit) in limits.items():
-            if (np.abs(np.subtract(stored, actual)) > limit).any():
+        for name, (stored, actual, largest_difference) in limits.items():
+            if (np.abs(np.subtract(stored, actual)) > largest_difference).any():
                 raise DataError(f"the calibration is of another camera: {name} {stored}, here {actual}")
 
     def in_use(self, config: CalibrationConfig) -> Array:
@@ -85,7 +96,7 @@ class Calibration:
 
 
 def read_learnt_calibration(path: Path, max_error: float = MAX_RIG_ERROR_PX) -> Calibration:
-    """The calibration in a file; any other content raises `DataError`.
+    """The calibration in a file as `Calibration.to_json` writes it; any other content raises `DataError`.
 
     max_error : largest error in the image, pixels. A run may have estimated a larger one, and its folder is
         read again without this limit; as the start of another run, such an estimate is refused.
@@ -103,12 +114,13 @@ def read_learnt_calibration(path: Path, max_error: float = MAX_RIG_ERROR_PX) -> 
         if not positive or not np.allclose(covariance / scale, covariance.T / scale, rtol=0.0, atol=1e-9):
             raise ValueError
         np.linalg.cholesky(covariance)  # raises unless the covariance is positive definite
-        corners = camera.normalise(np.array([[0, 0], [0, 1], [1, 0], [1, 1]]) * camera.size).T
-        errors = [*np.ravel(field_at(estimate, *corners)), *estimate[FIELD:]]
+        corners = camera.normalise(np.array([[0, 0], [0, 1], [1, 0], [1, 1]]) * camera.size)
+        field_in_corners = field_at(estimate, *corners.T)
+        largest = np.abs([*field_in_corners.ravel(), *estimate[FIELD_COUNT:]]).max()
     except (KeyError, ValueError, TypeError, OverflowError, np.linalg.LinAlgError):
         raise DataError(f"expected {expected}", path) from None
-    if not np.abs(errors).max() <= max_error:
-        raise DataError(f"an error of {np.abs(errors).max():.3g} px: expected at most {max_error:g} px", path)
+    if not largest <= max_error:  # NaN is refused, too
+        raise DataError(f"an error of {largest:.3g} px: expected at most {max_error:g} px", path)
     return Calibration(camera, estimate, covariance)
 
 
@@ -119,25 +131,28 @@ def describe_errors(errors: Array, covariance: Array, camera: StereoCamera) -> s
     `MIN_REPORTED_ERROR_PX` are omitted.
     """
     width, height = camera.size
-    u = np.linspace(UNREPORTED_EDGE, 1.0 - UNREPORTED_EDGE, 9) * width
-    v = np.linspace(UNREPORTED_EDGE, 1.0 - UNREPORTED_EDGE, 9) * height
-    x, y = camera.normalise(np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)).T
-    covariance = SPREAD_BETWEEN_DRIVES**2 * covariance
-    terms = powers(x, y)
-    deviations = np.sqrt(np.diag(covariance))
+    shares = np.linspace(UNREPORTED_EDGE, 1.0 - UNREPORTED_EDGE, REPORTED_PLACES)
+    pixels = np.stack(np.meshgrid(shares * width, shares * height), axis=-1).reshape(-1, 2)
+    x, y = camera.normalise(pixels).T
     of_disparity, of_row = field_at(errors, x, y)
+    terms = field_terms(x, y)
+    covariance = SPREAD_BETWEEN_DRIVES**2 * covariance
     fields = (
-        ("disparities", of_disparity, slice(0, DISPARITIES)),
-        ("rows", of_row, slice(DISPARITIES, FIELD)),
+        ("disparities", of_disparity, slice(0, DISPARITY_COUNT)),
+        ("rows", of_row, slice(DISPARITY_COUNT, FIELD_COUNT)),
     )
     parts = []
-    for name, field, part in fields:
+    for name, field, coefficients in fields:
+        # The standard deviation of the field where it is largest.
         largest = int(np.argmax(np.abs(field)))
-        term = terms[: part.stop - part.start, largest]
-        deviation = float(np.sqrt(term @ covariance[part, part] @ term))
+        own_covariance = covariance[coefficients, coefficients]
+        own_terms = terms[: len(own_covariance), largest]
+        deviation = float(np.sqrt(own_terms @ own_covariance @ own_terms))
         if abs(field[largest]) >= max(MIN_REPORTED_ERROR_PX, 2.0 * deviation):
             parts.append(f"{name} are off by {field.min():+.1f} to {field.max():+.1f} ±{deviation:.2f} px")
-    for name, size, deviation in zip(ERROR_NAMES[FIELD:], errors[FIELD:], deviations[FIELD:], strict=True):
+    deviations = np.sqrt(np.diag(covariance))
+    lenses = slice(FIELD_COUNT, ERROR_COUNT)
+    for name, size, deviation in zip(ERROR_NAMES[lenses], errors[lenses], deviations[lenses], strict=True):
         if abs(size) >= max(MIN_REPORTED_ERROR_PX, 2.0 * deviation):
             parts.append(f"lens: {name} {size:+.1f} ±{deviation:.1f} px")
     return "; ".join(parts) or "none beyond two standard deviations"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -40,8 +42,9 @@ def detect_corners(strength: NDArray[np.float32], config: KitFeatureConfig) -> t
     (N, 2) pixels of the full image and (N,) strengths, row by row.
     """
     # A corner is a local maximum over all neighbours, including neighbours in the next cell.
-    peaks = (strength >= cv2.dilate(strength, np.ones((5, 5), np.uint8))) & (strength > config.quality)
-    border = -(-config.border // 2)
+    largest_around = cv2.dilate(strength, np.ones((5, 5), np.uint8))
+    peaks = (strength >= largest_around) & (strength > config.quality)
+    border = math.ceil(config.border / 2)  # of the image at half size
     peaks[:border] = False
     peaks[-border:] = False
     peaks[:, :border] = False
@@ -57,5 +60,8 @@ def detect_corners(strength: NDArray[np.float32], config: KitFeatureConfig) -> t
 
 def in_empty_cells(uv: Array, occupants: Array, cell: int) -> BoolArray:
     """Mask (N,) of corners `uv` (N, 2) in square cells, `cell` pixels wide, without `occupants` (M, 2)."""
-    number = square_numbers(np.rint(np.concatenate([uv, occupants])), cell)
-    return ~np.isin(number[: len(uv)], number[len(uv) :])
+    # Numbered together, since the numbers of squares depend on the widest row.
+    numbers = square_numbers(np.rint(np.concatenate([uv, occupants])), cell)
+    own = numbers[: len(uv)]
+    occupied = numbers[len(uv) :]
+    return ~np.isin(own, occupied)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -21,19 +22,24 @@ from .corners import corner_strength, detect_corners, in_empty_cells
 from .settings import KitFeatureConfig, KitMatchingConfig
 from .surface import CoarseDisparity, coarse_disparity
 
-NO_MATCHES = empty_matches(), np.zeros((0, 2))  # matches, and the slopes (N, 2) of their surfaces
 MAX_CONTRAST_RATIO = 1.25  # a larger change of contrast makes Lucas-Kanade fail
-# With smaller shares, the search with a predicted position has failed: of features that are matched, and of
-# matches that agree with one motion.
+# The search with a predicted position has failed if fewer of the features are matched, or if fewer of the
+# matches agree with one motion.
 MIN_MATCHED_SHARE = 0.3
 MIN_AGREEING_SHARE = 0.5
-COARSE_ENDS = (10, 0.03)  # iterations, and step in pixels, at which the coarse search ends
+COARSE_CRITERIA = (10, 0.03)  # iterations, and step in pixels, at which the coarse search ends
 MIN_MOTION_MATCHES = 10  # smallest number of matches for a motion
 
 
 @dataclass(frozen=True, eq=False)
 class _Features(Rows):
-    """Features of a stereo pair, for the matching with the next pair; `slope` is the slope of the surface."""
+    """N features of a stereo pair, for the matching with the next pair.
+
+    Attributes
+    ----------
+    left, right : (N, 2) pixels; slope : (N, 2) of their surfaces, see `Surface`.
+    age, strength, id : (N,) as in `StereoMatches`.
+    """
 
     left: Array
     right: Array
@@ -41,6 +47,24 @@ class _Features(Rows):
     age: IntArray
     strength: Array
     id: IntArray
+
+
+class _SlopedMatches(NamedTuple):
+    """Matches, and the slopes (N, 2) of their surfaces in the current pair."""
+
+    matches: StereoMatches
+    slope: Array
+
+
+NO_MATCHES = _SlopedMatches(empty_matches(), np.zeros((0, 2)))
+
+
+class _Search(NamedTuple):
+    """The result of a search: matches, the motion T_cp (4, 4) fitted to them, and how many agree with it."""
+
+    found: _SlopedMatches
+    motion: Array | None
+    agreeing: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,98 +94,123 @@ class KltMatcher:
 
     def __init__(self, camera: StereoCamera, features: KitFeatureConfig, matching: KitMatchingConfig):
         self.camera = camera
-        self.features = features
+        self.feature_config = features
         self.config = matching
-        self._previous: tuple[PreparedPair, _Features] | None = None
+        self._previous: tuple[PreparedPair, _Features] | None = None  # the last pair, and its features
         self._motion: Array | None = None  # T_cp (4, 4) of the last pair
         self._next_id = 0
 
     def prepare(self, pair: Pair) -> PreparedPair:
         """Corners and coarse disparity of a stereo pair."""
         left, right = pair
-        corners, strength = detect_corners(corner_strength(left), self.features)
+        corners, strength = detect_corners(corner_strength(left), self.feature_config)
         disparity = coarse_disparity(left, right, self.config.max_disparity)
         return PreparedPair(pair, corners, strength, disparity)
 
     def step(self, pair: PreparedPair) -> StereoMatches:
         """Matches between the previous pair and `pair`; empty for the first pair."""
-        if self._previous is None:
-            matches, slope = NO_MATCHES
-        else:
-            matches, slope = self._follow(*self._previous, pair)
-        one_per_cell = BucketConfig(size=self.features.cell, features=1)
+        found = NO_MATCHES
+        if self._previous is not None:
+            before, features = self._previous
+            search = self._search(before, pair, features, self._motion)
+            found = search.found
+            self._motion = search.motion
+        matches = found.matches
+        one_per_cell = BucketConfig(size=self.feature_config.cell, features=1)
         rows = select_by_bucket(matches.cur_left, matches.age, matches.strength, one_per_cell)
         best = matches[rows]
-        features = _Features(best.cur_left, best.cur_right, slope[rows], best.age + 1, best.strength, best.id)
-        self._previous = (pair, self._add_corners(pair, features))
+        kept = _Features(
+            best.cur_left, best.cur_right, found.slope[rows], best.age + 1, best.strength, best.id
+        )
+        self._previous = (pair, self._add_corners(pair, kept))
         return matches
 
-    def _follow(
-        self, before: PreparedPair, features: _Features, pair: PreparedPair
-    ) -> tuple[StereoMatches, Array]:
-        """Matches with the next pair, and the slopes (N, 2) of their surfaces."""
+    def _search(
+        self, before: PreparedPair, pair: PreparedPair, features: _Features, last: Array | None
+    ) -> _Search:
+        """The matches of the previous pair's features in the next pair, and the motion between the pairs.
+
+        The search begins at positions predicted with the `last` motion T_cp (4, 4). If it fails, a second
+        search begins at the previous positions, and the one with which more matches agree counts.
+        """
         without = self.config.without
-        predicts = "prediction" not in without
-        last = self._motion
-        motion = last
-        result = NO_MATCHES
-        agree = 0
-        if last is not None and predicts:
-            X_p = self.camera.triangulate(features.left, features.right)
-            guess = self.camera.project(transform(last, X_p))
-            result = self._close_loop(before, pair, features, guess, self.config.levels, motion)
-            motion, agree = next_motion(self.camera, result[0], last)
-        failed = len(result[0]) < MIN_MATCHED_SHARE * len(features)
-        failed |= agree < MIN_AGREEING_SHARE * len(result[0])
-        if failed and ("second-search" not in without or last is None or not predicts):
-            # Without a motion, or after an abrupt change of motion or exposure, many matches may be wrong:
-            # search again, starting at the previous positions.
-            lit = before
-            if "equal-exposure" not in without:
-                left = lit_like(before.images[0], pair.images[0])
-                right = lit_like(before.images[1], pair.images[1])
-                lit = replace(before, images=(left, right))
-            start = (features.left, features.right)
-            second = self._close_loop(lit, pair, features, start, self.config.search_levels, motion)
-            second_motion, second_agree = next_motion(self.camera, second[0], None)
-            if (second_agree, len(second[0])) > (agree, len(result[0])):
-                result = second
-                motion = second_motion
-        self._motion = motion
-        return result
+        search = _Search(NO_MATCHES, last, 0)
+        searches_again = True
+        if last is not None and "prediction" not in without:
+            search = self._predicted_search(before, pair, features, last)
+            searches_again = "second-search" not in without
+        number = len(search.found.matches)
+        failed = number < MIN_MATCHED_SHARE * len(features)
+        failed |= search.agreeing < MIN_AGREEING_SHARE * number
+        if not failed or not searches_again:
+            return search
+        second = self._second_search(before, pair, features, search.motion)
+        is_better = (second.agreeing, len(second.found.matches)) > (search.agreeing, number)
+        return second if is_better else search
+
+    def _predicted_search(
+        self, before: PreparedPair, pair: PreparedPair, features: _Features, last: Array
+    ) -> _Search:
+        """A search that begins at positions predicted with the last motion T_cp (4, 4)."""
+        X_p = self.camera.triangulate(features.left, features.right)
+        start = self.camera.project(transform(last, X_p))
+        found = self._close_loop(before, pair, features, start, self.config.levels, last)
+        motion, agreeing = next_motion(self.camera, found.matches, last)
+        return _Search(found, motion, agreeing)
+
+    def _second_search(
+        self, before: PreparedPair, pair: PreparedPair, features: _Features, motion: Array | None
+    ) -> _Search:
+        """A wide search that begins at the previous positions, in images of equal exposure.
+
+        It is for a start without a motion, and for an abrupt change of motion or exposure, after which many
+        of the predicted matches may be wrong. motion : T_cp (4, 4), by which windows are warped, or None.
+        """
+        if "equal-exposure" not in self.config.without:
+            left = lit_like(before.images[0], pair.images[0])
+            right = lit_like(before.images[1], pair.images[1])
+            before = replace(before, images=(left, right))
+        start = (features.left, features.right)
+        found = self._close_loop(before, pair, features, start, self.config.search_levels, motion)
+        own_motion, agreeing = next_motion(self.camera, found.matches, None)
+        return _Search(found, own_motion, agreeing)
 
     def _close_loop(
         self,
         before: PreparedPair,
         pair: PreparedPair,
         features: _Features,
-        guess: tuple[Array, Array],
+        start: tuple[Array, Array],
         levels: int,
         motion: Array | None,
-    ) -> tuple[StereoMatches, Array]:
-        """Matches that pass all checks, and the slopes (N, 2) of their surfaces.
+    ) -> _SlopedMatches:
+        """The features that pass all checks in the next pair.
 
-        guess : (N, 2) start positions in the current left and right image; motion : predicted T_cp.
+        Lucas-Kanade (left image) and block matching (right image) give coarse positions, which are refined:
+        in both images by comparison with the previous pair, and again in the right image by comparison with
+        the left. The loop is closed if the two positions in the right image agree.
 
-        Lucas-Kanade (left image) and block matching (right image) give coarse positions, which are refined.
+        start : (N, 2) start positions in the current left and right image; levels : pyramid levels.
+        motion : predicted T_cp (4, 4).
         """
         left, right = pair.images
-        start = np.flatnonzero(_inside(guess[0], left) & _inside(guess[1], right))
+        searched = np.flatnonzero(_inside(start[0], left) & _inside(start[1], right))
         # A coarse tolerance is sufficient, since the refinement below provides the accuracy.
         cur_left, ok, difference = track(
             before.images[0],
             left,
-            features.left[start],
-            guess[0][start],
+            features.left[searched],
+            start[0][searched],
             self.config.window,
             np.inf,
             levels,
-            criteria=COARSE_ENDS,
+            criteria=COARSE_CRITERIA,
         )
         ok &= (difference <= self.config.max_difference) & _inside(cur_left, left)
         over_time, has_depth = _in_right_image(pair.disparity, cur_left)
         ok &= has_depth & is_stereo(cur_left, over_time, self.config)
-        tracks = features[start[ok]]
+        tracks = features[searched[ok]]
+        # From the previous pair.
         cur_left, over_time, ok = refine_over_time(
             self.camera,
             before.images,
@@ -175,6 +224,7 @@ class KltMatcher:
         tracks = tracks[ok]
         cur_left = cur_left[ok]
         over_time = over_time[ok]
+        # From the current left image.
         cur_right, slope, ok = refine_stereo(pair.images, pair.disparity, cur_left, over_time, self.config)
         ok &= _inside(cur_left, left) & _inside(cur_right, right)
         ok &= np.linalg.norm(cur_right - over_time, axis=1) <= self.config.loop_tolerance
@@ -188,19 +238,23 @@ class KltMatcher:
             tracks.strength,
             tracks.id,
         )
-        return matches, slope[ok]
+        return _SlopedMatches(matches, slope[ok])
 
     def _add_corners(self, pair: PreparedPair, features: _Features) -> _Features:
-        free = in_empty_cells(pair.corners, features.left, self.features.cell)
-        guess, ok = _in_right_image(pair.disparity, pair.corners[free])
-        uv = pair.corners[free][ok]
-        strength = pair.strength[free][ok]
-        right, slope, ok = refine_stereo(pair.images, pair.disparity, uv, guess[ok], self.config)
+        """The features, and new ones from the corners in cells without a feature."""
+        free = in_empty_cells(pair.corners, features.left, self.feature_config.cell)
+        coarse_right, has_depth = _in_right_image(pair.disparity, pair.corners[free])
+        left = pair.corners[free][has_depth]
+        strength = pair.strength[free][has_depth]
+        right, slope, ok = refine_stereo(
+            pair.images, pair.disparity, left, coarse_right[has_depth], self.config
+        )
         ok &= _inside(right, pair.images[1])
         number = int(np.count_nonzero(ok))
         ids = np.arange(self._next_id, self._next_id + number)
         self._next_id += number
-        new = _Features(uv[ok], right[ok], slope[ok], np.ones(number, np.int64), strength[ok], ids)
+        ages = np.ones(number, np.int64)
+        new = _Features(left[ok], right[ok], slope[ok], ages, strength[ok], ids)
         return joined([features, new])
 
 
@@ -210,8 +264,10 @@ def _inside(uv: Array, image: Image) -> BoolArray:
 
 
 def _in_right_image(coarse: CoarseDisparity, uv: Array) -> tuple[Array, BoolArray]:
-    """Coarse positions (N, 2) in the right image for left pixels (N, 2), and a mask (N,) of validity."""
-    column, row = np.clip(np.rint(uv / 2).astype(int), 0, np.array(coarse.shape[::-1]) - 1).T
+    """Coarse positions (N, 2) in the right image for left pixels (N, 2), and a mask (N,): disparity known."""
+    height, width = coarse.shape
+    # The disparities are at half size.
+    column, row = np.clip(np.rint(uv / 2).astype(int), 0, (width - 1, height - 1)).T
     disparity = coarse[row, column].astype(np.float64)
     right = uv - np.stack([disparity, np.zeros_like(disparity)], axis=1)
     return right, disparity > 0
@@ -229,9 +285,9 @@ def lit_like(image: Image, target: Image) -> Image:
 
 
 def next_motion(camera: StereoCamera, matches: StereoMatches, last: Array | None) -> tuple[Array | None, int]:
-    """The motion T_cp (4, 4) for the prediction of the next positions, and the number of inliers.
+    """The motion T_cp (4, 4) for the prediction of the next positions, and how many matches agree with it.
 
-    With too few matches, the motion is None. The fit starts from the previous motion `last`.
+    With too few matches, the motion is None. The fit starts from the previous motion `last` (4, 4), if any.
     """
     if len(matches) < MIN_MOTION_MATCHES:
         return None, 0

@@ -24,6 +24,7 @@ from ..paper.settings import BucketConfig
 
 # Buckets for the camera's motion: its error is about a millimetre, its computation takes a millisecond.
 BACKGROUND_BUCKETS = BucketConfig(size=100, features=2)
+BACKGROUND_SCALE_PX = 0.5  # residual at which a feature's weight in this motion is halved
 # Largest squared error, in variances, of a feature that agrees with a displacement: 99 % quantile of noise.
 AGREES_CHI2 = 11.3
 STEP_ITERATIONS = 3
@@ -62,11 +63,11 @@ class PointSteps(Rows):
 
 
 def background_motion(camera: StereoCamera, matches: StereoMatches, start: Array, iterations: int) -> Array:
-    """Motion T_cp (4, 4) of the camera from features that are mostly static."""
+    """Motion T_cp (4, 4) of the camera from features that are mostly static, fitted from T_cp `start`."""
     selected = select_by_bucket(matches.cur_left, matches.age, matches.strength, BACKGROUND_BUCKETS)
     sample = matches[selected]
     sample = sample[sample.prev_left[:, 0] > sample.prev_right[:, 0]]
-    return fit_motion(camera, sample, start, scale=0.5, iterations=iterations).T_cp
+    return fit_motion(camera, sample, start, BACKGROUND_SCALE_PX, iterations).T_cp
 
 
 def point_steps(camera: StereoCamera, matches: StereoMatches, T_cp: Array) -> PointSteps:
@@ -91,13 +92,14 @@ def _point_covariance(camera: StereoCamera, X: Array) -> Array:
     """
     z = X[:, 2]
     per_pixel = z / camera.f
-    depth = -z * z / (camera.f * camera.baseline)  # dZ / dd
-    D = np.zeros((len(X), 3, 3))
-    D[:, :, 0] = (depth / z)[:, None] * X
-    D[:, :, 2] = -D[:, :, 0]
-    D[:, 0, 0] += per_pixel
-    D[:, 1, 1] = per_pixel
-    return D @ np.swapaxes(D, 1, 2)
+    depth_per_disparity = -z * z / (camera.f * camera.baseline)  # dZ / dd
+    # Derivatives of X, Y, Z with respect to u_left, v and u_right: a change of d moves X along the ray.
+    J = np.zeros((len(X), 3, 3))
+    J[:, :, 0] = (depth_per_disparity / z)[:, None] * X
+    J[:, :, 2] = -J[:, :, 0]
+    J[:, 0, 0] += per_pixel
+    J[:, 1, 1] = per_pixel
+    return J @ np.swapaxes(J, 1, 2)
 
 
 def owner_of(camera: StereoCamera, left: Array, right: Array, boxes: Boxes) -> IntArray:
@@ -109,7 +111,7 @@ def owner_of(camera: StereoCamera, left: Array, right: Array, boxes: Boxes) -> I
     if len(boxes) == 0:
         return np.full(len(left), -1)
     height = np.where(boxes.class_id == CAR, MAX_CAR_HEIGHT_M, MAX_VEHICLE_HEIGHT_M)
-    # depth <= f height / (bottom - top), as disparity
+    # A vehicle that fills the box is at the depth f height / (bottom - top) or nearer; f b / depth gives:
     min_disparity = camera.baseline * (boxes.xyxy[:, 3] - boxes.xyxy[:, 1]) / height
     possible = inside(left, boxes.xyxy) & (left[:, :1] - right[:, :1] >= min_disparity)
     bottom = np.where(possible, boxes.xyxy[:, 3], -np.inf)
@@ -138,44 +140,71 @@ def no_steps(number: int) -> BoxSteps:
 
 
 def box_steps(
-    points: PointSteps, owner: IntArray, number: int, noise: float, moving_mean: bool = True
+    points: PointSteps, owner: IntArray, number: int, variance: float, moving_mean: bool = True
 ) -> BoxSteps:
-    """The displacement of each of `number` boxes from its features; owner : (N,) box of a feature, or -1.
-
-    noise : variance of a match, pixels². moving_mean : whether the second of the two means takes part.
+    """The displacement of each of K = `number` boxes from its features.
 
     The features in a box are on the vehicle, on the background or on outlines. Two robust means with Cauchy
     weights compete: the mean displacement of all features, and the mean displacement of the features that do
     not agree with the background.
+
+    Parameters
+    ----------
+    owner : (N,) box of each of the N points, or -1.
+    variance : variance of a matched position, pixels².
+    moving_mean : whether the second of the two means takes part.
     """
-    static_error = points.squared_error(np.zeros(3)) / noise
+    static_error = points.squared_error(np.zeros(3)) / variance
     owned = (owner >= 0) & np.isfinite(static_error)
     points = points[owned]
     owner = owner[owned]
     static_error = static_error[owned]
-    member = (owner == np.arange(number)[:, None]).astype(np.float64)
+    member = (owner == np.arange(number)[:, None]).astype(np.float64)  # (K, N)
     total = member.sum(axis=1)
     moved = static_error > AGREES_CHI2
-    weight = np.stack([1.0 / (1.0 + static_error / AGREES_CHI2), moved.astype(np.float64)])
-    flat = points.information.reshape(len(owner), 9) / noise
-    pull = np.einsum("nij,nj->ni", points.information, points.step) / noise
-    parts = np.concatenate([flat, pull], axis=1)
-    for _ in range(STEP_ITERATIONS):
-        sums = member @ (weight[:, :, None] * parts)  # (2, K, 12)
-        information = sums[:, :, :9].reshape(2, number, 3, 3)
-        steps = np.linalg.solve(information + MIN_INFORMATION * np.eye(3), sums[:, :, 9:, None])[:, :, :, 0]
-        e = points.step - steps[:, owner]
-        errors = np.einsum("sni,nij,snj->sn", e, points.information, e) / noise
-        weight = 1.0 / (1.0 + errors / AGREES_CHI2)
+    # (2, N): the means start with the weights of static features, and with the moved features alone.
+    start = np.stack([1.0 / (1.0 + static_error / AGREES_CHI2), moved.astype(np.float64)])
+    means, information, errors = _robust_means(points, owner, member, variance, start)
     agreeing = member @ (moved & (errors[1] < AGREES_CHI2))
-    moves = (agreeing >= np.maximum(MIN_BOX_FEATURES, MIN_MOVED_SHARE * total)).astype(np.int64)
+    second_wins = agreeing >= np.maximum(MIN_BOX_FEATURES, MIN_MOVED_SHARE * total)
     if not moving_mean:
-        moves[:] = 0
-    winner = (moves, np.arange(number))
+        second_wins[:] = False
+    step = np.where(second_wins[:, None], means[1], means[0])
+    information = np.where(second_wins[:, None, None], information[1], information[0])
     depth = member @ points.depth / np.maximum(total, 1.0)
     # More features in the box do not reduce the uncertainty of the camera's motion.
     shared = STEP_DEVIATION_M**2 + (TURN_DEVIATION_RAD * depth) ** 2
-    spread = np.linalg.inv(information[winner] + MIN_INFORMATION * np.eye(3))
-    spread += shared[:, None, None] * np.eye(3)
+    covariance = np.linalg.inv(information + MIN_INFORMATION * np.eye(3))
+    covariance += shared[:, None, None] * np.eye(3)
     enough = (total >= MIN_BOX_FEATURES)[:, None, None]
-    return BoxSteps(steps[winner], np.where(enough, np.linalg.inv(spread), 0.0), total.astype(np.int64))
+    return BoxSteps(step, np.where(enough, np.linalg.inv(covariance), 0.0), total.astype(np.int64))
+
+
+def _robust_means(
+    points: PointSteps, owner: IntArray, member: Array, variance: float, weight: Array
+) -> tuple[Array, Array, Array]:
+    """Two robust means of the steps of N points in each of K boxes, from two sets of weights at the start.
+
+    Parameters
+    ----------
+    owner : (N,) box of each point; member : (K, N) 1 for the points of a box, or else 0.
+    variance : variance of a matched position, pixels². weight : (2, N) at the start.
+
+    Returns
+    -------
+    Means (2, K, 3), metres; their information (2, K, 3, 3), 1/m²; squared error (2, N) of each point for the
+    mean of its box, in variances.
+    """
+    # Of each point, nine numbers of its information, and three of the information times its step.
+    flat_information = points.information.reshape(len(owner), 9) / variance
+    vector = np.einsum("nij,nj->ni", points.information, points.step) / variance
+    parts = np.concatenate([flat_information, vector], axis=1)
+    for _ in range(STEP_ITERATIONS):
+        sums = member @ (weight[:, :, None] * parts)  # (2, K, 12)
+        information = sums[:, :, :9].reshape(2, len(member), 3, 3)
+        sums_of_vectors = sums[:, :, 9:, None]
+        means = np.linalg.solve(information + MIN_INFORMATION * np.eye(3), sums_of_vectors)[:, :, :, 0]
+        off = points.step - means[:, owner]
+        errors = np.einsum("sni,nij,snj->sn", off, points.information, off) / variance
+        weight = 1.0 / (1.0 + errors / AGREES_CHI2)
+    return means, information, errors

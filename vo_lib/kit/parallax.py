@@ -39,7 +39,8 @@ def parallax_information(
 
     Parameters
     ----------
-    matches : matches corrected for the current estimate of the errors; R_cp, t_cp : initial motion.
+    matches : matches corrected for the current estimate of the errors.
+    R_cp, t_cp : (3, 3), and (3,) metres, the motion from which the step starts.
     effects : function of normalised left positions (2, N) and disparities (N,), pixels; returns (K, 3, N),
         pixels: the changes of left u, left v and disparity due to a size of 1 of each of the K errors.
     scale : residual at which a feature's weight is halved, pixels.
@@ -49,6 +50,42 @@ def parallax_information(
     matches = matches[matches.prev_left[:, 0] - matches.prev_right[:, 0] > MIN_PARALLAX_DISPARITY_PX]
     if len(matches) < MIN_PARALLAX_FEATURES:
         return None
+    residual, J, J_D = _linearised(camera, matches, R_cp, t_cp, effects)
+    # Elimination of D: for each feature, I - J_D J_Dᵀ / |J_D|² removes what a change of its D explains.
+    norm2 = np.maximum(np.sum(J_D**2, axis=0), 1e-12)
+    residual = residual - J_D * (np.sum(J_D * residual, axis=0) / norm2)
+    J = J - J_D * (np.sum(J_D * J, axis=1) / norm2)[:, None]
+    squared = np.sum(residual**2, axis=0)
+    weighted = (J / (1.0 + squared / scale**2)).reshape(len(J), -1)
+    H = weighted @ J.reshape(len(J), -1).T
+    g = weighted @ residual.ravel()
+    # Elimination of the motion, the first six unknowns, by the Schur complement.
+    try:
+        by_motion = np.linalg.solve(H[:6, :6], np.column_stack([g[:6], H[:6, 6:]]))
+    except np.linalg.LinAlgError:
+        return None
+    information = H[6:, 6:] - H[6:, :6] @ by_motion[:, 1:]
+    vector = g[6:] - H[6:, :6] @ by_motion[:, 0]
+    variance = max(float(np.median(squared)) / MEDIAN_SQUARED_RESIDUAL, MIN_NOISE_PX**2)
+    return information / variance, vector / variance
+
+
+def _linearised(
+    camera: StereoCamera,
+    matches: StereoMatches,
+    R_cp: Array,
+    t_cp: Array,
+    effects: Callable[[Array, Array], Array],
+) -> tuple[Array, Array, Array]:
+    """Residuals of the four measurements d_p, u_c, v_c and d_c of N features, and the derivatives of these.
+
+    Each D starts at the measured d_p. Parameters as in `parallax_information`.
+
+    Returns
+    -------
+    residuals (4, N), pixels; derivatives (6 + K, 4, N) with respect to the rotation, t_cp and the K errors;
+    derivatives (4, N) with respect to the feature's own D.
+    """
     f = camera.f
     fb = camera.f * camera.baseline
     x_p = camera.normalise(matches.prev_left).T
@@ -60,39 +97,30 @@ def parallax_information(
     X, Y, Z = ray + D / fb * t_cp[:, None]
     Z = np.maximum(Z, MIN_DEPTH_RATIO)
     predicted = np.stack([X, Y]) / Z
-    s = f / Z
-    residual = np.stack([0.0 * D, *(f * (x_c - predicted)), d_c - D / Z])
+    u_residual, v_residual = f * (x_c - predicted)
+    residual = np.stack([np.zeros_like(D), u_residual, v_residual, d_c - D / Z])
     # Evaluated at the predicted positions: at the measured positions, derivative and residual would have
     # the same noise.
-    before = effects(x_p, D)
-    now = effects(predicted, D / Z)
-    # Derivatives (6 + K, 3, N) of the position with respect to the rotation, t and the errors.
-    moves = np.zeros((6 + len(now), 3, len(D)))
-    moves[[0, 1, 2], [1, 2, 0]] = -ray[[2, 0, 1]]
-    moves[[0, 1, 2], [2, 0, 1]] = ray[[1, 2, 0]]
-    moves[[3, 4, 5], [0, 1, 2]] = D / fb
-    moves[6:] = -np.einsum("ij,kjn->kin", R_cp[:, :2] / f, before[:, :2])
-    by = np.zeros((len(moves), 4, len(D)))
-    by[:, 1:3] = s * (moves[:, :2] - predicted * moves[:, 2:])
-    by[:, 3] = -D / Z**2 * moves[:, 2]
-    by[6:, 0] = before[:, 2]
-    by[6:, 1:] += now
-    toward = (t_cp[:2, None] - t_cp[2] * predicted) * s / fb
-    by_D = np.stack([one, *toward, (1.0 - t_cp[2] * D / (fb * Z)) / Z])
-    # Elimination of D: for each feature, I - J Jᵀ / JᵀJ removes the component along J = by_D.
-    norm = np.maximum(np.sum(by_D**2, axis=0), 1e-12)
-    residual = residual - by_D * (np.sum(by_D * residual, axis=0) / norm)
-    by = by - by_D * (np.sum(by_D * by, axis=1) / norm)[:, None]
-    squared = np.sum(residual**2, axis=0)
-    weighted = (by / (1.0 + squared / scale**2)).reshape(len(by), -1)
-    H = weighted @ by.reshape(len(by), -1).T
-    g = weighted @ residual.ravel()
-    # Elimination of the motion, the first six unknowns.
-    try:
-        by_motion = np.linalg.solve(H[:6, :6], np.column_stack([g[:6], H[:6, 6:]]))
-    except np.linalg.LinAlgError:
-        return None
-    information = H[6:, 6:] - H[6:, :6] @ by_motion[:, 1:]
-    vector = g[6:] - H[6:, :6] @ by_motion[:, 0]
-    noise = max(float(np.median(squared)) / MEDIAN_SQUARED_RESIDUAL, MIN_NOISE_PX**2)
-    return information / noise, vector / noise
+    effects_before = effects(x_p, D)
+    effects_now = effects(predicted, D / Z)
+    # Derivatives (6 + K, 3, N) of (X, Y, Z): a rotation δω moves the ray by δω × ray.
+    dX = np.zeros((6 + len(effects_now), 3, len(D)))
+    dX[0, 1] = -ray[2]
+    dX[0, 2] = ray[1]
+    dX[1, 0] = ray[2]
+    dX[1, 2] = -ray[0]
+    dX[2, 0] = -ray[1]
+    dX[2, 1] = ray[0]
+    for axis in range(3):
+        dX[3 + axis, axis] = D / fb
+    dX[6:] = -np.einsum("ij,kjn->kin", R_cp[:, :2] / f, effects_before[:, :2])
+    # The derivative of a quotient: d(X / Z) = (dX - X / Z dZ) / Z.
+    f_over_Z = f / Z
+    J = np.zeros((len(dX), 4, len(D)))
+    J[:, 1:3] = f_over_Z * (dX[:, :2] - predicted * dX[:, 2:])
+    J[:, 3] = -D / Z**2 * dX[:, 2]
+    J[6:, 0] = effects_before[:, 2]
+    J[6:, 1:] += effects_now
+    u_by_D, v_by_D = (t_cp[:2, None] - t_cp[2] * predicted) * f_over_Z / fb
+    J_D = np.stack([one, u_by_D, v_by_D, (1.0 - t_cp[2] * D / (fb * Z)) / Z])
+    return residual, J, J_D

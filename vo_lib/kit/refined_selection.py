@@ -7,6 +7,8 @@ previous frame. In our interpretation, the error over all features then decides.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ..geometry.motion import DEVIATION_OVER_MEDIAN, essential_from_motion
@@ -17,17 +19,18 @@ from .refinement import refine
 from .settings import KitSelectionConfig
 
 COARSE_ITERATIONS = 3  # iterations of the first, coarse refinement
+MIN_DEVIATION = 1e-3  # lower bound of the estimated noise, as a multiple of the threshold
 
 
 def sample_sets(rng: np.random.Generator, number: int, sets: int) -> Index:
-    """Indices (sets, 5): for each set, five different indices below `number`.
+    """Indices (sets, 5): for each set, five different indices below `number`, which is 5 or more.
 
     The sets are consecutive parts of random permutations, so that every feature is used equally often.
     """
-    per_round = number // 5
-    rounds = -(-sets // per_round)
-    order = rng.permuted(np.tile(np.arange(number), (rounds, 1)), axis=1)[:, : 5 * per_round]
-    return order.reshape(-1, 5)[:sets]
+    sets_per_permutation = number // 5
+    permutations = math.ceil(sets / sets_per_permutation)
+    order = rng.permuted(np.tile(np.arange(number), (permutations, 1)), axis=1)
+    return order[:, : 5 * sets_per_permutation].reshape(-1, 5)[:sets]
 
 
 def choose_candidate(
@@ -43,8 +46,10 @@ def choose_candidate(
 
     Parameters
     ----------
-    E, set_index : all candidates of a frame, from `five_point`; x_p, x_c : (N, 2) normalised points.
+    E, set_index : all candidates of a frame (M, 3, 3) and their sets (M,), from `five_point`.
+    x_p, x_c : (N, 2) normalised points.
     e_prev : (9,) previous essential vector; if None, consensus decides.
+    focal : focal length, pixels.
 
     Returns
     -------
@@ -58,8 +63,9 @@ def choose_candidate(
 def choose_unless_prior_bad(errors: Array, kept: BoolArray, ratio: float) -> tuple[int, bool]:
     """Index of the winner, and whether the prior is rejected. errors, kept : (M,).
 
-    The winner is the best kept candidate, or the best candidate of all if the prior is rejected. The prior is
-    rejected, for example in a sharp turn, if the best kept error exceeds `ratio` times the smallest error.
+    kept : mask of the candidates near the prior. The best of these wins, unless its error exceeds `ratio`
+    times the smallest error, as in a sharp turn: then the prior is rejected, and the best candidate of all
+    wins.
     """
     best = int(np.argmin(errors))
     best_kept = int(np.argmin(np.where(kept, errors, np.inf)))
@@ -71,29 +77,36 @@ def choose_unless_prior_bad(errors: Array, kept: BoolArray, ratio: float) -> tup
 def motion_of_winner(
     E: Array, x_p: Array, x_c: Array, X_p: Array, config: KitSelectionConfig, focal: float
 ) -> tuple[Array, Array, Array, BoolArray]:
-    """Rotation, unit translation, essential matrix (3, 3) and inliers (N,) of the winner E (3, 3).
+    """Rotation (3, 3), unit translation (3,), essential matrix (3, 3) and inliers (N,) of the winner.
 
     Mode `literal` keeps E unchanged; mode `refined` refines E on its inliers.
+
+    Parameters
+    ----------
+    E : (3, 3) the winner; x_p, x_c : (N, 2) normalised points; X_p : (N, 3) points, metres, of the previous
+        left frame. focal : focal length, pixels.
     """
     threshold = config.threshold / focal
     matches = match_terms(x_p, x_c)
-    inliers = _squared(E, matches) < threshold**2
-    trusted = np.flatnonzero(inliers) if np.count_nonzero(inliers) >= 5 else np.arange(len(inliers))
+    inliers = _squared_distances_to(E, matches) < threshold**2
+    trusted = np.flatnonzero(inliers)
+    if len(trusted) < 5:
+        trusted = np.arange(len(inliers))
     R, t = resolve_by_depth(E, x_p[trusted], x_c[trusted], X_p[trusted])
     if config.mode == "refined":
         # A coarse refinement, then a refinement with the noise as scale of the weights: the distances of the
         # features on a slow car may be smaller than the threshold.
-        kept = matches.take(trusted)
-        R, t = refine(R, t, kept, threshold / 2, COARSE_ITERATIONS)
-        median_squared = np.median(_squared(essential_from_motion(R, t), kept))
-        deviation = DEVIATION_OVER_MEDIAN * float(np.sqrt(median_squared))
-        scale = min(config.refine_scale * max(deviation, 1e-3 * threshold), threshold / 2)
-        R, t = refine(R, t, kept, scale)
+        trusted_matches = matches.take(trusted)
+        R, t = refine(R, t, trusted_matches, threshold / 2, COARSE_ITERATIONS)
+        squared = _squared_distances_to(essential_from_motion(R, t), trusted_matches)
+        deviation = DEVIATION_OVER_MEDIAN * float(np.sqrt(np.median(squared)))
+        scale = min(config.refine_scale * max(deviation, MIN_DEVIATION * threshold), threshold / 2)
+        R, t = refine(R, t, trusted_matches, scale)
         E = essential_from_motion(R, t)
-        inliers = _squared(E, matches) < threshold**2
+        inliers = _squared_distances_to(E, matches) < threshold**2
     return R, t, E, inliers
 
 
-def _squared(E: Array, matches: MatchTerms) -> Array:
+def _squared_distances_to(E: Array, matches: MatchTerms) -> Array:
     """Squared Sampson distances (N,) to one E (3, 3)."""
     return np.asarray(squared_distances(candidate_terms(E[None]), matches)[0], np.float64)

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..geometry.motion import skew
 from ..geometry.types import Array
-from ..paper.sampson import MatchTerms
+from ..paper.sampson import MIN_DIVISOR, MatchTerms
 
 REFINEMENT_ITERATIONS = 15
 CONVERGED_ROTATION_RAD = 5e-6  # 0.0003°, a tenth of the error due to noise
@@ -22,8 +22,9 @@ def refine(
 
     Parameters
     ----------
-    R_cp, direction : start; matches : `match_terms` of normalised points.
+    R_cp, direction : (3, 3) and (3,), the start; matches : `match_terms` of normalised points.
     scale : Sampson distance, in the unit of the points, at which a match's weight is halved.
+    iterations : largest number of steps.
 
     Returns
     -------
@@ -32,15 +33,16 @@ def refine(
     R = R_cp
     t = direction / np.linalg.norm(direction)
     for _ in range(iterations):
-        r, jac = distances_and_derivatives(R, t, matches)
-        weight = 1.0 / (1.0 + (r / scale) ** 2)
-        weighted = jac * weight
-        H = weighted @ jac.T
-        H[np.diag_indices(5)] += 1e-12 * np.trace(H)
-        # Constant weights make the step too short: the cost has curvature 2 w² - w, not w (Huber 1981).
-        curvature = 2.0 * float(weight @ weight / weight.sum()) - 1.0
-        curvature = min(max(curvature, 1.0 / MAX_STEP_RATIO), 1.0)
-        delta = -np.linalg.solve(H, weighted @ r) / curvature
+        distances, J = distances_and_derivatives(R, t, matches)
+        weight = 1.0 / (1.0 + (distances / scale) ** 2)
+        weighted = J * weight
+        H = weighted @ J.T
+        H[np.diag_indices(5)] += 1e-12 * np.trace(H)  # so that H can be inverted
+        # Gauss-Newton takes each weight w for a constant, so the step is too short: the cost has the
+        # curvature 2 w² - w, not w (Huber 1981). The ratio is that of the two sums over all matches.
+        curvature_ratio = 2.0 * float(weight @ weight / weight.sum()) - 1.0
+        curvature_ratio = min(max(curvature_ratio, 1.0 / MAX_STEP_RATIO), 1.0)
+        delta = -np.linalg.solve(H, weighted @ distances) / curvature_ratio
         R = cv2.Rodrigues(delta[:3])[0] @ R
         t = t + delta[3:] @ _tangent_basis(t)
         t = t / np.linalg.norm(t)
@@ -50,22 +52,25 @@ def refine(
 
 
 def distances_and_derivatives(R_cp: Array, direction: Array, matches: MatchTerms) -> tuple[Array, Array]:
-    """Sampson distances (N,), and derivatives (5, N) with respect to the rotation and the direction of t.
+    """Sampson distances (N,) of a motion, and their derivatives (5, N): by a rotation, and by a turn of t.
 
     The distance is d = cᵀ E p / norm, with norm² = |(E p)₁,₂|² + |(Eᵀ c)₁,₂|². A rotation δω of R and a
     tangential change δt of t change E by [t]× [δω]× R + [δt]× R. The derivative of the quotient follows.
     Without the derivative of the norm, noise biases the direction towards the matches, that is downwards.
     """
     basis = np.concatenate([direction[None], _tangent_basis(direction)])
-    t, *across = (basis @ GENERATORS.reshape(3, 9)).reshape(3, 3, 3)
-    E = np.concatenate([t[None], t @ GENERATORS, across]) @ R_cp  # E and its five derivatives, (6, 3, 3)
+    # [t]×, and [δt]× for each of the two tangential directions, (3, 3) each.
+    t_cross, *changes_of_t = (basis @ GENERATORS.reshape(3, 9)).reshape(3, 3, 3)
+    # E and its five derivatives, (6, 3, 3).
+    E = np.concatenate([t_cross[None], t_cross @ GENERATORS, changes_of_t]) @ R_cp
     p, c = matches.points
     line_c = E[:, :2] @ p
     line_p = E[:, :, :2].swapaxes(1, 2) @ c
-    norm2 = np.maximum(np.sum(line_c[0] ** 2 + line_p[0] ** 2, axis=0), 1e-20)
-    half_change = np.sum(line_c[0] * line_c[1:] + line_p[0] * line_p[1:], axis=1)
-    error = (E.reshape(6, 9) @ matches.outer) / np.sqrt(norm2)
-    return error[0], error[1:] - half_change * (error[0] / norm2)
+    norm2 = np.maximum(np.sum(line_c[0] ** 2 + line_p[0] ** 2, axis=0), MIN_DIVISOR)
+    half_change_of_norm2 = np.sum(line_c[0] * line_c[1:] + line_p[0] * line_p[1:], axis=1)
+    over_norm = (E.reshape(6, 9) @ matches.outer) / np.sqrt(norm2)
+    distances = over_norm[0]
+    return distances, over_norm[1:] - half_change_of_norm2 * (distances / norm2)
 
 
 def _tangent_basis(t: Array) -> Array:

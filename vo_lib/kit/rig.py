@@ -1,4 +1,4 @@
-"""Estimation of calibration errors that remain in calib.txt (chapters 3 and 4, not in the paper).
+"""Estimation of calibration errors that remain in calib.txt (appendix, not in the paper).
 
 In a rectified pair both images of a point are in one row, and the columns differ by f b / Z. In a real pair,
 rows and disparities are wrong by some tenths of a pixel, and so are depths and steps: on the KITTI highway
@@ -13,6 +13,9 @@ The two lenses have equal errors: Brown's decentering and radial terms with r² 
 
     (2 p1 x y + p2 (r² + 2 x²),  p1 (r² + 2 y²) + 2 p2 x y)   and   (k1 r² + k2 r⁴) (x, y).
 
+All errors together are a vector (19,), in the order of `ERROR_NAMES`: 9 of the disparities and 6 of the rows,
+which are the field, and 4 of the lenses.
+
 Stereo matches measure the row errors directly. These contain roll and focal length, which a moving camera
 cannot tell from a longer step. Near and far points on one row measure the lens errors. The motion measures
 them again, and the disparity errors as well: the disparities must agree with the parallax, and the optical
@@ -26,6 +29,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,45 +40,78 @@ from ..geometry.types import Array
 from .parallax import MIN_NOISE_PX, parallax_information
 from .settings import CalibrationConfig
 
-Shape = dict[str, float]
+# A polynomial in x and y: the coefficient of each term.
+Polynomial = dict[str, float]
+
+
+class LensPrior(NamedTuple):
+    """Prior standard deviation of a lens error, and the noise that more frames do not reduce, pixels."""
+
+    deviation_px: float
+    floor_px: float
+
+
+class RigFault(NamedTuple):
+    """A fault of one camera relative to the other.
+
+    Attributes
+    ----------
+    columns, rows : the field of a fault of size 1: errors of disparity and row difference.
+    deviation_px : prior standard deviation of the fault's size, pixels.
+    """
+
+    columns: Polynomial
+    rows: Polynomial
+    deviation_px: float
+
 
 DISPARITY_TERMS = ("1", "x", "y", "x²", "xy", "y²", "x³", "x²y", "x⁴")
 ROW_TERMS = DISPARITY_TERMS[:6]
-# Prior standard deviation of each lens error, pixels (KITTI's rigs have a k1 of 12 to 17), and a noise floor
-# that more frames do not reduce: on drawn scenes with perfect lenses, cars cause up to 2.6 px of k1, and a
-# highway causes 0.8 px of p2.
-LENS_PX = {"p1": (1.5, 0.7), "p2": (1.5, 1.2), "k1": (15.0, 2.0), "k2": (10.0, 4.0)}
-# The errors are, in this order: of disparities, of rows (together the field), and of the lenses.
-DISPARITIES = len(DISPARITY_TERMS)
-FIELD = DISPARITIES + len(ROW_TERMS)
-ERROR_NAMES = (
-    *(f"disparity {term}" for term in DISPARITY_TERMS),
-    *(f"row {term}" for term in ROW_TERMS),
-    *LENS_PX,
-)
-ERROR_COUNT = len(ERROR_NAMES)
-P1, P2, K1, K2 = range(FIELD, ERROR_COUNT)
-# Indices of the errors that the motion measures; the rows measure the errors from `DISPARITIES` on.
-BY_PARALLAX = [*range(DISPARITIES), *range(FIELD, ERROR_COUNT)]
-# Faults of one camera relative to the other: shape in the columns, shape in the rows, prior standard
-# deviation in pixels. To first order, a yaw is a shift along the rows and a tilt about the vertical. Brown's
-# decentering is three times a tilt plus one of the last two faults.
-RIG_FAULTS: dict[str, tuple[Shape, Shape, float]] = {
-    "shift along the rows": ({"1": 1}, {}, 1.5),
-    "shift across the rows": ({}, {"1": 1}, 3.0),
-    "roll": ({"y": 1}, {"x": -1}, 1.0),
-    "focal length": ({"x": 1}, {"y": 1}, 1.0),
-    "tilt about the vertical": ({"x²": 1}, {"xy": 1}, 5.0),
-    "tilt about the horizontal": ({"xy": 1}, {"y²": 1}, 1.0),
-    "decentering along the rows": ({"y²": 1}, {"xy": -1}, 5.0),
-    "decentering across the rows": ({"xy": -1}, {"x²": 1}, 1.0),
+# KITTI's rigs have a k1 of 12 to 17 px. The floors: on drawn scenes with perfect lenses, cars cause up to
+# 2.6 px of k1, and a highway causes 0.8 px of p2.
+LENS_PX = {
+    "p1": LensPrior(1.5, 0.7),
+    "p2": LensPrior(1.5, 1.2),
+    "k1": LensPrior(15.0, 2.0),
+    "k2": LensPrior(10.0, 4.0),
 }
-# Errors of the undistortion of the images have no particular shape; standard deviations in pixels.
-UNDISTORTION_PX = {"x²": 1.0, "xy": 0.2, "y²": 1.5, "x³": 0.5, "x²y": 1.0, "x⁴": 4.0}
-RIG_FAULTS |= {f"columns, {term}": ({term: 1}, {}, deviation) for term, deviation in UNDISTORTION_PX.items()}
-RIG_FAULTS |= {f"rows, {term}": ({}, {term: 1}, 0.5) for term in ("x²", "xy", "y²")}
-# Groups of errors that `CalibrationConfig.without` holds at zero: beginnings of the names of faults that are
-# left out, and of the names of errors whose prior standard deviation is multiplied by a small share.
+DISPARITY_NAMES = tuple(f"disparity {term}" for term in DISPARITY_TERMS)
+ROW_NAMES = tuple(f"row {term}" for term in ROW_TERMS)
+ERROR_NAMES = (*DISPARITY_NAMES, *ROW_NAMES, *LENS_PX)
+# The errors [:DISPARITY_COUNT] are those of disparities, [:FIELD_COUNT] those of the field, disparities and
+# rows, and [FIELD_COUNT:] those of the lenses.
+DISPARITY_COUNT = len(DISPARITY_NAMES)
+FIELD_COUNT = DISPARITY_COUNT + len(ROW_NAMES)
+ERROR_COUNT = len(ERROR_NAMES)
+# Index of each lens error.
+P1 = ERROR_NAMES.index("p1")
+P2 = ERROR_NAMES.index("p2")
+K1 = ERROR_NAMES.index("k1")
+K2 = ERROR_NAMES.index("k2")
+# Indices of the errors that the motion measures; the rows measure the errors from `DISPARITY_COUNT` on.
+BY_PARALLAX = [*range(DISPARITY_COUNT), *range(FIELD_COUNT, ERROR_COUNT)]
+# To first order, a yaw is a shift along the rows and a tilt about the vertical. Brown's decentering is three
+# times a tilt plus one of the two faults with the name decentering.
+RIG_FAULTS = {
+    "shift along the rows": RigFault({"1": 1}, {}, 1.5),
+    "shift across the rows": RigFault({}, {"1": 1}, 3.0),
+    "roll": RigFault({"y": 1}, {"x": -1}, 1.0),
+    "focal length": RigFault({"x": 1}, {"y": 1}, 1.0),
+    "tilt about the vertical": RigFault({"x²": 1}, {"xy": 1}, 5.0),
+    "tilt about the horizontal": RigFault({"xy": 1}, {"y²": 1}, 1.0),
+    "decentering along the rows": RigFault({"y²": 1}, {"xy": -1}, 5.0),
+    "decentering across the rows": RigFault({"xy": -1}, {"x²": 1}, 1.0),
+}
+# Errors of the undistortion of the images have no particular shape: each term is a fault of its own, here
+# with its standard deviation in pixels.
+COLUMN_UNDISTORTION_PX = {"x²": 1.0, "xy": 0.2, "y²": 1.5, "x³": 0.5, "x²y": 1.0, "x⁴": 4.0}
+ROW_UNDISTORTION_PX = {"x²": 0.5, "xy": 0.5, "y²": 0.5}
+RIG_FAULTS |= {f"columns, {term}": RigFault({term: 1}, {}, px) for term, px in COLUMN_UNDISTORTION_PX.items()}
+RIG_FAULTS |= {f"rows, {term}": RigFault({}, {term: 1}, px) for term, px in ROW_UNDISTORTION_PX.items()}
+FREE_DEVIATION_PX = 0.01  # prior standard deviation of each coefficient, in addition to the faults
+# Groups of errors that `CalibrationConfig.without` holds at zero. For some groups, the faults whose names
+# begin like this are left out of the prior. For the others, the prior standard deviations of the errors whose
+# names begin like this are multiplied by `HELD_SHARE`.
 FAULTS_OF_GROUP = {"undistortion": ("columns", "rows"), "focal-length": ("focal length",)}
 ERRORS_OF_GROUP = {
     "field": ("disparity", "row"),
@@ -82,9 +119,10 @@ ERRORS_OF_GROUP = {
     "lens": tuple(LENS_PX),
 }
 HELD_SHARE = 1e-4
-FREE_DEVIATION_PX = 0.01  # prior standard deviation of each coefficient, in addition to the faults
 
 ROW_REWEIGHTINGS = 4  # number of re-weightings in the estimation of the row errors
+KNOWN_VARIANCE_SHARE = 0.5  # of the prior variance; a lens error with a larger variance is not corrected
+MIN_SQUARE = 1e-12  # divisor in place of the square of an estimate that is zero
 
 
 class Rig:
@@ -108,68 +146,81 @@ class Rig:
 
     def correct(self, matches: StereoMatches, errors: Array | None = None) -> StereoMatches:
         """Matches corrected by `errors` (19,), by default `self.errors`."""
-        errors = self.errors if errors is None else errors
+        if errors is None:
+            errors = self.errors
         if not errors.any():
             return matches
-        left = np.concatenate([matches.prev_left, matches.cur_left])
-        right = np.concatenate([matches.prev_right, matches.cur_right])
-        left, right = self._without(errors, left, right)
         n = len(matches)
+        left, right = self._true_pixels(
+            np.concatenate([matches.prev_left, matches.cur_left]),
+            np.concatenate([matches.prev_right, matches.cur_right]),
+            errors,
+        )
         return dataclasses.replace(
             matches, prev_left=left[:n], prev_right=right[:n], cur_left=left[n:], cur_right=right[n:]
         )
 
-    def _without(self, errors: Array, left: Array, right: Array) -> tuple[Array, Array]:
-        """Left and right pixels (N, 2) without the `errors` (19,)."""
+    def _true_pixels(self, left: Array, right: Array, errors: Array) -> tuple[Array, Array]:
+        """Left and right pixels (N, 2) that a rig without the `errors` (19,) would measure."""
         true_left = left
         true_right = right
         for _ in range(2):  # the errors depend on the true positions
             disparity = (true_left - true_right)[:, 0]
-            added = effects(self.camera, self.camera.normalise(true_left).T, disparity)
-            of_u, of_v, of_disparity, of_row = np.tensordot(errors, added, 1)
+            changes = effects(self.camera, self.camera.normalise(true_left).T, disparity)
+            of_u, of_v, of_disparity, of_row = np.tensordot(errors, changes, 1)
             true_left = left - np.stack([of_u, of_v], axis=1)
             true_right = right - np.stack([of_u - of_disparity, of_v - of_row], axis=1)
         return true_left, true_right
 
     def update_from_rows(self, matches: StereoMatches) -> None:
-        """Update the errors from the rows of a frame's uncorrected stereo matches, with Cauchy weights."""
+        """Update the errors from the row differences of a frame's uncorrected stereo matches.
+
+        A Kalman step in information form: the errors have drifted since the frame before, and each match of
+        the current pair measures them with a Cauchy weight.
+        """
         if len(matches) == 0 or "rows" in self.config.without:
             return
-        left, right = self._without(self.errors, matches.cur_left, matches.cur_right)
-        A = effects(self.camera, self.camera.normalise(left).T, (left - right)[:, 0])[:, 3]
-        difference = (matches.cur_left - matches.cur_right)[:, 1]
-        prior_information = np.linalg.inv(self.covariance + self.config.drift**2 * self._prior)
+        left, right = self._true_pixels(matches.cur_left, matches.cur_right, self.errors)
+        # (19, N): the row difference of each match for 1 px of each error.
+        row_effects = effects(self.camera, self.camera.normalise(left).T, (left - right)[:, 0])[:, 3]
+        row_difference = (matches.cur_left - matches.cur_right)[:, 1]
+        drifted_covariance = self.covariance + self.config.drift**2 * self._prior
+        prior_information = np.linalg.inv(drifted_covariance)
         prior_vector = prior_information @ self.estimate
         estimate = self.estimate
         for _ in range(ROW_REWEIGHTINGS):
-            residual = difference - estimate @ A
-            noise = max(DEVIATION_OVER_MEDIAN**2 * float(np.median(residual**2)), MIN_NOISE_PX**2)
-            weighted = A / (1.0 + (residual / self.config.row_scale) ** 2)
-            weighted /= noise * self.config.noise_inflation**2
-            information = prior_information + weighted @ A.T
-            estimate = np.asarray(np.linalg.solve(information, prior_vector + weighted @ difference))
+            residual = row_difference - estimate @ row_effects
+            variance = max(DEVIATION_OVER_MEDIAN**2 * float(np.median(residual**2)), MIN_NOISE_PX**2)
+            weighted = row_effects / (1.0 + (residual / self.config.row_scale) ** 2)
+            weighted /= variance * self.config.noise_inflation**2
+            information = prior_information + weighted @ row_effects.T
+            vector = prior_vector + weighted @ row_difference
+            estimate = np.asarray(np.linalg.solve(information, vector))
         self.set_estimate(estimate, np.asarray(np.linalg.inv(information)))
 
     def update(self, matches: StereoMatches, R_cp: Array, t_cp: Array) -> None:
-        """Update the errors from a frame's corrected matches and motion."""
+        """Update the errors from a frame's corrected matches and its motion.
 
-        def added(x: Array, disparity: Array) -> Array:
+        R_cp, t_cp : (3, 3), and (3,) metres; a frame without information on the errors changes nothing.
+        """
+
+        def parallax_effects(x: Array, disparity: Array) -> Array:
             return effects(self.camera, x, disparity)[BY_PARALLAX, :3]
 
-        evidence = parallax_information(self.camera, matches, R_cp, t_cp, added, self.config.scale)
+        evidence = parallax_information(self.camera, matches, R_cp, t_cp, parallax_effects, self.config.scale)
         if evidence is None:
             return
-        measured_information, measured_vector = evidence
-        information = np.zeros((ERROR_COUNT, ERROR_COUNT))
+        parallax_matrix, parallax_vector = evidence
+        measured = np.zeros((ERROR_COUNT, ERROR_COUNT))
+        measured[np.ix_(BY_PARALLAX, BY_PARALLAX)] = parallax_matrix
+        measured /= self.config.noise_inflation**2
         vector = np.zeros(ERROR_COUNT)
-        information[np.ix_(BY_PARALLAX, BY_PARALLAX)] = measured_information
-        vector[BY_PARALLAX] = measured_vector
-        information /= self.config.noise_inflation**2
+        vector[BY_PARALLAX] = parallax_vector
         vector /= self.config.noise_inflation**2
-        prior_information = np.linalg.inv(self.covariance)
-        # The matches were corrected by the shrunk errors, not by the estimate.
-        vector -= information @ (self.estimate - self.errors)
-        information += prior_information
+        # The matches were corrected by the shrunk errors, so their errors were measured from there. Sought is
+        # the change of the estimate.
+        vector -= measured @ (self.estimate - self.errors)
+        information = measured + np.linalg.inv(self.covariance)
         change = np.linalg.solve(information, vector)
         self.set_estimate(self.estimate + change, np.asarray(np.linalg.inv(information)))
 
@@ -177,29 +228,36 @@ class Rig:
         """Set the estimate (19,) and its covariance (19, 19), and compute the shrunk errors."""
         self.estimate = estimate
         self.covariance = covariance
-        self.errors = estimate.copy() if "shrinking" in self.config.without else shrunk(estimate, covariance)
+        if "shrinking" in self.config.without:
+            self.errors = estimate.copy()
+        else:
+            self.errors = shrunk(estimate, covariance)
 
 
 def shrunk(estimate: Array, covariance: Array) -> Array:
     """The errors (19,) for the correction, from the estimate (19,) and its covariance; see `Rig.errors`."""
     errors = estimate.copy()
     covariance = covariance.copy()
-    lens = {}
+    shrunk_lens: dict[int, float] = {}
     for i in (K2, K1, P1, P2):
-        prior, floor = LENS_PX[ERROR_NAMES[i]]
+        prior = LENS_PX[ERROR_NAMES[i]]
         variance = covariance[i, i]
-        if variance <= 0.5 * prior**2:
-            share = max(0.0, 1.0 - (variance + floor**2) / max(errors[i] ** 2, 1e-12))
-        else:
-            share = 0.0
-        lens[i] = errors[i] * share
-        # The other errors, conditioned on this lens error.
+        kept_share = 0.0
+        if variance <= KNOWN_VARIANCE_SHARE * prior.deviation_px**2:
+            noise = variance + prior.floor_px**2
+            kept_share = max(0.0, 1.0 - noise / max(errors[i] ** 2, MIN_SQUARE))
+        shrunk_lens[i] = errors[i] * kept_share
+        # The other errors, conditioned on this lens error: what it no longer explains, they must.
         gain = covariance[i] / variance
-        errors += gain * (lens[i] - errors[i])
+        errors += gain * (shrunk_lens[i] - errors[i])
         covariance -= np.outer(gain, covariance[i])
-    squared = float(errors[:FIELD] @ np.linalg.solve(covariance[:FIELD, :FIELD], errors[:FIELD]))
-    errors[:FIELD] *= max(0.0, 1.0 - FIELD / max(squared, 1e-12))
-    errors[[*lens]] = [*lens.values()]
+    field = errors[:FIELD_COUNT]
+    field_covariance = covariance[:FIELD_COUNT, :FIELD_COUNT]
+    squared = float(field @ np.linalg.solve(field_covariance, field))
+    errors[:FIELD_COUNT] *= max(0.0, 1.0 - FIELD_COUNT / max(squared, MIN_SQUARE))
+    # Rounding in the later steps has changed the lens errors of the earlier ones: a zero must stay zero.
+    for i, error in shrunk_lens.items():
+        errors[i] = error
     return errors
 
 
@@ -208,30 +266,33 @@ def effects(camera: StereoCamera, x: Array, disparity: Array) -> Array:
 
     x : (2, N) normalised left positions; disparity : (N,) pixels.
     """
-    right = np.array([x[0] - disparity / camera.f, x[1]])
-    on_left = powers(*x)
-    both = on_left + powers(*right)
-    rows = len(ROW_TERMS)
-    added = np.zeros((ERROR_COUNT, 4, len(disparity)))
+    x_right = np.array([x[0] - disparity / camera.f, x[1]])
+    left_terms = field_terms(*x)
+    sum_of_terms = left_terms + field_terms(*x_right)
+    changes = np.zeros((ERROR_COUNT, 4, len(disparity)))
     # Half of the field is attributed to each camera, at the point's position in its image.
-    added[:DISPARITIES, 0] = 0.5 * on_left
-    added[:DISPARITIES, 2] = 0.5 * both
-    added[DISPARITIES:FIELD, 1] = 0.5 * on_left[:rows]
-    added[DISPARITIES:FIELD, 3] = 0.5 * both[:rows]
-    added[FIELD:, :2] = lens_shapes(x)
-    added[FIELD:, 2:] = added[FIELD:, :2] - lens_shapes(right)
-    return added
+    disparities = changes[:DISPARITY_COUNT]
+    disparities[:, 0] = 0.5 * left_terms
+    disparities[:, 2] = 0.5 * sum_of_terms
+    rows = changes[DISPARITY_COUNT:FIELD_COUNT]
+    rows[:, 1] = 0.5 * left_terms[: len(ROW_TERMS)]
+    rows[:, 3] = 0.5 * sum_of_terms[: len(ROW_TERMS)]
+    # The lenses move both images of the point; disparity and row difference change if they differ.
+    lenses = changes[FIELD_COUNT:]
+    lenses[:, :2] = lens_shapes(x)
+    lenses[:, 2:] = lenses[:, :2] - lens_shapes(x_right)
+    return changes
 
 
 def field_at(errors: Array, x: Array, y: Array) -> Array:
     """Errors (2, N) of disparity and row difference, pixels, at normalised left positions x, y (N,)."""
-    terms = powers(x, y)
-    of_disparity = errors[:DISPARITIES] @ terms
-    of_row = errors[DISPARITIES:FIELD] @ terms[: len(ROW_TERMS)]
+    terms = field_terms(x, y)
+    of_disparity = errors[:DISPARITY_COUNT] @ terms
+    of_row = errors[DISPARITY_COUNT:FIELD_COUNT] @ terms[: len(ROW_TERMS)]
     return np.stack([of_disparity, of_row])
 
 
-def powers(x: Array, y: Array) -> Array:
+def field_terms(x: Array, y: Array) -> Array:
     """Values (9, N) of `DISPARITY_TERMS` at normalised x, y (N,); the first six are the `ROW_TERMS`."""
     x2 = x * x
     return np.array([np.ones_like(x), x, y, x2, x * y, y * y, x2 * x, x2 * y, x2 * x2])
@@ -241,9 +302,12 @@ def lens_shapes(points: Array) -> Array:
     """Displacements (4, 2, N) of normalised points (2, N), for each term of `LENS_PX` with size 1."""
     x, y = points
     r2 = x * x + y * y
-    xy = 2.0 * x * y
-    radial = r2 * points
-    return np.array([(xy, r2 + 2.0 * y * y), (r2 + 2.0 * x * x, xy), radial, r2 * radial])
+    twice_xy = 2.0 * x * y
+    by_p1 = (twice_xy, r2 + 2.0 * y * y)
+    by_p2 = (r2 + 2.0 * x * x, twice_xy)
+    by_k1 = r2 * points
+    by_k2 = r2 * by_k1
+    return np.array([by_p1, by_p2, by_k1, by_k2])
 
 
 def prior_covariance(without: Sequence[str] = ()) -> Array:
@@ -251,16 +315,24 @@ def prior_covariance(without: Sequence[str] = ()) -> Array:
 
     without : groups of errors that are held at zero; see `CalibrationConfig.without`.
     """
-    left_out = tuple(start for group in without for start in FAULTS_OF_GROUP.get(group, ()))
-    faults = [fault for name, fault in RIG_FAULTS.items() if not name.startswith(left_out)]
-    field = np.full(FIELD, FREE_DEVIATION_PX)
-    lens = np.array([deviation for deviation, _ in LENS_PX.values()])
-    covariance = np.diag(np.concatenate([field, lens])) ** 2
-    for columns, rows, deviation in faults:
-        shape = np.array(
-            [columns.get(k, 0.0) for k in DISPARITY_TERMS] + [rows.get(k, 0.0) for k in ROW_TERMS]
-        )
-        covariance[:FIELD, :FIELD] += deviation**2 * np.outer(shape, shape)
-    held = tuple(start for group in without for start in ERRORS_OF_GROUP.get(group, ()))
-    share = np.array([HELD_SHARE if name.startswith(held) else 1.0 for name in ERROR_NAMES])
-    return np.asarray(covariance * np.outer(share, share))
+    deviations = np.full(ERROR_COUNT, FREE_DEVIATION_PX)
+    deviations[FIELD_COUNT:] = [prior.deviation_px for prior in LENS_PX.values()]
+    covariance = np.diag(deviations) ** 2
+    left_out = _names_of_groups(FAULTS_OF_GROUP, without)
+    for name, fault in RIG_FAULTS.items():
+        if not name.startswith(left_out):
+            columns = [fault.columns.get(term, 0.0) for term in DISPARITY_TERMS]
+            rows = [fault.rows.get(term, 0.0) for term in ROW_TERMS]
+            shape = np.array(columns + rows)
+            covariance[:FIELD_COUNT, :FIELD_COUNT] += fault.deviation_px**2 * np.outer(shape, shape)
+    held = _names_of_groups(ERRORS_OF_GROUP, without)
+    shares = np.array([HELD_SHARE if name.startswith(held) else 1.0 for name in ERROR_NAMES])
+    return np.asarray(covariance * np.outer(shares, shares))
+
+
+def _names_of_groups(names: dict[str, tuple[str, ...]], groups: Sequence[str]) -> tuple[str, ...]:
+    """The beginnings of names that belong to some groups; () if there are none, with which no name begins."""
+    beginnings: list[str] = []
+    for group in groups:
+        beginnings.extend(names.get(group, ()))
+    return tuple(beginnings)

@@ -17,11 +17,11 @@ from ..paper.settings import (
 )
 from ..settings import Checked, section, setting
 
-# Values of other settings for which a setting is used.
-MOVING = {"filter.rule": ("moving",)}
-REMOVAL = {"filter.rule": ("all", "moving", "truth")}
-REFINED = ESSENTIAL | {"selection.mode": ("refined",)}
-ESTIMATED = {"calibration.estimate": (True,)}
+# Where a setting is used (`when`): by the name of another setting, the values with which it is.
+MOVING_RULE = {"filter.rule": ("moving",)}
+REMOVAL_RULES = {"filter.rule": ("all", "moving", "truth")}
+REFINED_MODE = ESSENTIAL | {"selection.mode": ("refined",)}
+CALIBRATION_ESTIMATED = {"calibration.estimate": (True,)}
 
 
 @dataclass(frozen=True)
@@ -77,26 +77,26 @@ class MovingConfig(Checked):
     """The test whether the vehicle in a box moves (chapter 5, not in the paper)."""
 
     noise: float = setting(
-        0.2, "standard deviation of a matched position", unit="px", low=0.01, high=5, when=MOVING
+        0.2, "standard deviation of a matched position", unit="px", low=0.01, high=5, when=MOVING_RULE
     )
     significance: float = setting(
-        4.0, "smallest displacement of a moving box, in standard deviations", low=1, high=50, when=MOVING
+        4.0, "smallest displacement of a moving box, in standard deviations", low=1, high=50, when=MOVING_RULE
     )
     min_step: float = setting(
-        0.05, "smallest displacement of a moving box in one frame", unit="m", low=0, high=5, when=MOVING
+        0.05, "smallest displacement of a moving box in one frame", unit="m", low=0, high=5, when=MOVING_RULE
     )
     agreement: float = setting(
         2.0,
         "largest residual of a static feature in a box, in standard deviations of a match",
         low=0.1,
         high=1000,
-        when=MOVING,
+        when=MOVING_RULE,
     )
     without: tuple[str, ...] = setting(
         (),
         "parts of the test that are turned off, to measure what they do",
         choices=("moving-mean",),
-        when=MOVING,
+        when=MOVING_RULE,
     )
 
 
@@ -110,7 +110,7 @@ class KitFilterConfig(FilterConfig):
         "smallest number of remaining matches; with fewer, all matches are kept",
         low=0,
         high=10000,
-        when=REMOVAL,
+        when=REMOVAL_RULES,
     )
     moving: MovingConfig = section(MovingConfig)
 
@@ -130,14 +130,14 @@ class KitSelectionConfig(SelectionConfig):
         "residual at which the refinement halves a match's weight, in standard deviations",
         low=0.5,
         high=100,
-        when=REFINED,
+        when=REFINED_MODE,
     )
     clean_sets: int = setting(
         50,
         "expected number of sets without an outlier from which no further set is drawn",
         low=1,
         high=1_000_000,
-        when=REFINED,
+        when=REFINED_MODE,
     )
     prior_rejection_ratio: float = setting(
         1.25,
@@ -181,7 +181,12 @@ class CalibrationConfig(Checked):
         True, "estimate the calibration errors during the run; off: keep the initial errors"
     )
     scale: float = setting(
-        0.5, "residual at which a feature's weight is halved", unit="px", low=0.05, high=20, when=ESTIMATED
+        0.5,
+        "residual at which a feature's weight is halved",
+        unit="px",
+        low=0.05,
+        high=20,
+        when=CALIBRATION_ESTIMATED,
     )
     row_scale: float = setting(
         0.2,
@@ -189,21 +194,21 @@ class CalibrationConfig(Checked):
         unit="px",
         low=0.01,
         high=10,
-        when=ESTIMATED,
+        when=CALIBRATION_ESTIMATED,
     )
     drift: float = setting(
         0.015,
         "standard deviation of the change of an error per frame, as a share of the initial deviation",
         low=0,
         high=1,
-        when=ESTIMATED,
+        when=CALIBRATION_ESTIMATED,
     )
     noise_inflation: float = setting(
         2.5,
         "factor on the assumed noise when calibration errors are estimated",
         low=1,
         high=100,
-        when=ESTIMATED,
+        when=CALIBRATION_ESTIMATED,
     )
     without: tuple[str, ...] = setting(
         (),

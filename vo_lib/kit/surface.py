@@ -6,6 +6,7 @@ linear in u and v, so three numbers determine the warp: the disparity at the fea
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import cv2
@@ -29,6 +30,9 @@ SURFACE_RESIDUAL_PX = 0.75
 FIRST_SURFACE_RESIDUAL_PX = 3.0
 # Smallest share of pixels on the plane for an estimate of its slope.
 MIN_KNOWN_SHARE = 0.3
+# Added to the diagonal of the normal matrix of a plane (disparity, two slopes): the slopes of a square with
+# few known pixels stay small.
+PLANE_DAMPING = np.array([1e-3, 4.0, 4.0, 0.0, 0.0, 0.0])
 
 
 class Surface(NamedTuple):
@@ -47,18 +51,20 @@ class Surface(NamedTuple):
 
 
 def coarse_disparity(left: NDArray[np.uint8], right: NDArray[np.uint8], largest: int) -> CoarseDisparity:
-    """Disparity (H / 2, W / 2) by block matching at half size, negative if unknown."""
-    steps = -(-largest // 32) * 16
-    # Block matching has no result in its first `steps` columns, so the images are padded.
-    small = [
-        cv2.copyMakeBorder(cv2.pyrDown(image), 0, 0, steps, 0, cv2.BORDER_REPLICATE)
-        for image in (left, right)
-    ]
-    matcher = cv2.StereoBM.create(numDisparities=steps, blockSize=9)
+    """Disparity (H / 2, W / 2) by block matching at half size, pixels of the full image; negative if unknown.
+
+    left, right : (H, W) images; largest : largest disparity that is searched, pixels of the full image.
+    """
+    # At half size, in steps of 16, as the matcher requires.
+    searched = 16 * math.ceil(largest / 32)
+    # Block matching has no result in its first columns, as many as are searched, so the images are padded.
+    small_left = cv2.copyMakeBorder(cv2.pyrDown(left), 0, 0, searched, 0, cv2.BORDER_REPLICATE)
+    small_right = cv2.copyMakeBorder(cv2.pyrDown(right), 0, 0, searched, 0, cv2.BORDER_REPLICATE)
+    matcher = cv2.StereoBM.create(numDisparities=searched, blockSize=9)
     # A uniqueness test would take half of the time; the loop check rejects wrong disparities anyway.
     matcher.setUniquenessRatio(0)
-    # The matcher's unit is a sixteenth of a pixel at half size.
-    return np.asarray(matcher.compute(*small)[:, steps:] / np.float32(8.0))
+    # The matcher's unit is a sixteenth of a pixel at half size, so an eighth of a pixel of the full image.
+    return np.asarray(matcher.compute(small_left, small_right)[:, searched:] / np.float32(8.0))
 
 
 def fit_surface(coarse: CoarseDisparity, uv: Array, disparity: Array) -> Surface:
@@ -76,18 +82,18 @@ def fit_surface(coarse: CoarseDisparity, uv: Array, disparity: Array) -> Surface
     dv = np.repeat(SURROUNDING_OFFSETS, len(SURROUNDING_OFFSETS))
     column = np.clip(np.rint(uv[:, :1] / 2).astype(np.intp) + du, 0, coarse.shape[1] - 1)
     row = np.clip(np.rint(uv[:, 1:] / 2).astype(np.intp) + dv, 0, coarse.shape[0] - 1)
+    around = np.take(coarse, row * coarse.shape[1] + column)
+    valid = around > 0
     # Relative to the feature's disparity, so that single precision is sufficient.
-    d = np.take(coarse, row * coarse.shape[1] + column)
-    valid = d > 0
-    d = (d - disparity[:, None]).astype(np.float32)
+    d = (around - disparity[:, None]).astype(np.float32)
     basis = np.stack([np.ones(len(du)), 2.0 * du, 2.0 * dv], axis=1).astype(np.float32)
-    products = basis[:, ROW] * basis[:, COLUMN]
+    products = basis[:, ROW] * basis[:, COLUMN]  # of the normal matrix, xx, yy, zz, xy, xz, yz
     near = valid & (np.abs(d) < FIRST_SURFACE_RESIDUAL_PX)
     for _ in range(2):
-        # The damping keeps the slope of a square with few known pixels small.
         weight = near.astype(np.float32)
-        N = (weight @ products).T + np.array([1e-3, 4.0, 4.0, 0.0, 0.0, 0.0])[:, None]
-        plane = times(invert(N), np.asarray(((weight * d) @ basis).T, np.float64))
+        normal = (weight @ products).T + PLANE_DAMPING[:, None]
+        right_side = np.asarray(((weight * d) @ basis).T, np.float64)
+        plane = times(invert(normal), right_side)  # (3, N): disparity less the feature's, and both slopes
         near = valid & (np.abs(d - plane.T.astype(np.float32) @ basis.T) < SURFACE_RESIDUAL_PX)
     share = near.mean(axis=1)
     at_feature = np.where(near.any(axis=1), plane[0] + disparity, np.nan)
@@ -98,9 +104,10 @@ def fit_surface(coarse: CoarseDisparity, uv: Array, disparity: Array) -> Surface
 
 def stereo_warp(slope: Array) -> Array:
     """Warps du_r/du_l (N, 2, 2) of small windows from the left to the right image."""
-    A = np.tile(np.eye(2), (len(slope), 1, 1))
-    A[:, 0] -= slope
-    return A
+    # u_r = u - d(u, v), and the rows are equal.
+    warp = np.tile(np.eye(2), (len(slope), 1, 1))
+    warp[:, 0] -= slope
+    return warp
 
 
 def right_slope(slope: Array) -> Array:
@@ -115,7 +122,8 @@ def motion_warp(
 
     Parameters
     ----------
-    uv, disparity, slope : features of the previous image; R_cp, t_cp : motion of the image's camera, metres.
+    uv, disparity, slope : (N, 2), (N,), (N, 2), of features of the previous image, pixels.
+    R_cp, t_cp : motion of the image's camera, (3, 3), and (3,) metres.
 
     With x = (u, v, 1) normalised and the inverse depth ρ = d / (f b), the point has the direction R x + ρ t
     in the current frame. The warp is the derivative of this direction along the image, with ρ linear on the
@@ -127,6 +135,8 @@ def motion_warp(
     # (N, 3, 2): derivative of the direction along u and v, pixels.
     dP = R_cp[:, :2] / camera.f + t_cp[:, None] * slope[:, None, :] / fb
     with np.errstate(divide="ignore", invalid="ignore"):
-        A = camera.f * (dP[:, :2] * P[:, 2:, None] - P[:, :2, None] * dP[:, 2:]) / P[:, 2, None, None] ** 2
-        deviation = np.abs(A - np.eye(2)).max(axis=(1, 2), initial=0)
-        return np.where((deviation < MAX_SLOPE)[:, None, None], A, np.eye(2))
+        # The derivative of the quotient (P_x, P_y) / P_z.
+        warp = camera.f * (dP[:, :2] * P[:, 2:, None] - P[:, :2, None] * dP[:, 2:]) / P[:, 2, None, None] ** 2
+        # An implausible warp, or NaN for a point behind the camera, becomes the identity.
+        deviation = np.abs(warp - np.eye(2)).max(axis=(1, 2), initial=0)
+        return np.where((deviation < MAX_SLOPE)[:, None, None], warp, np.eye(2))

@@ -35,7 +35,8 @@ from .settings import KitTranslationConfig
 CONVERGED_TRANSLATION_M = 1e-4  # change at which the re-weighting ends, a fortieth of the error due to noise
 MIN_ROW_DEPTH_M = 0.1  # lower bound of the depths by which rows are divided
 MIN_SQUARED_DISPARITY = 1e-8  # lower bound of d² (normalised): for f = 720 px, d = 0.07 px; no depth is known
-_ONE = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+ROBUST_START_LIMIT = 4.0  # residual at which the start truncates a feature's error, in `config.scale`
+IDENTITY = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])  # as xx, yy, zz, xy, xz, yz
 
 
 def robust_translation(
@@ -57,15 +58,18 @@ def robust_translation(
     """
     depth = camera.triangulate(matches.prev_left, matches.prev_right)[:, 2]
     # A NaN depth fails the comparison.
-    rows = np.flatnonzero((depth > 0) & (depth <= config.max_depth))
-    if len(rows) == 0:
+    usable = np.flatnonzero((depth > 0) & (depth <= config.max_depth))
+    if len(usable) == 0:
         return None
-    before = stereo_points(camera, matches.prev_left[rows], matches.prev_right[rows]).rotated(R_cp)
-    now = stereo_points(camera, matches.cur_left[rows], matches.cur_right[rows])
+    before = stereo_points(camera, matches.prev_left[usable], matches.prev_right[usable]).rotated(R_cp)
+    now = stereo_points(camera, matches.cur_left[usable], matches.cur_right[usable])
     scale = config.scale / camera.f
-    system = EliminatedPoints(before, now, depth[rows], depth[rows])
+    system = EliminatedPoints(before, now, depth[usable], depth[usable])
     try:
-        t = least_squares(system) if "robust-start" in config.without else robust_start(system, 4.0 * scale)
+        if "robust-start" in config.without:
+            t = least_squares(system)
+        else:
+            t = robust_start(system, ROBUST_START_LIMIT * scale)
         for _ in range(config.iterations):
             # The weights of the rows use the estimated depth of each point in both frames.
             system = EliminatedPoints(before, now, *system.depths(t))
@@ -77,7 +81,7 @@ def robust_translation(
     except np.linalg.LinAlgError:
         return None
     residual = np.full(len(matches), np.inf)
-    residual[rows] = camera.f * np.sqrt(system.squared_residuals(t))
+    residual[usable] = camera.f * np.sqrt(system.squared_residuals(t))
     return t, residual
 
 
@@ -120,9 +124,12 @@ class StereoPoints(NamedTuple):
         return self._replace(X=R @ self.X, ray=R @ self.ray, axis=R @ self.axis)
 
     def covariance(self, depth: Array) -> Array:
-        """Covariances (6, N) for unit row errors, with rows divided by `depth` (N,), metres."""
+        """Covariances (6, N) for unit row errors, with rows divided by `depth` (N,), metres.
+
+        depth² (lateral / 2 + along / 2 · ray rayᵀ), where `lateral` is diag(1, 1, 0) in the pair's own axes.
+        """
         half = 0.5 * depth * depth
-        lateral = _ONE - outer(self.axis)
+        lateral = IDENTITY - outer(self.axis)
         return half * lateral[:, None] + (half * self.along) * outer(self.ray)
 
 
@@ -143,6 +150,10 @@ def stereo_points(camera: StereoCamera, left: Array, right: Array) -> StereoPoin
 
 class EliminatedPoints:
     """The eight rows of N features, divided by the features' depths, after the elimination of each point.
+
+    Parameters
+    ----------
+    depth_p, depth_c : (N,) metres, by which the rows of the previous and of the current pair are divided.
 
     Attributes
     ----------
@@ -166,13 +177,17 @@ class EliminatedPoints:
 
     def squared_residuals(self, t: Array) -> Array:
         """Sum (N,) of each feature's eight squared residuals at t (3,), for the feature's best point."""
-        v = self.apart - t[:, None]
-        squared = np.einsum("in,in->n", v, times(self.W, v)) + self.residual_floor
+        off = self.apart - t[:, None]
+        squared = np.einsum("in,in->n", off, times(self.W, off)) + self.residual_floor
         return np.asarray(np.maximum(squared, 0.0))
 
     def depths(self, t: Array) -> tuple[Array, Array]:
-        """Depths (N,) of each feature's best point for t, in the previous and in the current pair."""
-        RQ = self.before.X + times(self.C_p, times(self.W, self.apart - t[:, None]))
+        """Depths (N,), metres, of each feature's best point for t, in the previous and in the current pair.
+
+        `apart` minus t is distributed over both points by their covariances; C_p W is the share of `before`.
+        """
+        off = self.apart - t[:, None]
+        RQ = self.before.X + times(self.C_p, times(self.W, off))
         previous_depth = np.maximum(self.before.axis @ RQ, MIN_ROW_DEPTH_M)
         current_depth = np.maximum(RQ[2] + t[2], MIN_ROW_DEPTH_M)
         return previous_depth, current_depth
@@ -184,25 +199,29 @@ def least_squares(system: EliminatedPoints) -> Array:
 
 
 def robust_start(system: EliminatedPoints, limit: float) -> Array:
-    """A start that is robust to wrong matches: the best of many translations, each from three features.
+    """A start that is robust to wrong matches: the best of many translations (3,), each from three features.
 
     Triple i has the features i, i + n and i + 2 n, where n is a third of the number of features. No feature
     is used twice, and the result is deterministic. The best translation has the smallest sum of squared
-    residuals, each truncated at `limit`².
+    residuals, each truncated at `limit`²; `limit` is in the unit of normalised points.
     """
-    H = system.W
+    W = system.W
     g = system.right_sides()
-    A = _sums_of_triples(H)
-    b = _sums_of_triples(g)
+    W_of_triples = np.moveaxis(_sums_of_triples(W)[FULL], 2, 0)  # (n, 3, 3)
+    g_of_triples = _sums_of_triples(g).T[:, :, None]  # (n, 3, 1)
     # A small regularisation for triples of features on one line of sight, which do not fix all directions.
-    A = np.moveaxis(A[FULL], 2, 0)
-    A = A + 1e-9 * np.trace(A, axis1=1, axis2=2)[:, None, None] * np.eye(3)
-    t = np.linalg.solve(A, b.T[:, :, None])[:, :, 0]
-    # One matrix product gives the squared residuals of all features for all translations.
+    trace = np.trace(W_of_triples, axis1=1, axis2=2)
+    W_of_triples = W_of_triples + 1e-9 * trace[:, None, None] * np.eye(3)
+    t = np.linalg.solve(W_of_triples, g_of_triples)[:, :, 0]
+    # A squared residual is tᵀ W t - 2 gᵀ t plus its value at t = 0. One matrix product gives the first two
+    # terms of all features for all translations.
     x, y, z = t.T
-    monomials = np.stack([x * x, y * y, z * z, 2 * x * y, 2 * x * z, 2 * y * z, *(-2 * t.T)], axis=1)
-    squared = monomials @ np.concatenate([H, g]) + system.squared_residuals(np.zeros(3))
-    return np.asarray(t[np.argmin(np.minimum(squared, limit**2).sum(axis=1))])
+    factors_of_W = [x * x, y * y, z * z, 2 * x * y, 2 * x * z, 2 * y * z]
+    factors_of_g = [-2 * x, -2 * y, -2 * z]
+    factors = np.stack(factors_of_W + factors_of_g, axis=1)
+    squared = factors @ np.concatenate([W, g]) + system.squared_residuals(np.zeros(3))
+    costs = np.minimum(squared, limit**2).sum(axis=1)
+    return np.asarray(t[np.argmin(costs)])
 
 
 def _sums_of_triples(columns: Array) -> Array:
