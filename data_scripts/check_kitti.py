@@ -42,10 +42,12 @@ def run(options: argparse.Namespace) -> int:
     if not reports:
         raise DataError(f"contains no sequences; fetch some with {get} --sequences 07,04", root / "sequences")
     show_sequences(root, reports)
+    # A part has options of its own; all whole sequences are fetched by one command. Own sequences cannot be.
     incomplete = [report for report in reports if report.problems and report.expected is not None]
     choices = [report.part for report in incomplete if report.part]
-    if names_of_whole := [report.name for report in incomplete if not report.part]:
-        choices.append(f"--sequences {','.join(names_of_whole)}")
+    whole = [report.name for report in incomplete if not report.part]
+    if whole:
+        choices.append(f"--sequences {','.join(whole)}")
     for choice in choices:
         print_lines(f"Fetch the missing files with: {get} {choice}")
     return 1 if any(report.problems for report in reports) else 0
@@ -58,8 +60,9 @@ def show_sequences(root: Path, reports: list[SequenceReport]) -> None:
         total = "" if report.expected is None else f" of {report.expected}"
         state = "incomplete" if report.problems else "complete"
         lines = [*report.complete, *report.problems[:MAX_PROBLEMS_SHOWN]]
-        if (more := len(report.problems) - MAX_PROBLEMS_SHOWN) > 0:
-            lines.append(f"and {more} more")
-        print_wrapped(
-            f"  {report.name}: {report.pairs}{total} pairs, {state}", *(f"    {line}" for line in lines)
-        )
+        not_shown = len(report.problems) - MAX_PROBLEMS_SHOWN
+        if not_shown > 0:
+            lines.append(f"and {not_shown} more")
+        print_wrapped(f"  {report.name}: {report.pairs}{total} pairs, {state}")
+        for line in lines:
+            print_wrapped(f"    {line}")

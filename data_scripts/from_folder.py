@@ -32,9 +32,12 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+import numpy as np
+
 from fetch.calibrations.files import read_calibration
 from fetch.euroc import read_euroc_drive
 from fetch.kitti_raw import read_raw_drive
+from fetch.rectification import Size
 from fetch.stereo_calibration import UNITS, Rig, centre_warning, rig_from_numbers
 from fetch.stereo_import import check_source, require_new, write_sequence
 from fetch.stereo_sources import MAX_DELAY_S, Drive, FolderSource, Source, VideoSource, pair_images
@@ -45,10 +48,24 @@ from vo_lib.data.kitti import read_times
 from vo_lib.data.pose_times import refuse_intervals
 from vo_lib.data.poses import read_kitti_poses
 from vo_lib.errors import DataError
+from vo_lib.geometry.types import Array
 
 MIN_FPS = 0.1
 MAX_FPS = 1000.0
 DEFAULT_FPS = 10.0
+# Options that do not go with --raw and --euroc.
+EXCLUDED_BY_DRIVES = (
+    "right",
+    "swap",
+    "focal",
+    "centre",
+    "baseline",
+    "calibration",
+    "rectified",
+    "fps",
+    "unit",
+    "fisheye",
+)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -95,111 +112,123 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Find images and calibration, check a sample of pairs, and write the sequence."""
-    for name in ("left", "right"):
-        if len(paths := getattr(options, name) or ()) > 1:
-            raise DataError(
-                f"--{name}: {len(paths)} paths; quote the pattern, so that the shell does not expand it"
-            )
-    require_new(options.out)
-    if sum(place is not None for place in (options.video, options.raw, options.euroc, options.left)) != 1:
-        raise DataError("give the images by --left and --right, or by one of --video, --raw and --euroc")
-    if options.fps is not None and not MIN_FPS <= options.fps <= MAX_FPS:
-        raise DataError(f"--fps {options.fps:g}: expected {MIN_FPS:g} to {MAX_FPS:g} pairs per second")
-    if not options.max_delay >= 0:
-        raise DataError(f"--max-delay {options.max_delay:g}: expected 0 s or more")
+    check_options(options)
     source = find_source(options)
-    rate = options.fps or (source.fps() if isinstance(source, VideoSource) else 0.0)
-    times = None
-    poses = None
     notes = []
-    if isinstance(source, FolderSource):
-        times = source.times
-        notes = [f"note: {source.note}"] if source.note else []
+    if isinstance(source, FolderSource) and source.note:
+        notes.append(f"note: {source.note}")
     if isinstance(source, Drive):
         rig = source.rig
-        poses = source.poses
     else:
-        rig, more = rig_of(source, options)
-        notes += more
+        rig, lines = rig_of(source, options)
+        notes += lines
     if notes:
         print_wrapped(*notes)
     print_wrapped(*check_source(source, rig, options.anyway, outdoors=not isinstance(source, Drive)))
-    if options.times is not None:
-        times = read_times(options.times)
-        refuse_intervals(times, options.times)
-    elif options.fps is not None:
-        times = None
-    elif times is None and not rate:
-        rate = DEFAULT_FPS
-        print_wrapped(f"note: {rate:g} pairs per second are assumed; give the times by --fps or --times")
-    if options.poses is not None:
-        poses = read_kitti_poses(options.poses)
-    if isinstance(source, FolderSource):
-        if times is None and source.frames is not None:
-            times = source.frames / rate
-        elif times is not None:
-            times = source.of_pairs(times)
-        poses = None if poses is None else source.of_pairs(poses)
+    times = times_of(source, options)
+    poses = poses_of(source, options)
     with reporting("writing pairs") as report:
-        moments = rate if times is None else times
-        count = write_sequence(source, rig, options.out, moments, poses, options.copy, report)
+        count = write_sequence(source, rig, options.out, times, poses, options.copy, report)
     remember_import(options.out)
     camera = open_sequence(options.out).camera
+    truth = "no truth" if poses is None else "with truth"
     print_lines(
         f"{count} pairs of {camera.width}×{camera.height}, f {camera.f:.1f} px, centre {camera.cx:.1f},"
-        f"{camera.cy:.1f}, baseline {camera.baseline:.3f} m, {'no' if poses is None else 'with'} truth",
+        f"{camera.cy:.1f}, baseline {camera.baseline:.3f} m, {truth}",
         "next: " + typed(f"vo run {options.out} --out runs/{options.out.name}"),
     )
     return 0
 
 
+def check_options(options: argparse.Namespace) -> None:
+    """Raise `DataError` for options that contradict each other, or whose values are impossible."""
+    for name in ("left", "right"):
+        paths = getattr(options, name) or ()
+        if len(paths) > 1:
+            raise DataError(
+                f"--{name}: {len(paths)} paths; quote the pattern, so that the shell does not expand it"
+            )
+    require_new(options.out)
+    places = (options.video, options.raw, options.euroc, options.left)
+    if sum(place is not None for place in places) != 1:
+        raise DataError("give the images by --left and --right, or by one of --video, --raw and --euroc")
+    if options.fps is not None and not MIN_FPS <= options.fps <= MAX_FPS:
+        raise DataError(f"--fps {options.fps:g}: expected {MIN_FPS:g} to {MAX_FPS:g} pairs per second")
+    if not options.max_delay >= 0:
+        raise DataError(f"--max-delay {options.max_delay:g}: expected 0 s or more")
+
+
+def times_of(source: Source, options: argparse.Namespace) -> Array | float:
+    """Times (N,) of the pairs, seconds, or their rate, Hz.
+
+    A file of --times comes first, then --fps, then the times or the rate of the source. Numbers in the names
+    of the images are frames at the rate, with their gaps.
+    """
+    times = source.times if isinstance(source, FolderSource) else None
+    rate = source.fps() if isinstance(source, VideoSource) else 0.0
+    if options.times is not None:
+        times = read_times(options.times)
+        refuse_intervals(times, options.times)
+    elif options.fps is not None:
+        times = None
+        rate = options.fps
+    elif times is None and not rate:
+        rate = DEFAULT_FPS
+        print_wrapped(f"note: {rate:g} pairs per second are assumed; give the times by --fps or --times")
+    if isinstance(source, FolderSource):
+        if times is not None:
+            return source.of_pairs(times)
+        if source.frames is not None:
+            return np.asarray(source.frames / rate)
+    return rate if times is None else times
+
+
+def poses_of(source: Source, options: argparse.Namespace) -> Array | None:
+    """True poses (N, 4, 4) of the pairs: those of the file of --poses, or else of a drive; or None."""
+    poses = source.poses if isinstance(source, Drive) else None
+    if options.poses is not None:
+        poses = read_kitti_poses(options.poses)
+    if poses is None or not isinstance(source, FolderSource):
+        return poses
+    return source.of_pairs(poses)
+
+
 def find_source(options: argparse.Namespace) -> Source:
     """The drive, the video, or the two folders or patterns of images."""
-    kind = "raw" if options.raw is not None else "euroc"
-    if getattr(options, kind) is not None:
-        for name in (
-            "right",
-            "swap",
-            "focal",
-            "centre",
-            "baseline",
-            "calibration",
-            "rectified",
-            "fps",
-            "unit",
-            "fisheye",
-        ):
-            if getattr(options, name) not in (None, False):
-                raise DataError(f"--{name} with --{kind}: the folder has its own calibration")
-        if options.raw is not None:
-            return read_raw_drive(options.raw, options.skip_unpaired)
+    if options.raw is not None:
+        refuse_calibration_options(options, "raw")
+        return read_raw_drive(options.raw, options.skip_unpaired)
+    if options.euroc is not None:
+        refuse_calibration_options(options, "euroc")
         return read_euroc_drive(options.euroc, options.max_delay)
     if options.video is not None:
         return VideoSource(options.video, options.swap)
     if options.right is None:
         raise DataError("--right is missing: give the folder of the right images")
-    left, right = options.right + options.left if options.swap else options.left + options.right
+    left = options.left[0]
+    right = options.right[0]
+    if options.swap:
+        return pair_images(right, left, options.max_delay, options.skip_unpaired)
     return pair_images(left, right, options.max_delay, options.skip_unpaired)
+
+
+def refuse_calibration_options(options: argparse.Namespace, kind: str) -> None:
+    """Raise `DataError` for an option that a data set with a calibration of its own, --`kind`, excludes."""
+    for name in EXCLUDED_BY_DRIVES:
+        if getattr(options, name) not in (None, False):
+            raise DataError(f"--{name} with --{kind}: the folder has its own calibration")
 
 
 def rig_of(source: Source, options: argparse.Namespace) -> tuple[Rig, list[str]]:
     """The rig given by either numbers or calibration files, and lines to print; otherwise `DataError`."""
-    numbers = options.focal, options.centre, options.baseline
-    unit = UNITS.get(options.unit)
-    height, width = next(iter(source.pairs()))()[0].shape
+    read_first_pair = next(iter(source.pairs()))
+    height, width = read_first_pair()[0].shape
     size = width, height
-    if (files := options.calibration) is not None:
-        if any(number is not None for number in numbers):
-            raise DataError("use either --calibration, or --focal, --centre and --baseline")
-        places = [*(options.left or []), *(options.right or [])]
-        calibration = read_calibration(files, size, tuple(map(str, places)), options.fisheye)
-        rig = calibration.rig(size, options.rectified, unit)
-        warning = "" if calibration.size else centre_warning(*calibration.centre(), size)
-        lines = [f"note: {note}" for note in calibration.notes]
-        return rig, lines + ([f"warning: {warning}"] if warning else [])
+    if options.calibration is not None:
+        return rig_of_files(size, options)
     if options.fisheye:
         raise DataError("--fisheye belongs to --calibration: --focal, --centre are for rectified images")
-    if None in numbers:
+    if None in (options.focal, options.centre, options.baseline):
         raise DataError(
             "the calibration is missing: add --focal, --centre and --baseline, or --calibration FILE"
         )
@@ -207,6 +236,24 @@ def rig_of(source: Source, options: argparse.Namespace) -> tuple[Rig, list[str]]
         cx, cy = map(float, options.centre.split(","))
     except ValueError:
         raise DataError(f"--centre {options.centre!r}: expected two numbers such as 607.2,185.2") from None
-    rig = rig_from_numbers(options.focal, cx, cy, (unit or 1.0) * options.baseline)
+    metres_per_unit = UNITS.get(options.unit, 1.0)
+    rig = rig_from_numbers(options.focal, cx, cy, metres_per_unit * options.baseline)
     warning = centre_warning(cx, cy, size)
     return rig, [f"warning: {warning}"] if warning else []
+
+
+def rig_of_files(size: Size, options: argparse.Namespace) -> tuple[Rig, list[str]]:
+    """The rig given by calibration files, for images of this size, and lines to print."""
+    if any(number is not None for number in (options.focal, options.centre, options.baseline)):
+        raise DataError("use either --calibration, or --focal, --centre and --baseline")
+    places = [*(options.left or []), *(options.right or [])]
+    folders = tuple(str(place) for place in places)
+    calibration = read_calibration(options.calibration, size, folders, options.fisheye)
+    rig = calibration.rig(size, options.rectified, UNITS.get(options.unit))
+    lines = [f"note: {note}" for note in calibration.notes]
+    # Only a file without a size can belong to another resolution: any other size was refused.
+    if calibration.size is None:
+        warning = centre_warning(*calibration.centre(), size)
+        if warning:
+            lines.append(f"warning: {warning}")
+    return rig, lines

@@ -31,6 +31,8 @@ from vo_lib.detection.models import MODELS, ULTRALYTICS, detector_folder, list_d
 from vo_lib.detection.yolo import YoloDetector
 from vo_lib.errors import DataError, did_you_mean
 
+MAX_CLASSES_SHOWN = 8
+
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Options of the script."""
@@ -61,7 +63,8 @@ def run(options: argparse.Namespace) -> int:
     elif ULTRALYTICS.fullmatch(options.name):
         words, commands = how_to_export(options.name)
         print_wrapped(words)
-        print_lines(*(f"  {command}" for command in commands))
+        for command in commands:
+            print_lines(f"  {command}")
     else:
         near = did_you_mean(options.name, [*FETCHABLE, PAPERS_DETECTOR])
         raise DataError(f"unknown detector {options.name!r}; {near}expected one of {', '.join(FETCHABLE)}")
@@ -72,17 +75,14 @@ def show_detectors(folder: Path) -> None:
     """Print the detectors that can be downloaded, exported, or used at once."""
     local = list_detectors(folder)
     rows = [["street", format_bytes(total_size(MODELS["street"])), "drawn streets only", "part of the kit"]]
-    rows += [
-        [d.name, format_bytes(d.size), d.about, "available" if d.name in local else "not downloaded"]
-        for d in FETCHABLE.values()
-    ]
+    for detector in FETCHABLE.values():
+        state = "available" if detector.name in local else "not downloaded"
+        rows.append([detector.name, format_bytes(detector.size), detector.about, state])
     if PAPERS_DETECTOR not in local:
         rows.append([PAPERS_DETECTOR, "", "COCO, the paper's YOLOv8", "export it, see below"])
-    rows += [
-        [name, format_bytes(total_size(path)), "registered", "available"]
-        for name, path in local.items()
-        if name not in FETCHABLE
-    ]
+    for name, path in local.items():
+        if name not in FETCHABLE:
+            rows.append([name, format_bytes(total_size(path)), "registered", "available"])
     print_wrapped(f"detectors in {folder}")
     show_table(["name", "size", "about", "state"], rows, numbers=False)
     print_wrapped(
@@ -104,10 +104,13 @@ def describe_classes(detector: YoloDetector) -> str:
         count = detector.class_count
         numbers = "" if count is None else f", 0 to {count - 1}"
         return f"the file has no class names: choose its classes by number{numbers}"
-    listed = ", ".join(detector.names[:8]) + (", …" if len(detector.names) > 8 else "")
+    listed = ", ".join(detector.names[:MAX_CLASSES_SHOWN])
+    if len(detector.names) > MAX_CLASSES_SHOWN:
+        listed += ", …"
     if not detector.named:
         return f"the file has no class names; 80 classes are taken as COCO's: {listed}"
-    return f"{len(detector.names)} {'class' if len(detector.names) == 1 else 'classes'}: {listed}"
+    noun = "class" if len(detector.names) == 1 else "classes"
+    return f"{len(detector.names)} {noun}: {listed}"
 
 
 def fetch(detector: Detector, folder: Path, yes: bool) -> int:

@@ -24,10 +24,21 @@ from functools import partial
 from pathlib import Path
 
 from fetch.download import MAX_CONNECTIONS, confirm, format_bytes, require_space, write_file
-from fetch.kitti_archive import CALIB, HOST, LICENCE, POSES, absent, fetch, link_tree, plan, sequence_archives
+from fetch.kitti_archive import (
+    CALIB,
+    HOST,
+    LICENCE,
+    POSES,
+    Targets,
+    absent,
+    fetch,
+    link_tree,
+    plan,
+    sequence_archives,
+)
 from fetch.kitti_check import parse_numbers
 from fetch.kitti_part import drive_archives, parse_drive, select_frames, write_drive_tables
-from fetch.zip_archives import Archives
+from fetch.zip_archives import Archives, Member
 from vo_lib.commands.common import parse_frames, parse_whole
 from vo_lib.commands.console import print_lines, print_wrapped, reporting, typed
 from vo_lib.data.catalogue import kitti_root
@@ -71,26 +82,34 @@ def run(options: argparse.Namespace) -> int:
     options.jobs = parse_whole("--jobs", options.jobs, most=MAX_CONNECTIONS)
     if not options.host.startswith(("http://", "https://")):
         raise DataError(f"--host {options.host!r}: expected an address with http:// or https://")
-    linked = [name for name in names if (root / "sequences" / name).is_symlink()]
     if options.link is not None:
         if options.frames != ALL:
             raise DataError("--frames with --link: only whole sequences can be linked")
         print_wrapped(f"linked into {root}: {', '.join(link_tree(options.link, root, names))}")
         return 0
-    if linked and (options.sequences or options.raw) is not None:
+    linked = [name for name in names if (root / "sequences" / name).is_symlink()]
+    named_by_user = options.sequences is not None or options.raw is not None
+    if linked and named_by_user:
         raise DataError("is a link to another folder; nothing is written", root / "sequences" / linked[0])
     return fetch_missing(root, set(names) - set(linked), options)
 
 
-def fetch_missing(root: Path, sequences: set[str], options: argparse.Namespace) -> int:
-    """Determine the missing files, print their size, ask for confirmation, and write the files."""
+def archives_of(sequences: set[str], options: argparse.Namespace) -> tuple[list[str], Targets]:
+    """Addresses or paths of the archives, and the patterns of the files in them, as for `plan`."""
     if options.raw is None:
         sources, targets = sequence_archives(options.host, sequences, options.color)
     else:
         sources, targets = drive_archives(options.host, options.raw, options.color)
     if options.from_zip is not None:
         # Calibration and poses last: they replace older copies in the image archives.
-        sources = [*map(str, sorted(options.from_zip, key=lambda path: path.name in (CALIB, POSES)))]
+        in_order = sorted(options.from_zip, key=lambda path: path.name in (CALIB, POSES))
+        sources = [str(path) for path in in_order]
+    return sources, targets
+
+
+def fetch_missing(root: Path, sequences: set[str], options: argparse.Namespace) -> int:
+    """Determine the missing files, print their size, ask for confirmation, and write the files."""
+    sources, targets = archives_of(sequences, options)
     with Archives() as archives:
         with reporting("reading the archives' directories") as report:
             members = plan(archives, sources, targets, report)
@@ -100,17 +119,10 @@ def fetch_missing(root: Path, sequences: set[str], options: argparse.Namespace) 
         members, marks = select_frames(members, root, pieces, options.raw)
         with reporting("checking the files present") as report:
             todo = absent(members, root, report)
-        packed = sum(m.info.compress_size for m in todo)
-        size = sum(m.info.file_size for m in todo)
         print_wrapped(f"{len(members) - len(todo)} of {len(members)} files are already complete in {root}")
-        if todo:
-            require_space(root, size)
-            print_wrapped(" ".join(LICENCE))
-            verb = "to unpack" if options.from_zip else "to download"
-            print_wrapped(f"{verb}: {len(todo)} files, {format_bytes(packed)}, {format_bytes(size)} on disk")
-            if not confirm("Continue?", options.yes):
-                print_wrapped("nothing was written")
-                return 1
+        if todo and not confirm_files(todo, root, options):
+            print_wrapped("nothing was written")
+            return 1
         for folder, mark in marks.items():
             if mark:
                 write_file(folder / PART, mark + "\n")
@@ -119,9 +131,24 @@ def fetch_missing(root: Path, sequences: set[str], options: argparse.Namespace) 
         if todo:
             with reporting("unpacking" if options.from_zip else "downloading", in_bytes=True) as report:
                 fetch(archives, todo, root, options.jobs, report)
-        if options.raw is not None:
-            for folder in marks:
-                if note := write_drive_tables(folder):
-                    print_wrapped(f"note: {note}")
-        print_lines("done; to check the files: " + typed(f"vo data check_kitti --root {root}"))
-        return 0
+    if options.raw is not None:
+        for folder in marks:
+            note = write_drive_tables(folder)
+            if note:
+                print_wrapped(f"note: {note}")
+    print_lines("done; to check the files: " + typed(f"vo data check_kitti --root {root}"))
+    return 0
+
+
+def confirm_files(todo: list[Member], root: Path, options: argparse.Namespace) -> bool:
+    """Print the licence and the size of the files to write, and ask for confirmation.
+
+    Raises `DataError` if the disk has too little space.
+    """
+    packed = sum(member.info.compress_size for member in todo)
+    size = sum(member.info.file_size for member in todo)
+    require_space(root, size)
+    print_wrapped(" ".join(LICENCE))
+    verb = "to unpack" if options.from_zip else "to download"
+    print_wrapped(f"{verb}: {len(todo)} files, {format_bytes(packed)}, {format_bytes(size)} on disk")
+    return confirm("Continue?", options.yes)

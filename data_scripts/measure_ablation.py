@@ -19,13 +19,12 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
 from measure.ablation import COLUMNS, IDEAS, WHOLE, Ablation, Idea, Row, read_row, row_of, tables
-from measure.axes import axes_rotation, fit_axes, is_raw_drive, turn_axes
+from measure.axes import axes_rotation, fit_axes, is_raw_drive, number_or_nan, turn_axes
 from measure.disturbances import disturbed_drives
 from measure_results import add_inputs, open_all
 from vo_lib.commands.common import parse_jobs, parse_whole
@@ -50,22 +49,21 @@ TIMED_FRAMES = 40
 TIMED_RUNS = 3  # the shortest time counts: other programs only add time
 
 
-def figures(result: Run) -> tuple[float, ...]:
-    """The results of a run in the order of `RESULTS`."""
+def results_of(result: Run) -> tuple[float, ...]:
+    """The results of a run in the order of `RESULTS`; NaN without a sub-sequence."""
     truth = result.sequence.true_poses
     poses = result.poses
     errors = kitti_errors(truth, poses, SHORT_PROTOCOL.lengths, SHORT_PROTOCOL.step)
     te = errors.te
-    re = errors.re
     if is_raw_drive(result.sequence):
         turned = fit_axes(truth, poses, SHORT_PROTOCOL.lengths, SHORT_PROTOCOL.step)
         te = turned.kitti.te
         poses = turn_axes(poses, axes_rotation((turned.pitch, turned.yaw)))
     path = np.linalg.inv(truth[0]) @ truth
     end = float(np.linalg.norm(poses[-1, :3, 3] - path[-1, :3, 3]))
-    length = 100.0 * (trajectory_distances(poses)[-1] / trajectory_distances(path)[-1] - 1.0)
+    excess = 100.0 * (trajectory_distances(poses)[-1] / trajectory_distances(path)[-1] - 1.0)
     lost = sum(not motion.measured for motion in result.motions)
-    return np.nan if te is None else te, np.nan if re is None else re, end, length, lost
+    return number_or_nan(te), number_or_nan(errors.re), end, excess, lost
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -100,26 +98,31 @@ def run_folder_of(idea: Idea, sequence: Sequence, folder: Path) -> Path:
 def drives_of(options: argparse.Namespace, folder: Path) -> list[Sequence]:
     """The sequences in the options, the drawn ones shortened, and the disturbed drives."""
     names = parse_sequences(options.sequences)
-    chosen = parse_sequences(options.disturb) if options.disturb else []
-    if missing := [name for name in chosen if name not in names]:
-        raise DataError(f"--disturb {', '.join(missing)}: expected sequences of --sequences")
+    to_disturb = parse_sequences(options.disturb) if options.disturb else []
+    unknown = [name for name in to_disturb if name not in names]
+    if unknown:
+        raise DataError(f"--disturb {', '.join(unknown)}: expected sequences of --sequences")
     drives = []
     disturbed = []
     for name, sequence in zip(names, open_all(options), strict=True):
         if sequence.truth is None:
             raise DataError(f"{sequence.name} has no ground truth, so errors cannot be computed")
-        drives.append(sequence.part(0, DRAWN_FRAMES) if sequence.name.startswith(SYNTHETIC) else sequence)
-        if name in chosen:
+        if sequence.name.startswith(SYNTHETIC):
+            drives.append(sequence.part(0, DRAWN_FRAMES))
+        else:
+            drives.append(sequence)
+        if name in to_disturb:
             disturbed += disturbed_drives(sequence, folder / "disturbed" / slug(sequence.name))
     return drives + disturbed
 
 
-def timed(sequence: Sequence, ideas: Iterable[Idea], folder: Path, progress: Progress) -> dict[Idea, float]:
+def times_without(
+    sequence: Sequence, ideas: list[Idea], folder: Path, progress: Progress
+) -> dict[Idea, float]:
     """Processor time without each idea, milliseconds per frame; stored times are not measured again."""
     part = sequence.part(0, min(TIMED_FRAMES, len(sequence)))
     times = {}
-    ideas = list(ideas)
-    for number, idea in enumerate(ideas):
+    for number, idea in enumerate(ideas, start=1):
         path = run_folder_of(idea, sequence, folder) / "time.json"
         identity = run_identity(part, idea.config(), idea.method)
         stored = read_mapping(path, "a processor time") if path.exists() else {}
@@ -129,11 +132,12 @@ def timed(sequence: Sequence, ideas: Iterable[Idea], folder: Path, progress: Pro
             path.parent.mkdir(parents=True, exist_ok=True)
             write_atomic(path, json.dumps(stored, indent=1))
         times[idea] = float(stored["ms"])
-        progress(number + 1, len(ideas))
+        progress(number, len(ideas))
     return times
 
 
 def _processor_time(sequence: Sequence, idea: Idea) -> float:
+    """Processor time of a run without an idea, seconds."""
     start = time.process_time()
     drive.run(sequence, idea.config())
     return time.process_time() - start
@@ -143,32 +147,39 @@ def run_all(
     drives: list[Sequence], chosen: list[Idea], seeds: int, options: argparse.Namespace, folder: Path
 ) -> list[Row]:
     """The rows of the table; only runs that are not in their folders are computed."""
-    ideas = (*WHOLE, *chosen)
-    jobs = {
-        (sequence.name, idea, seed): Job(
-            sequence, idea.method, idea.config(seed), run_folder_of(idea, sequence, folder) / f"seed_{seed}"
-        )
-        for sequence in drives
-        for idea in ideas
-        for seed in range(seeds)
-    }
+    ideas = [*WHOLE, *chosen]
+    jobs = {}
+    for sequence in drives:
+        for idea in ideas:
+            for seed in range(seeds):
+                path = run_folder_of(idea, sequence, folder) / f"seed_{seed}"
+                job = Job(sequence, idea.method, idea.config(seed), path)
+                jobs[sequence.name, idea, seed] = job
     with reporting(f"{len(jobs)} runs") as report:
         outcomes = run_jobs(list(jobs.values()), parse_jobs(options.jobs, len(jobs)), report, options.cache)
     failed = [f"{outcome.job.folder}: {outcome.error}" for outcome in outcomes if outcome.error]
     if failed:
         raise DataError(failed[0])
+    timed_drive = drives[0]
     with reporting("measuring the time") as report:
-        ms = timed(drives[0], ideas, folder, report)
+        ms = times_without(timed_drive, ideas, folder, report)
+    ms_of_whole = {idea.method: ms[idea] for idea in WHOLE}
     rows = []
     for sequence in drives:
-        whole: dict[str, tuple[Array, float]] = {}
+        results_of_whole: dict[str, Array] = {}  # with all ideas, by method; `ideas` begins with these
         for idea in ideas:
             runs = [read_run(jobs[sequence.name, idea, seed].folder, sequence) for seed in range(seeds)]
-            results = np.array([figures(each) for each in runs])
-            base, base_ms = whole.setdefault(idea.method, (results, ms[idea]))
-            own_ms = ms[idea] if not idea.name else ms[idea] - base_ms
-            of_drive = own_ms if sequence is drives[0] else np.nan
-            rows.append(row_of(idea, sequence.name, results, base if idea.name else None, of_drive))
+            results = np.array([results_of(each) for each in runs])
+            own_ms = np.nan
+            if idea in WHOLE:
+                results_of_whole[idea.method] = results
+                if sequence is timed_drive:
+                    own_ms = ms[idea]
+                rows.append(row_of(idea, sequence.name, results, None, own_ms))
+            else:
+                if sequence is timed_drive:
+                    own_ms = ms[idea] - ms_of_whole[idea.method]
+                rows.append(row_of(idea, sequence.name, results, results_of_whole[idea.method], own_ms))
     return rows
 
 
@@ -181,8 +192,9 @@ def run(options: argparse.Namespace) -> int:
         folder = folder.resolve()
         rows = run_all(drives_of(options, folder), chosen, seeds, options, folder)
     new = {(row.idea, row.method, row.sequence) for row in rows}
-    old = [read_row(cells) for _, cells in read_csv(out)[1:]] if out.exists() else []
-    rows += [row for row in old if (row.idea, row.method, row.sequence) not in new]
+    if out.exists():
+        earlier = [read_row(cells) for _, cells in read_csv(out)[1:]]
+        rows += [row for row in earlier if (row.idea, row.method, row.sequence) not in new]
     write_atomic(out, csv_text([COLUMNS, *(row.cells for row in rows)]))
     print_lines("\n\n".join(map(markdown, tables(Ablation(rows)))))
     print_wrapped(f"written to {out}")

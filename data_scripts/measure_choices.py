@@ -64,28 +64,50 @@ BOXES = "vo_lib.paper.box_removal.on_vehicles"
 EARLIER = "vo_lib.paper.translation.earlier_rows"
 
 
+# The functions below take the place of functions of the library, so they have the same parameters.
+
+
 def in_metres(camera: Any, matches: Any, R_cp: Array, config: Any, before: Any = None) -> Any:
     """The result of `solve_translation` for two frames, with the rows of equation (3) in metres."""
     depth = camera.triangulate(matches.prev_left, matches.prev_right)[:, 2]
     near = np.flatnonzero(depth <= config.max_depth)
     M, d = eliminate_points(*feature_rows(camera, matches[near], R_cp))
-    t = np.median((np.linalg.pinv(M) @ d[..., None])[..., 0], axis=0)
+    t_of_features = (np.linalg.pinv(M) @ d[..., None])[..., 0]
+    t = np.median(t_of_features, axis=0)
     for _ in range(SOLVING_ROUNDS):
-        fits = camera.f * np.linalg.norm(d - M @ t, axis=1) / depth[near] < config.agreement
+        residual = camera.f * np.linalg.norm(d - M @ t, axis=1) / depth[near]
+        fits = residual < config.agreement
         t = np.linalg.lstsq(M[fits].reshape(-1, 3), d[fits].ravel())[0]
     return t, np.isin(np.arange(len(matches)), near[fits])
 
 
 def from_current(before: Any, pair: Any, matches: Any, config: Any) -> Any:
-    """Sub-pixel matches whose position in the current left image is an integer pixel."""
+    """The result of `subpixel_matches` with an integer position in the current left image, not the previous.
+
+    The library's function goes from the previous to the current pair; here it goes back in time.
+    """
     return backwards(subpixel_matches(pair, before, backwards(matches), config))
 
 
-def backwards(m: Any) -> Any:
+def backwards(matches: Any) -> Any:
     """The matches after an exchange of the previous and the current pair."""
     return replace(
-        m, prev_left=m.cur_left, prev_right=m.cur_right, cur_left=m.prev_left, cur_right=m.prev_right
+        matches,
+        prev_left=matches.cur_left,
+        prev_right=matches.cur_right,
+        cur_left=matches.prev_left,
+        cur_right=matches.prev_right,
     )
+
+
+def in_previous_boxes(matches: Any, boxes_p: Any, boxes_c: Any, config: Any) -> Any:
+    """The result of `on_vehicles` with the boxes of the previous image alone."""
+    return in_boxes(matches.prev_left, boxes_p, config)
+
+
+def in_current_boxes(matches: Any, boxes_p: Any, boxes_c: Any, config: Any) -> Any:
+    """The result of `on_vehicles` with the boxes of the current image alone."""
+    return in_boxes(matches.cur_left, boxes_c, config)
 
 
 def with_shifted_places(camera: Any, matches: Any, before: Any) -> Any:
@@ -93,29 +115,32 @@ def with_shifted_places(camera: Any, matches: Any, before: Any) -> Any:
     _, here, there = np.intersect1d(matches.id, before.matches.id, return_indices=True)
     now = matches[here]
     then = before.matches[there]
-    shifted = replace(
-        then,
-        prev_left=then.prev_left + now.prev_left - then.cur_left,
-        prev_right=then.prev_right + now.prev_right - then.cur_right,
-    )
+    shift = now.prev_left - then.cur_left
+    shifted = replace(then, prev_left=then.prev_left + shift, prev_right=then.prev_right + shift)
     return earlier_rows(camera, matches, PairBefore(shifted, before.T_cp))
 
 
 def mean_of_best_tenth(odometry: Any, E: Array, set_index: Any, x_p: Array, x_c: Array) -> Winner:
-    """Replacement for `Odometry.select`: the principal vector of the best tenth of the candidates wins."""
+    """The result of `Odometry.select` if a mean wins: the principal vector of the best tenth of the sets.
+
+    Of each set, its best candidate counts. The mean takes the place of the best candidate in E (M, 3, 3),
+    since a winner is named by its index.
+    """
     errors = truncated_errors(E, x_p, x_c, odometry.threshold)
     compete = candidates_near_prior(E, set_index, odometry.e_prev, odometry.config.selection)
-    errors = np.where(compete, errors, np.inf)
-    order = np.argsort(errors, kind="stable")
-    _, first = np.unique(set_index[order], return_index=True)
-    best = order[np.sort(first)[: max(len(first) // 10, 1)]]
-    vectors = essential_vector(E[best])
-    U, _, Vt = np.linalg.svd(np.linalg.svd(vectors, full_matrices=False)[2][0].reshape(3, 3))
+    order = np.argsort(np.where(compete, errors, np.inf), kind="stable")
+    _, first_of_set = np.unique(set_index[order], return_index=True)
+    tenth = max(len(first_of_set) // 10, 1)
+    best = order[np.sort(first_of_set)[:tenth]]
+    principal = np.linalg.svd(essential_vector(E[best]), full_matrices=False)[2][0]
+    # The nearest essential matrix has two equal singular values and a zero.
+    U, _, Vt = np.linalg.svd(principal.reshape(3, 3))
     E[best[0]] = U[:, :2] @ Vt[:2] / np.sqrt(2)
     return Winner(int(best[0]))
 
 
-# Each choice with its setting (or the full name of a function) and its alternatives.
+# What is chosen, the name of its setting (or the full name of a function), and the alternatives: for each,
+# its words in the table, and its value (or the function that takes the place of the named one).
 OPEN: list[tuple[str, str, dict[str, Any]]] = [
     ("as published", AS_PUBLISHED, {"": None}),
     ("weights of rows", "vo_lib.paper.odometry.solve_translation", {"metres": in_metres}),
@@ -133,8 +158,7 @@ OPEN: list[tuple[str, str, dict[str, Any]]] = [
     ("measure of a candidate", "selection.winner", {"number of inliers": "inliers"}),
     ("basis vector", "vo_lib.paper.odometry.Odometry.select", {"mean of the best tenth": mean_of_best_tenth}),
     ("loop tolerance", "matching.loop_tolerance", {"0.2 px": 0.2, "1 px": 1.0}),
-    ("boxes of", BOXES, {"the previous image": lambda m, p, c, config: in_boxes(m.prev_left, p, config)}),
-    ("boxes of", BOXES, {"the current image": lambda m, p, c, config: in_boxes(m.cur_left, c, config)}),
+    ("boxes of", BOXES, {"the previous image": in_previous_boxes, "the current image": in_current_boxes}),
     ("boxes of classes", "filter.classes", {"cars": ("car",), "cars and trucks": ("car", "truck")}),
     ("boxes of score", "filter.score", {"0.1": 0.1, "0.5": 0.5}),
 ]
@@ -186,6 +210,12 @@ class Alternative:
             return SubsequenceProtocol((LENGTH_M,), 1)
         return suitable_protocol(self.sequence.true_poses)
 
+    def in_place(self) -> AbstractContextManager[Any]:
+        """While this is open, the alternative's function is in the place of the library's."""
+        if self.replaces_function:
+            return patch(self.name, self.value)
+        return nullcontext()
+
     def stored_in(self, folder: Path) -> Path:
         """The file of the results in a folder for runs."""
         name = f"{self.choice} {self.words}".strip()
@@ -201,15 +231,13 @@ class Alternative:
 def measured(alternative: Alternative, cache: Any) -> Array:
     """TE (%), RE (deg/100 m) and path length (metres) for each seed, (S, 3); errors are NaN without truth."""
     sequence = alternative.sequence
-    kept = None
+    configs = {str(seed): alternative.config(seed) for seed in range(SEEDS)}
+    # A cache knows the settings of the matches, but not that a function of the front end is another one.
+    match_cache = None
     if alternative.value is not from_current:
-        kept = CachedMatches(sequence, alternative.config(0), cache)
-    replaced: AbstractContextManager[Any] = nullcontext()
-    if alternative.replaces_function:
-        replaced = patch(alternative.name, alternative.value)
-    with replaced:
-        seeds = {str(seed): alternative.config(seed) for seed in range(SEEDS)}
-        runs = [*run_methods(sequence, seeds, None, kept).values()]
+        match_cache = CachedMatches(sequence, alternative.config(0), cache)
+    with alternative.in_place():
+        runs = list(run_methods(sequence, configs, None, match_cache).values())
     lengths = [trajectory_distances(run.poses)[-1] for run in runs]
     errors = np.full((SEEDS, 2), np.nan)
     if sequence.truth is not None:
@@ -235,17 +263,15 @@ def stored_or_measured(alternative: Alternative, cache: Any, folder: Path) -> Ar
 
 def alternatives_on(sequence: Sequence) -> list[Alternative]:
     """All alternatives on a sequence, the method as published first."""
-    found = [
-        Alternative(sequence, choice, name, words, value)
-        for choice, name, ways in OPEN
-        for words, value in ways.items()
-    ]
+    found = []
+    for choice, name, values in OPEN:
+        for words, value in values.items():
+            found.append(Alternative(sequence, choice, name, words, value))
     if sequence.name in ABSOLUTE_SEQUENCES:
-        found += [
-            Alternative(sequence, ABSOLUTE, ABSOLUTE, f"{px:g} px, {words}", (px, rule))
-            for px in THRESHOLDS_PX
-            for words, rule in RULES.items()
-        ]
+        for px in THRESHOLDS_PX:
+            for words, rule in RULES.items():
+                both = f"{px:g} px, {words}"
+                found.append(Alternative(sequence, ABSOLUTE, ABSOLUTE, both, (px, rule)))
     return found
 
 
@@ -255,9 +281,12 @@ def row_of(alternative: Alternative, results: Array, published: Array) -> list[s
     The first row of a sequence has the errors as published, and the excess length; rows about thresholds and
     boxes have errors, not changes.
     """
-    truth = alternative.sequence.truth
-    whole = published[:, 2].mean() if truth is None else trajectory_distances(truth)[-1]
-    percent = np.array([1.0, 1.0, 100.0 / whole])  # lengths in % of the whole length
+    sequence = alternative.sequence
+    if sequence.truth is None:
+        whole_length = published[:, 2].mean()
+    else:
+        whole_length = trajectory_distances(sequence.truth)[-1]
+    percent = np.array([1.0, 1.0, 100.0 / whole_length])  # lengths in % of the whole length
     values = results * percent
     if alternative.name == ABSOLUTE:
         values[:, 2] = np.nan
@@ -267,7 +296,6 @@ def row_of(alternative: Alternative, results: Array, published: Array) -> list[s
         values -= published * percent
     pairs = np.stack([values.mean(axis=0), standard_deviation(values)], axis=1).ravel()
     numbers = [f"{x:.4f}" if np.isfinite(x) else "" for x in pairs]
-    sequence = alternative.sequence
     return [alternative.choice, alternative.words, sequence.name, *numbers, str(len(sequence))]
 
 
@@ -280,9 +308,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run variant `published` unchanged and with each alternative choice; write the differences."""
-    alternatives = [
-        each for sequence in open_all(options, LOWEST_SCORE) for each in alternatives_on(sequence)
-    ]
+    alternatives = []
+    for sequence in open_all(options, LOWEST_SCORE):
+        alternatives += alternatives_on(sequence)
     workers = parse_jobs(options.jobs)
     rows = [COLUMNS]
     with (

@@ -59,21 +59,28 @@ def run(options: argparse.Namespace) -> int:
 
     head = row_head(miniature.JUDGED_STREETS)
     rows = _rows_before(Path(options.out), head, miniature.code_digest())
-    tasks = [(each, seed) for seed in range(seeds) for each in experiments]
-    missing = [(each, seed) for each, seed in tasks if (each.name, str(seed)) not in rows]
+    missing = []
+    for seed in range(seeds):
+        for experiment in experiments:
+            if (experiment.name, str(seed)) not in rows:
+                missing.append((experiment, seed))
     streets = _Streets(miniature)
     cv2.setNumThreads(1)
     with reporting(f"{len(missing)} trainings") as report, threadpool_limits(1):
         for number, (experiment, seed) in enumerate(missing, start=1):
             values = _trained(experiment, seed, streets, miniature)
-            named = [experiment.name, str(seed), str(experiment.steps), miniature.code_digest(), *values]
-            rows[experiment.name, str(seed)] = named
-            names = [each.name for each in EXPERIMENTS]
-            ordered = sorted(rows.values(), key=lambda row: (names.index(row[0]), int(row[1])))
-            write_atomic(Path(options.out), csv_text([head, *ordered]))
+            named = [experiment.name, str(seed), str(experiment.steps), miniature.code_digest()]
+            rows[experiment.name, str(seed)] = named + values
+            write_atomic(Path(options.out), csv_text([head, *_in_order(rows)]))
             report(number, len(missing))
     print_wrapped(f"written to {options.out}")
     return 0
+
+
+def _in_order(rows: dict[tuple[str, str], list[str]]) -> list[list[str]]:
+    """The rows in the order of `EXPERIMENTS`, and of the seeds."""
+    names = [each.name for each in EXPERIMENTS]
+    return sorted(rows.values(), key=lambda row: (names.index(row[0]), int(row[1])))
 
 
 def _rows_before(path: Path, head: list[str], digest: str) -> dict[tuple[str, str], list[str]]:
@@ -88,47 +95,50 @@ def _rows_before(path: Path, head: list[str], digest: str) -> dict[tuple[str, st
 
 
 class _Streets:
-    """The images of streets by name, read once."""
+    """The images of streets, each read once. `miniature` : the module of chapter 5 that opens the streets."""
 
     def __init__(self, miniature: Any) -> None:
         self.miniature = miniature
-        self._frames: dict[str, Any] = {}
+        self._training: dict[tuple[str, int | None], list[Any]] = {}
+        self._tests: dict[str, Any] = {}
 
     def training(self, name: str, count: int | None) -> list[Any]:
-        """Labelled images to learn from."""
-        key = f"{name} {count}"
-        if key not in self._frames:
-            self._frames[key] = self.miniature.labelled(self.miniature.street(name), count)
-        return list(self._frames[key])
+        """Labelled images of a street to learn from: `count` of them, or all."""
+        if (name, count) not in self._training:
+            street = self.miniature.street(name)
+            self._training[name, count] = self.miniature.labelled(street, count)
+        return list(self._training[name, count])
 
     def tests(self) -> dict[str, Any]:
         """Images with their labels, classes included, of the streets that no training sees."""
-        if "tests" not in self._frames:
-            names = self.miniature.JUDGED_STREETS
-            self._frames["tests"] = {name: self._judged(self.miniature.street(name)) for name in names}
-        return dict(self._frames["tests"])
+        if not self._tests:
+            for name in self.miniature.JUDGED_STREETS:
+                self._tests[name] = self._test_images(self.miniature.street(name))
+        return dict(self._tests)
 
-    def _judged(self, sequence: Any) -> list[Any]:
+    def _test_images(self, sequence: Any) -> list[Any]:
+        """Left images of frames spread over a street, each with its labels."""
         chosen = self.miniature.spread_frames(sequence, self.miniature.JUDGED_FRAMES)
         return [(sequence.stereo(index)[0], sequence.boxes(index)) for index in chosen]
 
 
 def _trained(experiment: Experiment, seed: int, streets: _Streets, miniature: Any) -> list[str]:
-    """The cells of a row after the experiment, the seed, the steps and the digest."""
-    names = miniature.notebook_functions()
-    network = names[experiment.network]
+    """Train a network and judge it; return the cells of a row that come after the digest.
+
+    miniature : the module of chapter 5 that has the functions of the notebook's cells.
+    """
+    functions = miniature.notebook_functions()
+    network = functions[experiment.network]
     frames = []
     for street, count in experiment.images.items():
         frames += streets.training(street, count)
-    weights, _ = names["train"](
+    weights, _ = functions["train"](
         frames, steps=experiment.steps, seed=seed, network=network, **experiment.settings
     )
 
     def find(image: Any) -> Any:
-        return names["detect"](image, weights, network=network)
+        return functions["detect"](image, weights, network=network)
 
-    values = judged(streets.tests(), find, names["judge"])
-    return [
-        str(sum(each.size for each in weights)),
-        *(f"{value:.4f}".rstrip("0").rstrip(".") for value in values),
-    ]
+    values = judged(streets.tests(), find, functions["judge"])
+    number_of_weights = sum(each.size for each in weights)
+    return [str(number_of_weights), *(f"{value:.4f}".rstrip("0").rstrip(".") for value in values)]

@@ -68,15 +68,15 @@ def measure(sequence: Sequence, config: MethodConfig, progress: Progress | None 
     """
     count = len(sequence)
     run_sequence(sequence.part(0, 2), config)  # excludes work that a process does only once
-    wall = time.perf_counter()
-    processor = time.process_time()
+    wall_start = time.perf_counter()
+    processor_start = time.process_time()
     result = run_sequence(sequence, config, progress)
-    wall = time.perf_counter() - wall
-    processor = time.process_time() - processor
-    decoding = time.process_time()
+    wall = time.perf_counter() - wall_start
+    processor = time.process_time() - processor_start
+    decoding_start = time.process_time()
     for index in range(count):
         sequence.stereo(index)
-    decoding = time.process_time() - decoding
+    decoding = time.process_time() - decoding_start
     return {
         "stages_ms_a_frame": timing(result)["ms_per_frame_of"],
         "wall_ms_a_frame": 1e3 * wall / count,

@@ -40,6 +40,7 @@ OWN = "# written by `vo data train_detector`\n"  # first line of data.yaml, by w
 FAILURES = (RuntimeError, AssertionError, ValueError, TypeError, OSError)  # of Ultralytics for damaged files
 LICENCE = "AGPL-3.0"
 FROM_SCRATCH = "yolov8n.yaml"  # the smallest YOLOv8, with random weights
+FINISHED = "finished"  # file beside the weights of a complete training
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -61,10 +62,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Train and export a model, and print its quality."""
-    epochs = parse_whole("--epochs", options.epochs)
-    size = parse_whole("--size", options.size)
-    batch = parse_whole("--batch", options.batch)
-    seed = parse_whole("--seed", options.seed, least=0)
+    training = read_numbers(options)
     data = open_set(options.data)
     for folder in data.outside():
         print_wrapped(f"note: images outside the folder of data.yaml: {folder}")
@@ -82,34 +80,74 @@ def run(options: argparse.Namespace) -> int:
     YOLO = _ultralytics()
     options.out.mkdir(parents=True, exist_ok=True)
     _describe(data, options.one_class, described)
-    last = options.out / "train" / "weights" / "last.pt"
+    split = "test" if data.images["test"] else "val"
     print_wrapped(f"Ultralytics and the trained models are under {LICENCE}.")
     try:
-        if last.is_file() and not (last.parent / "finished").is_file():
-            network = YOLO(str(last))
-            network.train(resume=True)
-        else:
-            network = YOLO(str(options.weights or FROM_SCRATCH))
-            paths = {"data": str(described), "project": str(options.out.resolve()), "name": "train"}
-            parameters = {"epochs": epochs, "imgsz": size, "batch": batch, "seed": seed}
-            parameters |= {"device": options.device, "single_cls": options.one_class is not None}
-            network.train(**paths, **parameters, exist_ok=True, amp=False, workers=2)
-        best = YOLO(str(last.with_name("best.pt")))
-        if options.one_class is not None:
-            best.model.names = {0: options.one_class}  # Ultralytics names a single class "item"
-        split = "test" if data.images["test"] else "val"
-        result = best.val(data=str(described), split=split, imgsz=size, device=options.device, plots=False)
-        exported = Path(best.export(format="onnx", dynamic=True, simplify=False, imgsz=size))
+        weights = _train(YOLO, described, training, options)
+        quality, exported = _test_and_export(YOLO, weights, described, split, training, options)
     except FAILURES as error:
         words = (str(error).splitlines() or [type(error).__name__])[0]
         raise DataError(f"Ultralytics: {words[:160]}") from None
     copy_model(exported, model)
     YoloDetector(model)  # raises `DataError` if the copy does not work
-    (last.parent / "finished").touch()
-    print_wrapped(f"{model}: mAP50 {result.box.map50:.3f}, mAP50-95 {result.box.map:.3f} on {split}")
+    (weights / FINISHED).touch()
+    print_wrapped(f"{model}: mAP50 {quality.map50:.3f}, mAP50-95 {quality.map:.3f} on {split}")
     if options.register is not None:
-        register(options.register, model, result.box.map50)
+        register(options.register, model, quality.map50)
     return 0
+
+
+def read_numbers(options: argparse.Namespace) -> dict[str, int]:
+    """The numbers of a training, by the names of Ultralytics' parameters; `DataError` for impossible ones."""
+    return {
+        "epochs": parse_whole("--epochs", options.epochs),
+        "imgsz": parse_whole("--size", options.size),
+        "batch": parse_whole("--batch", options.batch),
+        "seed": parse_whole("--seed", options.seed, least=0),
+    }
+
+
+def _train(YOLO: Any, described: Path, training: dict[str, int], options: argparse.Namespace) -> Path:
+    """Begin a training, or go on with an interrupted one; return the folder of its weights.
+
+    YOLO : the model class of Ultralytics; described : data.yaml.
+    """
+    weights = Path(options.out / "train" / "weights")
+    last = weights / "last.pt"
+    is_interrupted = last.is_file() and not (weights / FINISHED).is_file()
+    if is_interrupted:
+        YOLO(str(last)).train(resume=True)
+        return weights
+    YOLO(str(options.weights or FROM_SCRATCH)).train(
+        data=str(described),
+        project=str(options.out.resolve()),
+        name="train",
+        **training,
+        device=options.device,
+        single_cls=options.one_class is not None,
+        exist_ok=True,
+        amp=False,
+        workers=2,
+    )
+    return weights
+
+
+def _test_and_export(
+    YOLO: Any,
+    weights: Path,
+    described: Path,
+    split: str,
+    training: dict[str, int],
+    options: argparse.Namespace,
+) -> tuple[Any, Path]:
+    """The quality of the best weights on a split, with `map50` and `map`, and their ONNX file."""
+    best = YOLO(str(weights / "best.pt"))
+    if options.one_class is not None:
+        best.model.names = {0: options.one_class}  # Ultralytics names a single class "item"
+    size = training["imgsz"]
+    result = best.val(data=str(described), split=split, imgsz=size, device=options.device, plots=False)
+    exported = best.export(format="onnx", dynamic=True, simplify=False, imgsz=size)
+    return result.box, Path(exported)
 
 
 def register(name: str, model: Path, map50: float) -> None:

@@ -35,13 +35,28 @@ class Detector(NamedTuple):
 
 # The release publishes no hashes. Several independent projects recorded these sizes and hashes of its files.
 # A file with a different size or hash is refused.
-NANO = 3_659_407, "c789161ed43c8269fcd4e67c67eeeb4e80c622da2eb296a20bc6007bd18a0b7d"
-TINY = 20_219_662, "427cc366d34e27ff7a03e2899b5e3671425c262ea2291f88bb942bc1cc70b0f7"
-SMALL = 35_858_002, "c5c2d13e59ae883e6af3b45daea64af4833a4951c92d116ec270d9ddbe998063"
 _YOLOX = (
-    Detector("yolox-nano", YOLOX + "yolox_nano.onnx", *NANO, "COCO, input 416×416, fastest"),
-    Detector("yolox-tiny", YOLOX + "yolox_tiny.onnx", *TINY, "COCO, input 416×416"),
-    Detector("yolox-s", YOLOX + "yolox_s.onnx", *SMALL, "COCO, input 640×640, most accurate of the three"),
+    Detector(
+        "yolox-nano",
+        YOLOX + "yolox_nano.onnx",
+        3_659_407,
+        "c789161ed43c8269fcd4e67c67eeeb4e80c622da2eb296a20bc6007bd18a0b7d",
+        "COCO, input 416×416, fastest",
+    ),
+    Detector(
+        "yolox-tiny",
+        YOLOX + "yolox_tiny.onnx",
+        20_219_662,
+        "427cc366d34e27ff7a03e2899b5e3671425c262ea2291f88bb942bc1cc70b0f7",
+        "COCO, input 416×416",
+    ),
+    Detector(
+        "yolox-s",
+        YOLOX + "yolox_s.onnx",
+        35_858_002,
+        "c5c2d13e59ae883e6af3b45daea64af4833a4951c92d116ec270d9ddbe998063",
+        "COCO, input 640×640, most accurate of the three",
+    ),
 )
 FETCHABLE = {detector.name: detector for detector in _YOLOX}
 

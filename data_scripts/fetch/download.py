@@ -68,7 +68,8 @@ def is_url(place: str) -> bool:
 def request_error_text(error: Exception, url: str) -> str:
     """The cause of a failed request and the remedy, as text."""
     host = urlsplit(url).hostname
-    if (response := getattr(error, "response", None)) is not None:
+    response = getattr(error, "response", None)
+    if response is not None:
         return f"{url}: {host} answers with HTTP {response.status_code}"
     if isinstance(error, requests.Timeout):
         return f"{url}: {host} does not answer; try again later"

@@ -56,7 +56,8 @@ def plan(
     for number, source in enumerate(sources, start=1):
         for info, end in archives.directory(source):
             for pattern, path in patterns:
-                if match := pattern.fullmatch(info.filename):
+                match = pattern.fullmatch(info.filename)
+                if match is not None:
                     below = PurePosixPath(match.expand(path))
                     chosen_members[below] = Member(source, info, end, below)
         if progress is not None:
@@ -116,6 +117,7 @@ def link_tree(tree: Path, root: Path, sequences: Iterable[str]) -> list[str]:
 
 
 def _link(source: Path, link: Path) -> None:
+    """Create a link, unless it is there; `DataError` if it cannot be created."""
     if link.is_symlink() and link.resolve() == source.resolve():
         return
     try:

@@ -65,7 +65,7 @@ def check_tree(
     if not (root / "sequences").is_dir():
         raise DataError("not a KITTI folder: expected a folder 'sequences' with the folders 00 … 21", root)
     if names is None:
-        names = sorted(p.name for p in (root / "sequences").iterdir() if p.is_dir())
+        names = sorted(folder.name for folder in (root / "sequences").iterdir() if folder.is_dir())
     reports = list[SequenceReport]()
     names = list(names)
     for name in names:
@@ -76,51 +76,102 @@ def check_tree(
 
 
 def _check_sequence(root: Path, folder: Path, deep: bool) -> SequenceReport:
-    colour = any((folder / side).is_dir() for side in ("image_2", "image_3"))
-    sides = {f"image_{side}": _by_number(folder / f"image_{side}") for side in range(4 if colour else 2)}
+    """The report of one sequence: its images, calibration, times and poses."""
+    has_colour = any((folder / side).is_dir() for side in ("image_2", "image_3"))
+    side_count = 4 if has_colour else 2
+    sides = {f"image_{side}": _by_number(folder / f"image_{side}") for side in range(side_count)}
+    complete = list[str]()
+    problems = list[str]()
     part = kitti.read_part(folder)
     mark = "" if part is None else part.text
-    complete = [f"a part: {mark}"] if mark else []
-    problems = list[str]()
+    if mark:
+        complete.append(f"a part: {mark}")
     wanted = kitti.wanted_frames(folder)
     expected = None if wanted is None else len(wanted)
     numbers: Sequence[int]
     if wanted is not None:
         numbers = wanted
     else:
-        everything = sorted(set().union(*sides.values()))
-        numbers = range(everything[0], everything[-1] + 1) if everything else range(0)
-        if len(numbers) > MAX_NUMBERS_PER_IMAGE * len(everything):  # a list of these numbers may not fit
-            numbers = everything
-            problems.append("the names of the images are times, not numbers: convert with from_folder")
+        numbers, fault = _own_numbers(sides)
+        problems += fault
     for side, images in sides.items():
-        missing = [number for number in numbers if number not in images]
-        if not images:
-            problems.append(f"{side}: no images")
-        elif missing:
-            problems.append(f"{side}: {len(missing)} images missing, the first is {missing[0]:06d}")
-        if surplus := images.keys() - set(numbers):
-            problems.append(f"{side}: {len(surplus)} images have wrong numbers, such as {min(surplus):06d}")
-        size, wrong = _check_images(folder / side, images) if deep else ("", [])
+        side_complete, side_problems = _check_side(folder / side, images, numbers, deep)
+        complete += side_complete
+        problems += side_problems
+    has_poses = expected is not None and folder.name <= LAST_WITH_POSES
+    table_complete, table_problems = _check_tables(root, folder, len(numbers), has_poses)
+    complete += table_complete
+    problems += table_problems
+    pairs = kitti.count_pairs(folder)
+    return SequenceReport(folder.name, mark, pairs, expected, tuple(complete), tuple(problems))
+
+
+def _own_numbers(sides: dict[str, dict[int, str]]) -> tuple[Sequence[int], list[str]]:
+    """The numbers that the images of a user's own sequence should have, and a fault of its names.
+
+    These are the numbers from the first to the last image; without a fault, the list of faults is empty.
+
+    sides : file names by number, for each side.
+    """
+    found = sorted(set().union(*sides.values()))
+    if not found:
+        return range(0), []
+    numbers = range(found[0], found[-1] + 1)
+    if len(numbers) > MAX_NUMBERS_PER_IMAGE * len(found):  # a list of these numbers may not fit
+        return found, ["the names of the images are times, not numbers: convert with from_folder"]
+    return numbers, []
+
+
+def _check_side(
+    folder: Path, images: dict[int, str], numbers: Sequence[int], deep: bool
+) -> tuple[list[str], list[str]]:
+    """What is complete in an image folder, and its problems.
+
+    images : file names by number; numbers : those that are expected; deep : decode every image.
+    """
+    side = folder.name
+    complete = []
+    problems = []
+    missing = [number for number in numbers if number not in images]
+    if not images:
+        problems.append(f"{side}: no images")
+    elif missing:
+        problems.append(f"{side}: {len(missing)} images missing, the first is {missing[0]:06d}")
+    surplus = images.keys() - set(numbers)
+    if surplus:
+        problems.append(f"{side}: {len(surplus)} images have wrong numbers, such as {min(surplus):06d}")
+    size = ""
+    if deep:
+        size, wrong = _check_images(folder, images)
         problems += [f"{side}/{words}" for words in wrong]
-        if images and not missing:
-            complete.append(f"{side}: {len(numbers)} images{size}")
+    if images and not missing:
+        complete.append(f"{side}: {len(numbers)} images{size}")
+    return complete, problems
+
+
+def _check_tables(root: Path, folder: Path, frames: int, has_poses: bool) -> tuple[list[str], list[str]]:
+    """What is complete among calibration, times and poses, and their problems.
+
+    frames : expected number of rows; has_poses : whether the poses must be there.
+    """
     readers: dict[Path, Callable[[Path], str]] = {
         folder / "calib.txt": _camera,
-        folder / "times.txt": lambda path: _rows(len(kitti.read_times(path)), len(numbers)),
+        folder / "times.txt": lambda path: _rows(len(kitti.read_times(path)), frames),
     }
     poses = folder / "poses.txt"
-    poses = poses if poses.exists() else root / "poses" / f"{folder.name}.txt"
-    if poses.exists() or (expected is not None and folder.name <= LAST_WITH_POSES):
-        readers[poses] = lambda path: _rows(len(read_kitti_poses(path)), len(numbers))
+    if not poses.exists():
+        poses = root / "poses" / f"{folder.name}.txt"
+    if poses.exists() or has_poses:
+        readers[poses] = lambda path: _rows(len(read_kitti_poses(path)), frames)
+    complete = []
+    problems = []
     for path, read in readers.items():
         label = path.name if path.parent == folder else f"poses/{path.name}"
         try:
             complete.append(f"{label}: {read(path)}")
         except DataError as error:
             problems.append(f"{label}: " + str(error).removeprefix(f"{path}: "))
-    pairs = kitti.count_pairs(folder)
-    return SequenceReport(folder.name, mark, pairs, expected, tuple(complete), tuple(problems))
+    return complete, problems
 
 
 def _by_number(folder: Path) -> dict[int, str]:
@@ -151,11 +202,13 @@ def _check_images(folder: Path, images: dict[int, str]) -> tuple[str, list[str]]
 
 
 def _camera(path: Path) -> str:
+    """The numbers of a calibration as text."""
     camera = kitti.read_calibration(path)
     return f"f {camera.f:.1f} px, baseline {camera.baseline:.3f} m"
 
 
 def _rows(rows: int, frames: int) -> str:
+    """The number of rows as text; `DataError` if they are fewer than the frames."""
     if rows < frames:
         raise DataError(f"{rows} rows for {frames} frames")
     return f"{rows} rows"

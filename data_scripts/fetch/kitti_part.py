@@ -59,39 +59,19 @@ def select_frames(
     A whole sequence has the text "". Raises `DataError` for frames outside the sequence, for a single piece
     that leaves a gap to the frames of earlier calls, and for a folder with images of another source.
     """
-    counts = dict[str, int]()
-    wanted = dict[str, list[range]]()
-    marks = dict[Path, str]()
-    for target in (m.target for m in members if m.target.match("sequences/*/image_?/*.png")):
-        counts[target.parts[1]] = max(counts.get(target.parts[1], 0), int(target.stem) + 1)
+    counts: dict[str, int] = {}  # frames of each sequence
+    for member in members:
+        if member.target.match("sequences/*/image_?/*.png"):
+            name = member.target.parts[1]
+            counts[name] = max(counts.get(name, 0), int(member.target.stem) + 1)
+    wanted: dict[str, list[range]] = {}
+    marks: dict[Path, str] = {}
     for name, count in counts.items():
         folder = root / "sequences" / name
-        source = f"--raw {drive}" if drive else f"--sequences {name}"
         chosen = [range(*piece(count)) for piece in frames]
         for piece in chosen:
             require_frames(piece.start, piece.stop, count, drive or name)
-        part = read_part(folder)
-        images = any(folder.glob("image_[01]/*.png"))
-        foreign = images and drive is not None if part is None else not part.text.startswith(f"{source} ")
-        if foreign:
-            raise DataError(
-                f"contains images of a source other than {drive or name}; move the folder away first", folder
-            )
-        # A folder with images but without part.txt has a whole sequence, or its start.
-        present = _pieces_present(folder) if part is None else list(part.pieces)
-        pieces = joined_pieces([*present, *chosen])
-        if len(chosen) == 1 and present and len(pieces) > len(present):
-            last = max(piece.stop for piece in pieces)
-            first = min(piece.start for piece in pieces)
-            raise DataError(
-                f"has the frames {frames_text(present)}; --frames {first}:{last} leaves no gap, "
-                f"--frames {frames_text(pieces)} keeps one",
-                folder,
-            )
-        whole = drive is None and pieces == [range(count)]
-        is_start = images and part is None and len(pieces) <= len(present)
-        marks[folder] = "" if whole or is_start else f"{source} --frames {frames_text(pieces)}"
-        wanted[name] = chosen if part is None else pieces
+        wanted[name], marks[folder] = _pieces_and_mark(folder, chosen, count, drive)
 
     def is_selected(target: PurePosixPath) -> bool:
         name = target.parts[1]
@@ -101,6 +81,46 @@ def select_frames(
         return any(int(number) in piece for piece in wanted[name])
 
     return [member for member in members if is_selected(member.target)], marks
+
+
+def _pieces_and_mark(
+    folder: Path, chosen: list[range], count: int, drive: str | None
+) -> tuple[list[range], str]:
+    """The frames that a sequence's folder is to have, and the text of its part.txt, "" without such a file.
+
+    Parameters
+    ----------
+    chosen : the pieces of this call; count : number of frames of the whole sequence.
+    drive : as in `select_frames`, which raises the same errors.
+    """
+    name = folder.name
+    source = f"--raw {drive}" if drive else f"--sequences {name}"
+    part = read_part(folder)
+    has_images = any(folder.glob("image_[01]/*.png"))
+    if part is None:
+        # A folder with images but without part.txt has a whole sequence of the benchmark, or its start.
+        is_foreign = has_images and drive is not None
+        present = _pieces_present(folder)
+    else:
+        is_foreign = not part.text.startswith(f"{source} ")
+        present = list(part.pieces)
+    if is_foreign:
+        raise DataError(
+            f"contains images of a source other than {drive or name}; move the folder away first", folder
+        )
+    pieces = joined_pieces([*present, *chosen])
+    if len(chosen) == 1 and present and len(pieces) > len(present):
+        last = max(piece.stop for piece in pieces)
+        first = min(piece.start for piece in pieces)
+        raise DataError(
+            f"has the frames {frames_text(present)}; --frames {first}:{last} leaves no gap, "
+            f"--frames {frames_text(pieces)} keeps one",
+            folder,
+        )
+    is_whole = drive is None and pieces == [range(count)]
+    is_start = has_images and part is None and len(pieces) <= len(present)
+    mark = "" if is_whole or is_start else f"{source} --frames {frames_text(pieces)}"
+    return (chosen if part is None else pieces), mark
 
 
 def _pieces_present(folder: Path) -> list[range]:

@@ -21,6 +21,7 @@ EARTH_RADIUS_M = 6378137.0  # equatorial radius
 # Limits of latitude and longitude, degrees (without the poles); altitude, metres; roll, pitch, yaw, radians.
 OXTS_LIMITS = np.array([85.0, 180.0, 1e5, 7.0, 7.0, 7.0])
 CAMERAS = (0, 1), (2, 3)  # grey and colour
+CALIBRATION = "calib_cam_to_cam.txt"
 MAX_SENSOR_DISTANCE_M = 100.0  # largest distance of two sensors on one vehicle
 MOMENT = re.compile(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d(\.\d{1,9})?", re.ASCII)
 
@@ -54,8 +55,8 @@ def describe_drive(
     stems = [left.stem.zfill(10) for left, _ in paths]
     if not stems:
         raise DataError("expected images whose names are numbers", pairs.paths[0][0])
-    where = drive if (drive / "calib_cam_to_cam.txt").exists() else drive.resolve().parent
-    path = where / "calib_cam_to_cam.txt"
+    calibrations = drive if (drive / CALIBRATION).exists() else drive.resolve().parent
+    path = calibrations / CALIBRATION
     lines = read_calibration_file(path)
     P1 = matrix(lines, f"P_rect_0{cameras[0]}", (3, 4), path)
     P2 = matrix(lines, f"P_rect_0{cameras[1]}", (3, 4), path)
@@ -68,24 +69,32 @@ def describe_drive(
             "use the drive's 'synced+rectified data' (_sync), not the unrectified _extract",
             first,
         )
-    path_of_times = drive / f"image_0{cameras[0]}" / "timestamps.txt"
-    moments = _timestamps(path_of_times)
-    count = int(stems[-1]) + 1
-    if len(moments) < count or (whole and len(moments) > count):
-        raise DataError(
-            f"{len(moments)} rows, but the last image is {stems[-1]}: expected {count} rows, a row per frame",
-            path_of_times,
-        )
-    times = moments[[int(stem) for stem in stems]]
+    times = _times(drive / f"image_0{cameras[0]}" / "timestamps.txt", stems, whole)
     rig = rig_from_matrices({"P1": P1, "P2": P2}, (0, 0), path, rectified=True)
     shift = np.asarray(np.linalg.solve(P1[:, :3], P1[:, 3]), np.float64)
-    poses, note = _poses(drive, where, lines, stems, shift)
+    poses, note = _poses(drive, calibrations, lines, stems, shift)
     notes = [pairs.note] if pairs.note else []
     if cameras != CAMERAS[0]:
         notes.append(f"there are only colour images: cameras {cameras[0]} and {cameras[1]} are read as grey")
     if note:
         notes.append(note)
-    return Drive(paths, times - times[0], "; ".join(notes), rig=rig, poses=poses, bits=pairs.bits)
+    return Drive(paths, times, "; ".join(notes), rig=rig, poses=poses, bits=pairs.bits)
+
+
+def _times(path: Path, stems: list[str], whole: bool) -> Array:
+    """Times (N,) of the images with these numbers, seconds after the first image, from timestamps.txt.
+
+    whole : the images go to the end of the drive, so the last image has the last row.
+    """
+    moments = _timestamps(path)
+    count = int(stems[-1]) + 1
+    if len(moments) < count or (whole and len(moments) > count):
+        raise DataError(
+            f"{len(moments)} rows, but the last image is {stems[-1]}: expected {count} rows, a row per frame",
+            path,
+        )
+    times = moments[[int(stem) for stem in stems]]
+    return np.asarray(times - times[0])
 
 
 def _timestamps(path: Path) -> Array:
@@ -96,50 +105,53 @@ def _timestamps(path: Path) -> Array:
     moments: list[np.datetime64] = []
     for number, line in enumerate(read_text(path).rstrip().splitlines(), start=1):
         try:
-            if MOMENT.fullmatch(line.strip()):
-                moments.append(np.datetime64(line.strip(), "ns"))
-            else:
+            if not MOMENT.fullmatch(line.strip()):
                 raise ValueError
+            moments.append(np.datetime64(line.strip(), "ns"))
         except ValueError:
             content = "" if line.strip() else "an empty line; "
             expected = "expected a time such as 2011-09-26 13:02:25.964389445"
             raise DataError(f"{content}{expected}, row k for frame k", path, number) from None
-        if moments[-1:] < moments[-2:-1]:
+        if len(moments) > 1 and moments[-1] < moments[-2]:
             raise DataError("the time decreases", path, number)
     stamps = np.array(moments, "datetime64[ns]")
     return np.asarray((stamps - stamps[:1]) / np.timedelta64(1, "s"), np.float64)
 
 
 def _poses(
-    drive: Path, where: Path, cameras: dict[str, Array], stems: list[str], shift: Array
+    drive: Path, calibrations: Path, cameras: dict[str, Array], stems: list[str], shift: Array
 ) -> tuple[Array | None, str]:
     """True poses (N, 4, 4) of the left camera, or None and the reason.
 
-    shift : (3,) translation from the axes of camera 0 to those of the left camera, metres.
+    Parameters
+    ----------
+    calibrations : folder of the calibration files; cameras : the lines of `CALIBRATION`.
+    stems : numbers of the images; shift : (3,) translation from camera 0 to the left camera, metres.
     """
-    imu_file = where / "calib_imu_to_velo.txt"
-    velo_file = where / "calib_velo_to_cam.txt"
+    imu_file = calibrations / "calib_imu_to_velo.txt"
+    velo_file = calibrations / "calib_velo_to_cam.txt"
     packets = [drive / "oxts" / "data" / f"{stem}.txt" for stem in stems]
     for path in (imu_file, velo_file, *packets):
         if not path.exists():
             return None, f"no true poses: {path} is missing"
-    velo_imu = _rigid(imu_file)
-    cam_velo = _rigid(velo_file)
-    R_rect = _rotation(cameras, "R_rect_00", where / "calib_cam_to_cam.txt")
-    T_cam_imu = rigid(np.eye(3), shift) @ rigid(R_rect, np.zeros(3)) @ cam_velo @ velo_imu
-    rows = np.concatenate(
-        [read_number_rows(path, "30 numbers of a GPS/IMU packet", 30)[0] for path in packets]
-    )
+    T_velo_imu = _rigid(imu_file)
+    T_cam_velo = _rigid(velo_file)
+    R_rect = _rotation(cameras, "R_rect_00", calibrations / CALIBRATION)
+    T_cam_imu = rigid(np.eye(3), shift) @ rigid(R_rect, np.zeros(3)) @ T_cam_velo @ T_velo_imu
+    expected = "30 numbers of a GPS/IMU packet"
+    rows = np.concatenate([read_number_rows(path, expected, 30)[0] for path in packets])
     wrong = (np.abs(rows[:, :6]) > OXTS_LIMITS).any(axis=1)
     if wrong.any():
         path = packets[int(np.argmax(wrong))]
         raise DataError("invalid latitude, longitude, altitude, roll, pitch or yaw", path, 1)
     T_w_imu = imu_poses(rows)
-    T = T_cam_imu @ inverse(T_w_imu[:1]) @ T_w_imu @ inverse(T_cam_imu)
-    return T, ""
+    # From the first pose of the IMU to each pose, in the axes of the camera.
+    poses = T_cam_imu @ inverse(T_w_imu[:1]) @ T_w_imu @ inverse(T_cam_imu)
+    return poses, ""
 
 
 def _rigid(path: Path) -> Array:
+    """The transform (4, 4) in a file with the lines R and T, or `DataError`."""
     lines_by_name = read_calibration_file(path)
     T = matrix(lines_by_name, "T", (3,), path)
     if np.abs(T).max() > MAX_SENSOR_DISTANCE_M:
@@ -148,6 +160,7 @@ def _rigid(path: Path) -> Array:
 
 
 def _rotation(matrices: dict[str, Array], name: str, path: Path) -> Array:
+    """The rotation (3, 3) of a line, or `DataError`."""
     R = matrix(matrices, name, (3, 3), path)
     if not is_rotation(R):
         raise DataError(f"{name}: expected a rotation", path)

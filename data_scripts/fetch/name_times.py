@@ -49,6 +49,7 @@ def times_of_names(names: list[str], place: Path) -> Array | None:
 
 
 def _nanoseconds(names: list[str]) -> list[int] | None:
+    """The times in the names, nanoseconds; None if they are not times. The first form that fits counts."""
     for pattern, unit in WHOLE.items():
         words = _words(names, rf"({pattern})")
         values = [int(word[1]) * unit for word in words]
@@ -59,9 +60,11 @@ def _nanoseconds(names: list[str]) -> list[int] | None:
         values = [int(word[1]) * 1_000_000_000 + int(word[2]) * unit for word in words]
         if values and all(FIRST_S <= value / 1e9 <= LAST_S for value in values):
             return values
-    if dates := _dates(names):
+    dates = _dates(names)
+    if dates:
         return dates
-    if words := _words(names, rf"({SINCE_1970})"):
+    words = _words(names, rf"({SINCE_1970})")
+    if words:
         return [_exact(word[1]) for word in words]
     return _since_start(names)
 

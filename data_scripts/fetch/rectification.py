@@ -60,13 +60,16 @@ def compute_rectification(
         return computed
     for zoom in ZOOMS:
         computed |= _wide_projections(matrices | computed, lenses, float(zoom))
-        sources = [
-            _sources(matrices | computed, size, name, lens) for name, lens in zip("12", lenses, strict=True)
-        ]
-        last = np.array(size) - 1
-        if all(((source >= -1) & (source <= last + 1)).all() for source in sources):
+        sources_l = _sources(matrices | computed, size, "1", lenses[0])
+        sources_r = _sources(matrices | computed, size, "2", lenses[1])
+        if _are_inside(sources_l, size) and _are_inside(sources_r, size):
             break
     return computed
+
+
+def _are_inside(pixels: Array, size: Size) -> bool:
+    """Whether all pixels (..., 2) are in an image of this size, or at most one pixel outside."""
+    return bool(((pixels >= -1) & (pixels <= size)).all())
 
 
 def _wide_projections(matrices: dict[str, Array], lenses: tuple[Lens, Lens], zoom: float) -> dict[str, Array]:
@@ -78,9 +81,9 @@ def _wide_projections(matrices: dict[str, Array], lenses: tuple[Lens, Lens], zoo
     focal = []
     centre = []
     axis = []
-    for name, lens in zip("12", lenses, strict=True):
-        K = matrices[f"K{name}"]
-        R = matrices[f"R{name}"]
+    for camera, lens in zip(("1", "2"), lenses, strict=True):
+        K = matrices[f"K{camera}"]
+        R = matrices[f"R{camera}"]
         focal.append((K[0, 0] + K[1, 1]) / 2 / (1 + lens.xi))
         centre.append(K[:2, 2])
         axis.append(R[:2, 2] / R[2, 2])
@@ -119,6 +122,7 @@ def project_omni(X: Array, K: Array, D: Array, xi: float) -> Array:
 
 
 def rectification_maps(matrices: dict[str, Array], size: Size, camera: str, lens: Lens) -> Maps:
+    """The maps for `cv2.remap` that rectify the images of a camera, "1" or "2"."""
     if lens.model == RADTAN:
         K = matrices[f"K{camera}"]
         D = matrices[f"D{camera}"]

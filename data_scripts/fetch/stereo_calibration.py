@@ -132,18 +132,9 @@ def rig_from_matrices(
     rectified : if true, the images are rectified, and only P1 and P2 are used.
     unit : unit of T and P, metres.
     """
-    raw = {"K1", "D1", "K2", "D2"} <= matrices.keys()
-    if not rectified and raw and {"R", "T"} <= matrices.keys():
-        T = matrices["T"].ravel()
-        if abs(T[2]) > max(abs(T[0]), abs(T[1])):
-            raise DataError("T: the second camera is in front of or behind the first, not beside it", path)
-        try:
-            computed = compute_rectification(matrices, size, lenses)
-            if not all(np.isfinite(matrix).all() for matrix in computed.values()):
-                raise ValueError
-        except (cv2.error, ValueError):
-            raise DataError("these matrices do not define a rectification", path) from None
-        matrices = {**matrices, **computed}
+    has_raw_cameras = {"K1", "D1", "K2", "D2"} <= matrices.keys()
+    if not rectified and has_raw_cameras and {"R", "T"} <= matrices.keys():
+        matrices = {**matrices, **_computed_rectification(matrices, size, path, lenses)}
     if not {"P1", "P2"} <= matrices.keys():
         missing = ", ".join(sorted({"K1", "D1", "K2", "D2", "R", "T"} - matrices.keys()))
         expected_names = "P1 and P2" if rectified else f"{missing} (or P1 and P2 of rectified images)"
@@ -158,12 +149,29 @@ def rig_from_matrices(
     # KITTI's colour cameras have an offset in P1 too.
     baseline = unit * float(P1[0, 3] - P2[0, 3]) / f
     rig = rig_from_numbers(f, float(P1[0, 2]), float(P1[1, 2]), baseline, path)
-    if rectified or not raw or not {"R1", "R2"} <= matrices.keys():
+    if rectified or not has_raw_cameras or not {"R1", "R2"} <= matrices.keys():
         return rig
-    left = rectification_maps(matrices, size, "1", lenses[0])
-    right = rectification_maps(matrices, size, "2", lenses[1])
-    maps = left, right
-    return replace(rig, maps=None if all(map(is_identity, maps)) else maps, R1=matrices["R1"])
+    maps_l = rectification_maps(matrices, size, "1", lenses[0])
+    maps_r = rectification_maps(matrices, size, "2", lenses[1])
+    if is_identity(maps_l) and is_identity(maps_r):
+        return replace(rig, R1=matrices["R1"])
+    return replace(rig, maps=(maps_l, maps_r), R1=matrices["R1"])
+
+
+def _computed_rectification(
+    matrices: dict[str, Array], size: Size, path: Path, lenses: tuple[Lens, Lens]
+) -> dict[str, Array]:
+    """R1, R2, P1 and P2 of K, D, R and T; `DataError` if these define no rectification."""
+    T = matrices["T"].ravel()
+    if abs(T[2]) > max(abs(T[0]), abs(T[1])):
+        raise DataError("T: the second camera is in front of or behind the first, not beside it", path)
+    try:
+        computed = compute_rectification(matrices, size, lenses)
+        if not all(np.isfinite(matrix).all() for matrix in computed.values()):
+            raise ValueError
+    except (cv2.error, ValueError):
+        raise DataError("these matrices do not define a rectification", path) from None
+    return computed
 
 
 def rig_from_numbers(f: float, cx: float, cy: float, baseline: float, path: Path | None = None) -> Rig:
@@ -197,7 +205,8 @@ def unit_advice(baseline: float) -> str:
 def centre_warning(cx: float, cy: float, size: Size) -> str:
     """A sentence if a principal point is not in the middle half of the images; "" otherwise."""
     low, high = MIDDLE
-    if all(low <= place / side <= high for place, side in zip((cx, cy), size, strict=True)):
+    width, height = size
+    if low <= cx / width <= high and low <= cy / height <= high:
         return ""
     return (
         f"the principal point {cx:.1f},{cy:.1f} is far from the middle of the images of {size[0]}×{size[1]}: "

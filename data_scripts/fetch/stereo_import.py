@@ -44,17 +44,20 @@ def check_source(source: Source, rig: Rig, anyway: bool, outdoors: bool = False)
             "--rectified if the file has P1 and P2, or --focal, --centre and --baseline of these images"
         )
     disparity = statistics.disparity
-    (nearest, farthest) = MEDIAN_DEPTHS_M
-    depth = rig.f * rig.baseline / disparity if disparity > 0 else np.inf
+    depth = np.inf
+    if disparity > 0:
+        depth = rig.f * rig.baseline / disparity
+    nearest, farthest = MEDIAN_DEPTHS_M
     if not wrong and outdoors and not nearest <= depth <= farthest:
         wrong.append(
             f"the median depth is {depth:.3g} m with a baseline of {rig.baseline:g} m and a focal length of "
             f"{rig.f:g} px, expected {nearest:g} to {farthest:g} m outdoors: check --baseline, --unit and "
             "--focal, or the calibration file"
         )
-    if wrong and (not anyway or rig.baseline <= 0):
-        hint = "" if rig.baseline <= 0 else " (--anyway writes the sequence nevertheless)"
-        raise DataError("; ".join(wrong) + hint)
+    if wrong and rig.baseline <= 0:
+        raise DataError("; ".join(wrong))
+    if wrong and not anyway:
+        raise DataError("; ".join(wrong) + " (--anyway writes the sequence nevertheless)")
     return [
         *(f"warning: {sentence}" for sentence in wrong),
         f"{statistics.matches} matches in {statistics.pairs} pairs: rows differ by {statistics.row:+.2f} ± "
@@ -88,11 +91,10 @@ def write_sequence(
         rows = np.arange(count) / times if isinstance(times, float) else times
         if fault := interval_fault(rows):
             raise DataError(f"{fault}; give the times by --times, one line per left image")
-        for name, length in (("times", len(rows)), ("poses", count if poses is None else len(poses))):
-            if length != count:
-                raise DataError(
-                    f"{length} rows of {name} for {count} pairs: expected a row per pair or per left image"
-                )
+        for name, table in (("times", rows), ("poses", poses)):
+            if table is not None and len(table) != count:
+                found = f"{len(table)} rows of {name} for {count} pairs"
+                raise DataError(f"{found}: expected a row per pair or per left image")
         write_tables(folder, rig, rows, poses)
         try:
             open_sequence(folder)
@@ -137,27 +139,37 @@ def _new_folder(out: Path) -> Iterator[Path]:
 def _write_pairs(source: Source, rig: Rig, folder: Path, copy: bool, progress: Progress | None) -> int:
     """Read all pairs, a few of them in parallel, and link, copy or write them."""
     total = source.size_hint()
-    linked = isinstance(source, FolderSource) and source.bits == BITS[0] and rig.maps is None
-    files = source.paths if isinstance(source, FolderSource) and linked else []
-    unchanged = bool(files) and all(path.suffix.lower() == ".png" for pair in files for path in pair)
+    files = _files_to_link(source) if rig.maps is None else None
 
     def write(number: int, read: Callable[[], Pair]) -> None:
         pair = rig.rectify(*read())
         for side, image in enumerate(pair):
             target = folder / f"image_{side}" / f"{number:06d}.png"
-            if unchanged:
+            if files is not None:
                 _link(files[number][side], target, copy)
             else:
                 target.write_bytes(cv2.imencode(".png", image)[1].tobytes())
 
     count = 0
-    pairs = enumerate(source.pairs())
+    readers = source.pairs()
     with ThreadPoolExecutor(max_workers=min(os.cpu_count() or 1, 8)) as pool:
-        while batch := list(itertools.islice(pairs, BATCH_PAIRS)):  # a video is too large for the memory
-            count += len(list(pool.map(write, *zip(*batch, strict=True))))
+        while True:
+            batch = list(itertools.islice(readers, BATCH_PAIRS))  # a video is too large for the memory
+            if not batch:
+                return count
+            numbers = range(count, count + len(batch))
+            for _ in pool.map(write, numbers, batch):  # raises the error of a pair
+                count += 1
             if progress is not None:
                 progress(count, max(total, count))
-    return count
+
+
+def _files_to_link(source: Source) -> list[tuple[Path, Path]] | None:
+    """The files of all pairs, if they are PNG images of 8 bits and need no change; otherwise None."""
+    if not isinstance(source, FolderSource) or source.bits != BITS[0]:
+        return None
+    are_png = all(path.suffix.lower() == ".png" for pair in source.paths for path in pair)
+    return source.paths if are_png else None
 
 
 def _link(path: Path, target: Path, copy: bool) -> None:

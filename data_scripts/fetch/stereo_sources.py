@@ -59,9 +59,9 @@ class FolderSource:
 
     def sample(self) -> list[Pair]:
         """Pairs spread over the whole sequence."""
-        chosen = np.linspace(0, len(self.paths) - 1, SAMPLE_PAIRS).round()
-        pairs = [*self.pairs()]
-        return [pairs[int(i)]() for i in np.unique(chosen)]
+        readers = list(self.pairs())
+        places = np.linspace(0, len(readers) - 1, SAMPLE_PAIRS).round()
+        return [readers[int(place)]() for place in np.unique(places)]
 
     def pairs(self) -> Iterator[Callable[[], Pair]]:
         """All pairs; reading raises `DataError` for an image of another size than the first left image."""
@@ -103,8 +103,11 @@ class VideoSource:
     def pairs(self) -> Iterator[Callable[[], Pair]]:
         """All pairs."""
         video = self._open()
-        while (answer := video.read())[0]:
-            yield partial(self._halves, np.asarray(answer[1], np.uint8))
+        while True:
+            is_read, frame = video.read()
+            if not is_read:  # the end
+                return
+            yield partial(self._halves, np.asarray(frame, np.uint8))
 
     def size_hint(self) -> int:
         """The number of frames in the video's header."""
@@ -115,10 +118,12 @@ class VideoSource:
         return self._property(cv2.CAP_PROP_FPS)
 
     def _property(self, number: int) -> float:
+        """A number in the video's header; 0 if it is unknown."""
         value = float(self._open().get(number))
         return max(value, 0.0) if np.isfinite(value) else 0.0
 
     def _open(self) -> cv2.VideoCapture:
+        """The video at its beginning; `DataError` for any other file."""
         with open_binary(self.path):  # raises for a missing file or a folder
             video = cv2.VideoCapture(str(self.path))
         is_text = int(video.get(cv2.CAP_PROP_FOURCC)) == TEXT_AS_VIDEO
@@ -127,12 +132,15 @@ class VideoSource:
         return video
 
     def _halves(self, frame: Image) -> Pair:
+        """The left and the right image of a frame, grey."""
         if frame.shape[1] % 2:
             raise DataError(
                 f"frames are {frame.shape[1]} px wide: expected an even width, two images side by side",
                 self.path,
             )
-        grey = np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY) if frame.ndim == 3 else frame, np.uint8)
+        grey = frame
+        if frame.ndim == 3:
+            grey = np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY), np.uint8)
         half = grey.shape[1] // 2
         first = np.ascontiguousarray(grey[:, :half])
         second = np.ascontiguousarray(grey[:, half:])
@@ -167,25 +175,27 @@ def pair_images(
         pairing = _pair_by_name(sides, left, right)
     if pairing.delay > 0:
         notes.append(f"left and right images are up to {1e3 * pairing.delay:.1f} ms apart")
-    single = []
+    without_partner = []
     for files, chosen in zip(pairing.files, pairing.chosen, strict=True):
-        single += [files[n] for n in sorted({*range(len(files))} - {*chosen})]
-    if single and not skip_unpaired:
-        raise DataError("the image has no partner; --skip-unpaired skips such images", single[0])
-    if single:
-        notes.append(f"images without a partner, skipped: {len(single)}")
-    paths = [
-        (pairing.files[0][n], pairing.files[1][m])
-        for n, m in zip(pairing.chosen[0], pairing.chosen[1], strict=True)
-    ]
-    if pairing.frames is not None and (note := gap_note(pairing.frames, [path.name for path, _ in paths])):
-        notes.append(note)
+        paired = set(chosen)
+        without_partner += [path for number, path in enumerate(files) if number not in paired]
+    if without_partner and not skip_unpaired:
+        raise DataError("the image has no partner; --skip-unpaired skips such images", without_partner[0])
+    if without_partner:
+        notes.append(f"images without a partner, skipped: {len(without_partner)}")
+    files_l, files_r = pairing.files
+    chosen_l, chosen_r = pairing.chosen
+    paths = [(files_l[n], files_r[m]) for n, m in zip(chosen_l, chosen_r, strict=True)]
+    if pairing.frames is not None:
+        note = gap_note(pairing.frames, [left_path.name for left_path, _ in paths])
+        if note:
+            notes.append(note)
     return FolderSource(
         paths,
         pairing.times,
         "; ".join(notes),
-        left=tuple(pairing.chosen[0]),
-        left_count=len(pairing.files[0]),
+        left=tuple(chosen_l),
+        left_count=len(files_l),
         frames=pairing.frames,
         bits=bits,
     )
@@ -193,8 +203,12 @@ def pair_images(
 
 @dataclass(frozen=True, eq=False)
 class _Pairing:
-    """Files of both sides, the index of each pair's file on each side, and times or frames of the pairs.
+    """How the left and the right images make N pairs.
 
+    Attributes
+    ----------
+    files : all files of each side; chosen : index of each pair's file among them, for each side.
+    times : (N,) seconds, if the names are times; frames : (N,) if they are numbers.
     delay : largest time between a left and a right image, seconds.
     """
 
@@ -253,15 +267,20 @@ def _pair_by_name(sides: list[dict[str, Path]], left: Path, right: Path) -> _Pai
 
 def _images(place: Path) -> dict[str, Path]:
     """Image paths: for a folder, by file stem; for a pattern, by the text that `*` matches."""
-    head, star, tail = place.name.partition("*") if "*" in place.name else ("", "", "")
-    folder = place.parent if star else place
+    head, star, tail = place.name.partition("*")
+    is_pattern = bool(star)
+    folder = place.parent if is_pattern else place
     if not folder.is_dir():
         raise DataError("the folder is missing", folder)
-    named = {
-        (p.name if tail else p.stem).removeprefix(head).removesuffix(tail): p
-        for p in folder.iterdir()
-        if p.suffix.lower() in ENDINGS and p.name.startswith(head) and p.name.endswith(tail)
-    }
+    named = {}
+    for path in folder.iterdir():
+        if path.suffix.lower() not in ENDINGS:
+            continue
+        if not is_pattern:
+            named[path.stem] = path
+        elif path.name.startswith(head) and path.name.endswith(tail):
+            whole = path.name if tail else path.stem
+            named[whole.removeprefix(head).removesuffix(tail)] = path
     if len(named) < 2:
         raise DataError(f"expected two or more images, found {len(named)}", place)
     return {name: named[name] for name in sorted(named, key=_natural)}
@@ -274,20 +293,24 @@ def _natural(name: str) -> list[tuple[int, str]]:
 
 def _by_number(images: dict[str, Path]) -> dict[str, Path]:
     """The images by number, in order; empty unless exactly one group of digits differs between the names."""
-    groups = [[int(digits) for digits in re.findall(r"\d+", name)] for name in images]
-    if len({*map(len, groups)}) > 1:
+    numbers_of = [[int(digits) for digits in re.findall(r"\d+", name)] for name in images]
+    if len({len(numbers) for numbers in numbers_of}) > 1:
         return {}
-    differing = [numbers for numbers in zip(*groups, strict=True) if len({*numbers}) > 1]
-    if len(differing) != 1 or len({*differing[0]}) < len(images):
+    # Each place in the names, with the numbers of all images there.
+    differing = [column for column in zip(*numbers_of, strict=True) if len(set(column)) > 1]
+    if len(differing) != 1 or len(set(differing[0])) < len(images):
         return {}
-    return {str(number): path for number, path in sorted(zip(differing[0], images.values(), strict=True))}
+    in_order = sorted(zip(differing[0], images.values(), strict=True))
+    return {str(number): path for number, path in in_order}
 
 
 def _read_pair(paths: tuple[Path, Path], shape: tuple[int, ...], bits: int) -> Pair:
-    pair = read_image(paths[0], bits), read_image(paths[1], bits)
-    for path, image in zip(paths, pair, strict=True):
+    """The two images; `DataError` for an image of another shape."""
+    left = read_image(paths[0], bits)
+    right = read_image(paths[1], bits)
+    for path, image in zip(paths, (left, right), strict=True):
         if image.shape != shape:
             actual = f"{image.shape[1]}×{image.shape[0]}"
             expected = f"{shape[1]}×{shape[0]}"
             raise DataError(f"the image is {actual}, expected {expected} as in the first left image", path)
-    return pair
+    return left, right

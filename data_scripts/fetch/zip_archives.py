@@ -51,13 +51,16 @@ class Archives:
         """Entries of an archive, each with the end of its member in the file, bytes. Raises `DataError`."""
 
         def ask() -> tuple[list[zipfile.ZipInfo], int]:
-            options = {"session": self._session, "timeout": download.TIMEOUT_S}
+            if not is_url(place):
+                with zipfile.ZipFile(place) as archive:
+                    return archive.infolist(), archive.start_dir
             try:
-                with RemoteZip(place, **options) if is_url(place) else zipfile.ZipFile(place) as archive:
+                with RemoteZip(place, session=self._session, timeout=download.TIMEOUT_S) as archive:
                     return archive.infolist(), archive.start_dir
             except RangeNotSupported:
                 raise DataError(NO_PARTS, place) from None
             except RemoteIOError as error:
+                # The error that it wraps tells whether a further attempt is worth it.
                 raise error.__context__ or error from None
 
         if not is_url(place):
@@ -73,7 +76,8 @@ class Archives:
 
         def ask() -> bytes:
             data = self._bytes(member.archive, member.info.header_offset, member.end)
-            start = HEADER_BYTES + sum(struct.unpack_from("<HH", data, HEADER_BYTES - 4))
+            name_length, extra_length = struct.unpack_from("<HH", data, HEADER_BYTES - 4)
+            start = HEADER_BYTES + name_length + extra_length
             content = data[start : start + member.info.compress_size]
             if member.info.compress_type == zipfile.ZIP_DEFLATED:
                 content = zlib.decompress(content, -zlib.MAX_WBITS)
@@ -85,6 +89,7 @@ class Archives:
         return with_retries(ask, member.archive, fault)
 
     def _bytes(self, place: str, start: int, end: int) -> bytes:
+        """The bytes from start to end of an archive; `DataError` if a server does not send parts."""
         if not is_url(place):
             with open(place, "rb") as file:
                 file.seek(start)

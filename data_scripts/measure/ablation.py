@@ -61,8 +61,10 @@ WHOLE = (Idea("", {}), Idea("", {}, MOVING))
 
 def _front_end(name: str, *without: str, taught: str = "chapter 1", **settings: Any) -> Idea:
     """An idea of the front end: parts to leave out, and other matching settings."""
-    off = {"matching.without": without} if without else {}
-    return Idea(name, off | {f"matching.{key}": value for key, value in settings.items()}, taught=taught)
+    off: dict[str, Any] = {f"matching.{key}": value for key, value in settings.items()}
+    if without:
+        off["matching.without"] = without
+    return Idea(name, off, taught=taught)
 
 
 def _calibration(name: str, *without: str, taught: str = "") -> Idea:
@@ -137,19 +139,31 @@ class Row:
     @property
     def cells(self) -> list[str]:
         """The row as cells of the CSV file."""
-        pairs = ((self.mean[name], self.deviation[name]) for name in RESULTS)
-        numbers = [*(x for pair in pairs for x in pair), self.ms]
-        texts = ["" if np.isnan(x) else f"{x:.6f}" for x in numbers]
+        numbers = []
+        for name in RESULTS:
+            numbers += [self.mean[name], self.deviation[name]]
+        numbers.append(self.ms)
+        texts = ["" if np.isnan(number) else f"{number:.6f}" for number in numbers]
         return [self.idea, self.method, self.sequence, str(self.seeds), *texts]
 
 
 def read_row(cells: Sequence[str]) -> Row:
     """A row of the CSV file from its cells."""
     values = dict(zip(COLUMNS, cells, strict=True))
-    mean = {name: float(values[name] or "nan") for name in RESULTS}
-    deviation = {name: float(values[f"{name}_sd"] or "nan") for name in RESULTS}
-    key = values["idea"], values["method"], values["sequence"], int(values["seeds"])
-    return Row(*key, mean, deviation, float(values["ms"] or "nan"))
+    return Row(
+        values["idea"],
+        values["method"],
+        values["sequence"],
+        int(values["seeds"]),
+        mean={name: _number(values[name]) for name in RESULTS},
+        deviation={name: _number(values[f"{name}_sd"]) for name in RESULTS},
+        ms=_number(values["ms"]),
+    )
+
+
+def _number(cell: str) -> float:
+    """The number in a cell; NaN for an empty cell."""
+    return float(cell) if cell else float("nan")
 
 
 def row_of(idea: Idea, sequence: str, results: Array, whole: Array | None, ms: float) -> Row:
@@ -167,11 +181,11 @@ def harm(row: Row, whole: Row) -> dict[str, float]:
     """The errors that clearly grow without an idea, as shares of the errors with all ideas."""
     grown = {}
     for name in DECISIVE:
-        change_of = row.mean[name]
+        growth = row.mean[name]
         spread = row.deviation[name]
         error = whole.mean[name]
-        if change_of > NEEDED_SHARE * error and change_of > SPREADS * spread:
-            grown[name] = change_of / error if error > 0.0 else np.inf
+        if growth > NEEDED_SHARE * error and growth > SPREADS * spread:
+            grown[name] = growth / error if error > 0.0 else np.inf
     return grown
 
 
@@ -374,6 +388,7 @@ def _lost_table(ablation: Ablation, sequence: str, drives: list[str]) -> ReportT
 
 
 def _signed_cell(row: Row | None, name: str, digits: int) -> str:
+    """A change with its sign, or a dash if it was not measured."""
     if row is None or np.isnan(row.mean[name]):
         return NO_NUMBER
     return f"{row.mean[name]:+.{digits}f}"

@@ -114,6 +114,16 @@ def fit_of_halves(
     return angles
 
 
+def _grid() -> Array:
+    """The points (25, 2) of a grid from -1 to 1; the first of equally good points is the nearest to 0."""
+    side = np.linspace(-1.0, 1.0, 5)
+    points = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    return np.asarray(points[np.argsort(np.linalg.norm(points, axis=1), kind="stable")])
+
+
+GRID = _grid()
+
+
 class _Search:
     """The pitch and yaw that minimise TE over the sub-sequences of some errors.
 
@@ -156,16 +166,6 @@ def _translations(poses: Array, errors: KittiErrors) -> Array:
     return np.asarray(motions[:, :3, 3])
 
 
-def _grid() -> Array:
-    """The points (25, 2) of a grid from -1 to 1; the first of equally good points is the nearest to 0."""
-    side = np.linspace(-1.0, 1.0, 5)
-    points = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
-    return np.asarray(points[np.argsort(np.linalg.norm(points, axis=1), kind="stable")])
-
-
-GRID = _grid()
-
-
 def is_raw_drive(sequence: Sequence) -> bool:
     """Whether the truth comes from KITTI's raw data, which has rotated GPS/INS axes."""
     return sequence.name.rpartition("/")[2].startswith("drive_")
@@ -177,7 +177,11 @@ def te_and_re(
     """TE (%) and RE (deg/100 m), NaN for a short path; if `turned`, TE is computed after `fit_axes`."""
     errors = kitti_errors(sequence.true_poses, poses, measure.lengths, measure.step)
     te = errors.te
-    re = errors.re
     if turned:
         te = fit_axes(sequence.true_poses, poses, measure.lengths, measure.step).kitti.te
-    return np.nan if te is None else te, np.nan if re is None else re
+    return number_or_nan(te), number_or_nan(errors.re)
+
+
+def number_or_nan(value: float | None) -> float:
+    """The value, or NaN without one."""
+    return np.nan if value is None else value

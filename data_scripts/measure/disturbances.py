@@ -60,37 +60,45 @@ class Disturbance:
 
 
 def _alternating(image: Image, frame: int, side: int) -> Array:
+    """An image with 1.35 times its brightness in odd frames, and 0.65 times in even ones."""
     return np.asarray(image * (1.35 if frame % 2 else 0.65))
 
 
 def _swinging(image: Image, frame: int, side: int) -> Array:
+    """An image whose brightness swings from frame to frame."""
     return np.asarray(image * (1.0 + 0.5 * np.sin(2.0 * np.pi * frame / SWING_FRAMES)))
 
 
 def _unequal(image: Image, frame: int, side: int) -> Array:
+    """An image of a pair whose cameras have unequal exposure."""
     return np.asarray(image * (1.3 if side else 0.8))
 
 
 def _blurred(image: Image, frame: int, side: int) -> Array:
+    """An image that is blurred in one of `BLUR_FRAMES` frames."""
     if frame % BLUR_FRAMES != BLUR_FRAMES - 1:
         return np.asarray(image, np.float64)
     return np.asarray(cv2.GaussianBlur(image, (0, 0), 2.0), np.float64)
 
 
 def _noisy(image: Image, frame: int, side: int) -> Array:
+    """An image with noise."""
     noise = np.random.default_rng([SEED, frame, side])
     return np.asarray(image + noise.normal(0.0, NOISE_LEVELS, image.shape))
 
 
 def _dark(image: Image, frame: int, side: int) -> Array:
+    """An image at dusk."""
     return np.asarray(image * 0.15)
 
 
 def _gap(frames: int) -> Callable[[int], list[int]]:
+    """An order without so many frames, from `GAP_START` on."""
     return lambda number: [i for i in range(number) if not GAP_START <= i < GAP_START + frames]
 
 
 def _every(step: int) -> Callable[[int], list[int]]:
+    """An order with one of `step` frames."""
     return lambda number: list(range(0, number, step))
 
 
@@ -125,9 +133,9 @@ def disturb(sequence: Sequence, kind: Disturbance, folder: Path) -> Sequence:
     """The disturbed drive; changed images are written to a folder in `folder` unless they are there."""
     order = range(len(sequence)) if kind.order is None else kind.order(len(sequence))
     rows = np.array(order)
-    # The clock runs forward in a drive that is played back, too.
     times = sequence.times[rows]
-    times = times if times[-1] >= times[0] else times[0] - times
+    if times[-1] < times[0]:  # in a drive that is played back, the clock runs forward, too
+        times = times[0] - times
     images = sequence.folder
     if kind.light is not None:
         images = _changed_images(sequence, kind.name, kind.light, folder)

@@ -12,6 +12,8 @@ from vo_lib.report.page import NO_NUMBER, ReportTable, format_number
 
 # Rows TE and RE, columns mean and standard deviation over the seeds: (2, 2); None without a number.
 Cell = Array | None
+MEAN = 0
+DEVIATION = 1
 Cells = Mapping[str, Mapping[str, Cell]]  # by row and column
 KINDS = "TE, %", "RE, deg/100 m"
 SAME = "="  # text of a repeated cell
@@ -25,22 +27,28 @@ def tables(title: str, cells: Cells, sentences: list[str], name: str = "sequence
     """
     columns = list(next(iter(cells.values())))
     result = []
-    for part, words in ((0, ""), (1, "standard deviation over the seeds of ")):
+    for statistic in (MEAN, DEVIATION):
         for kind, unit in enumerate(KINDS):
             rows = []
             for label, row in cells.items():
                 numbers = {
-                    column: None if cell is None else float(cell[kind, part]) for column, cell in row.items()
+                    column: None if cell is None else float(cell[kind, statistic])
+                    for column, cell in row.items()
                 }
-                if part and all((value or 0.0) < LEAST_SPREAD for value in numbers.values()):
+                without_spread = all((value or 0.0) < LEAST_SPREAD for value in numbers.values())
+                if statistic == DEVIATION and without_spread:
                     continue
                 texts = {column: format_number(value) for column, value in numbers.items()}
-                if not part and _repeats(row.get("mesvo_f"), row.get("solution_selection")):
+                if statistic == MEAN and _repeats(row.get("mesvo_f"), row.get("solution_selection")):
                     texts["mesvo_f"] = SAME
                 rows.append([label, *texts.values()])
-            notes = [f"{SAME}: number of solution_selection."] if any(SAME in row for row in rows) else []
-            if rows:
-                result.append(ReportTable(f"{title}: {words}{unit}", [name, *columns], rows, notes))
+            if not rows:
+                continue
+            notes = []
+            if any(SAME in row for row in rows):
+                notes.append(f"{SAME}: number of solution_selection.")
+            words = "" if statistic == MEAN else "standard deviation over the seeds of "
+            result.append(ReportTable(f"{title}: {words}{unit}", [name, *columns], rows, notes))
     result[0].head.extend(sentences)
     return result
 
@@ -51,6 +59,7 @@ def with_numbers(cells: Cells) -> Cells:
 
 
 def _repeats(cell: Cell, other: Cell) -> bool:
+    """Whether two cells have nearly equal means."""
     return cell is not None and other is not None and np.allclose(cell[:, 0], other[:, 0], 2e-3, 1e-3)
 
 
@@ -70,11 +79,14 @@ def compared(cells: Cells, before: str, after: str, subject: str) -> list[str]:
             if old is None or new is None:
                 continue
             count += 1
-            (was, deviation) = old[kind]
-            (now, new_deviation) = new[kind]
+            was, deviation = old[kind]
+            now, new_deviation = new[kind]
             if one_run_shows(was, deviation, now, new_deviation):
-                side = lower if now < was else higher
-                side.append(f"{label} ({format_number(was)} → {format_number(now)})")
+                change = f"{label} ({format_number(was)} → {format_number(now)})"
+                if now < was:
+                    lower.append(change)
+                else:
+                    higher.append(change)
         name = unit.split(",")[0]
         rest = count - len(lower) - len(higher)
         sentences.append(

@@ -15,7 +15,7 @@ STEPS = 1200  # as in the notebook
 SEEDS = 5
 LEAST_SCORE = 0.1  # of a box that finds a vehicle, in the shares of found vehicles
 RIGHT = 0.5  # IoU of a box that finds a vehicle
-LOW = 25.0  # pixels; a lower vehicle is small
+LOW = 25.0  # pixels; a vehicle with a lower box is small
 HIDDEN = 0.2  # share of a vehicle's box that nearer vehicles cover
 EDGE = 2.0  # pixels; a box that ends nearer to the left or right edge of the image is cut
 TALL_CLASSES = (5, 7)  # COCO's bus and truck
@@ -92,19 +92,40 @@ def judged(
     find: Callable[[Any], tuple[Array, Array]],
     judge: Callable[..., tuple[Array, BoolArray, int]],
 ) -> list[float]:
-    """AP on each street, the found share of each group over all streets, and the groups' sizes."""
+    """AP on each street, the found share of each group over all streets, and the groups' sizes.
+
+    Parameters
+    ----------
+    tests : images of each street with their labels.
+    find : function of an image; returns boxes (N, 4) and scores (N,).
+    judge : the notebook's function of images with label boxes and of a detector; returns the scores and
+        verdicts of all boxes, and the number of labels.
+    """
     precisions = []
     found = dict.fromkeys(GROUPS, 0)
     count = dict.fromkeys(GROUPS, 0)
     for frames in tests.values():
-        boxes_of = [find(image) for image, _ in frames]
-        given = iter(boxes_of)
-        plain = [(image, labels.xyxy) for image, labels in frames]
-        precisions.append(average_precision(*judge(plain, lambda _: next(given))))  # noqa: B023
-        for (image, labels), (boxes, scores) in zip(frames, boxes_of, strict=True):
-            right = found_labels(labels.xyxy, boxes, scores)
+        detections = [find(image) for image, _ in frames]
+        precisions.append(average_precision(*_judge_detections(frames, detections, judge)))
+        for (image, labels), (boxes, scores) in zip(frames, detections, strict=True):
+            is_found = found_labels(labels.xyxy, boxes, scores)
             for name, mask in groups_of(labels, image.shape[1]).items():
-                found[name] += int(np.count_nonzero(right & mask))
+                found[name] += int(np.count_nonzero(is_found & mask))
                 count[name] += int(np.count_nonzero(mask))
     shares = [found[name] / max(count[name], 1) for name in GROUPS]
-    return [*precisions, *shares, *(float(count[name]) for name in GROUPS)]
+    sizes = [float(count[name]) for name in GROUPS]
+    return [*precisions, *shares, *sizes]
+
+
+def _judge_detections(
+    frames: list[tuple[Any, Boxes]],
+    detections: list[tuple[Array, Array]],
+    judge: Callable[..., tuple[Array, BoolArray, int]],
+) -> tuple[Array, BoolArray, int]:
+    """The result of the notebook's `judge`, which calls a detector for one image after the other.
+
+    Here the boxes have been found already, so the detector only hands out the next ones.
+    """
+    images = [(image, labels.xyxy) for image, labels in frames]
+    remaining = iter(detections)
+    return judge(images, lambda image: next(remaining))

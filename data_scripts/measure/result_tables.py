@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from measure.axes import MAX_ANGLE_DEG, NARROW_DEG, fit_axes, fit_of_halves, is_raw_drive, te_and_re
-from measure.error_tables import Cell, Cells, compared, plain, tables, with_numbers
+from measure.error_tables import MEAN, Cell, Cells, compared, plain, tables, with_numbers
 from vo_lib.config import VARIANTS, change, preset
 from vo_lib.data.catalogue import SYNTHETIC
 from vo_lib.data.sequence import Sequence
@@ -29,10 +29,13 @@ from vo_lib.runs.drive import Run
 from vo_lib.runs.jobs import Job
 
 SEEDS = range(5)
+# The box rules, and the methods that are run with each of them.
 RULES = ("none", "all", "moving", "truth")
-RULED = ("viso2", "solution_selection")
-# Box rules that have a method in Table 1; these methods are not run twice.
-PRESET_OF_RULE = {
+METHODS_WITH_RULES = ("viso2", "solution_selection")
+# Some of these runs are those of a method in Table 1, and are not made twice.
+METHOD_OF_RULE = {
+    ("viso2", "none"): "viso2",
+    ("solution_selection", "none"): "solution_selection",
     ("solution_selection", "all"): "feature_selection",
     ("solution_selection", "moving"): "moving_selection",
 }
@@ -42,32 +45,34 @@ OTHERS: dict[str, dict[str, tuple[float, float]]] = {
     "kitti/00, 100 m": {"libviso2": (1.44, 1.17), "ORB-SLAM2": (1.41, 1.64)},
     "kitti/01, 20 m": {"libviso2": (7.84, 2.70), "ORB-SLAM2": (5.47, 2.54)},
 }
-BESIDE = "viso2", "feature_selection"  # the methods in the same table
-Key = tuple[str, str, str]  # sequence, variant, method or "method rule"
+OUR_METHODS = "viso2", "feature_selection"  # in the same table
+Key = tuple[str, str, str]  # sequence, variant, and method, "method rule" or "method off"
+Numbers = Mapping[str, Mapping[str, float | None]]  # by row and column
 
 
 def jobs_of(sequence: Sequence, folder: Path) -> Iterable[tuple[tuple[Key, int], Job]]:
-    """Jobs for every method of both variants, and for the other box rules."""
-    configs = {
-        (variant, name): config for variant, methods in VARIANTS.items() for name, config in methods.items()
-    }
-    # Only drawn scenes have the truth about moving vehicles.
-    rules = RULES if (sequence.folder / "truth").is_dir() else RULES[:-1]
-    for method in RULED:
-        for rule in rules[1:]:
-            if (method, rule) not in PRESET_OF_RULE:
-                configs["kit", f"{method} {rule}"] = change(
-                    preset(method, variant="kit"), "filter.rule", rule
-                )
-    method = _judged(sequence)
+    """Jobs for every method of both variants, for the other box rules, and without learnt calibration.
+
+    Each with its key and its seed.
+    """
+    configs = {}
+    for variant, methods in VARIANTS.items():
+        for name, config in methods.items():
+            configs[variant, name] = config
+    has_truth_on_vehicles = (sequence.folder / "truth").is_dir()  # as drawn scenes have
+    for method in METHODS_WITH_RULES:
+        for rule in RULES:
+            is_new = (method, rule) not in METHOD_OF_RULE
+            if is_new and (rule != "truth" or has_truth_on_vehicles):
+                config = change(preset(method, variant="kit"), "filter.rule", rule)
+                configs["kit", f"{method} {rule}"] = config
+    method = _method_with_calibration(sequence)
     configs["kit", f"{method} off"] = change(preset(method, variant="kit"), "calibration.estimate", False)
     for (variant, name), config in configs.items():
         for seed in SEEDS:
-            run_path = folder / variant / slug(sequence.name) / slug(name) / f"seed_{seed}"
-            yield (
-                ((sequence.name, variant, name), seed),
-                Job(sequence, name, change(config, "seed", seed), run_path),
-            )
+            path = folder / variant / slug(sequence.name) / slug(name) / f"seed_{seed}"
+            key = (sequence.name, variant, name)
+            yield (key, seed), Job(sequence, name, change(config, "seed", seed), path)
 
 
 def _measures(sequence: Sequence) -> list[tuple[str, SubsequenceProtocol]]:
@@ -75,9 +80,14 @@ def _measures(sequence: Sequence) -> list[tuple[str, SubsequenceProtocol]]:
     truth = sequence.true_poses
     if sequence.name.startswith(SYNTHETIC) and suitable_protocol(truth) == KITTI_PROTOCOL:
         return [(sequence.name, KITTI_PROTOCOL)]
-    lengths = [L for L in SHORT_LENGTHS if len(kitti_errors(truth, truth, [L], 1))]
     axes = ", axes removed" if is_raw_drive(sequence) else ""
-    return [(f"{sequence.name}, {length:g} m{axes}", SubsequenceProtocol((length,), 1)) for length in lengths]
+    measures = []
+    for length in SHORT_LENGTHS:
+        fits_into_path = len(kitti_errors(truth, truth, [length], 1)) > 0
+        if fits_into_path:
+            label = f"{sequence.name}, {length:g} m{axes}"
+            measures.append((label, SubsequenceProtocol((length,), 1)))
+    return measures
 
 
 def _cell(runs: list[Run] | None, measure: SubsequenceProtocol) -> Cell:
@@ -93,14 +103,16 @@ def _cell(runs: list[Run] | None, measure: SubsequenceProtocol) -> Cell:
 
 def cells_of_systems(sequences: list[Sequence], runs: dict[Key, list[Run]]) -> dict[str, Cells]:
     """The errors of the methods of each variant, by row and method."""
-    return {
-        variant: {
-            label: {method: _cell(runs[sequence.name, variant, method], measure) for method in methods}
-            for sequence in sequences
-            for label, measure in _measures(sequence)
-        }
-        for variant, methods in VARIANTS.items()
-    }
+    systems: dict[str, Cells] = {}
+    for variant, methods in VARIANTS.items():
+        cells = {}
+        for sequence in sequences:
+            for label, measure in _measures(sequence):
+                cells[label] = {
+                    method: _cell(runs[sequence.name, variant, method], measure) for method in methods
+                }
+        systems[variant] = cells
+    return systems
 
 
 def claim_table(cells: Cells) -> ReportTable:
@@ -109,12 +121,14 @@ def claim_table(cells: Cells) -> ReportTable:
     `cells` : errors of variant `published`. Two decimals do not depend on the processor's rounding.
     """
     methods = ("solution_selection", "feature_selection")
+    # The rows of a sequence are in the order of their lengths, so the last one counts.
+    last_label_of = {label.partition(",")[0]: label for label in cells}
     rows = []
-    for label in {label.partition(",")[0]: label for label in cells}.values():
+    for label in last_label_of.values():
         row = [label]
         for method in methods:
             cell = cells[label][method]
-            row.append("" if cell is None else f"{cell[0, 0]:.2f} / {cell[1, 0]:.2f}")
+            row.append("" if cell is None else f"{cell[0, MEAN]:.2f} / {cell[1, MEAN]:.2f}")
         rows.append(row)
     title = "The paper's claim, variant published: TE % / RE deg/100 m, means over the seeds"
     return ReportTable(title, ["sequence", *methods], rows, [])
@@ -124,56 +138,72 @@ def result_tables(
     sequences: list[Sequence], runs: dict[Key, list[Run]], systems: Mapping[str, Cells]
 ) -> list[ReportTable]:
     """All tables of the page: methods of both variants, other systems, box rules, self-calibration."""
-    rules = {}
-    removed = {}
-    learning = {}
+    rules: dict[str, dict[str, Cell]] = {}
+    removed: dict[str, dict[str, float | None]] = {}
+    learning: dict[str, dict[str, Cell]] = {}
     axes: dict[str, dict[str, float | None]] = {}
-    doubts = list[str]()  # about the fitted axes
+    doubts: list[str] = []  # about the fitted axes
     for sequence in sequences:
         drawn = sequence.name.startswith(SYNTHETIC)
         measures = _measures(sequence)
         if drawn:
             measures = measures[-1:]
-        label, measure = measures[0]
-        for method in RULED:
-            names = {rule: PRESET_OF_RULE.get((method, rule), f"{method} {rule}") for rule in RULES} | {
-                "none": method
+        first_label, first_measure = measures[0]
+        for method in METHODS_WITH_RULES:
+            row = f"{first_label}, {method}"
+            runs_of_rules = _runs_of_rules(sequence, method, runs)
+            rules[row] = {rule: _cell(each, first_measure) for rule, each in runs_of_rules.items()}
+            removed[row] = {
+                rule: None if each is None else 100 * each[0].removed_share
+                for rule, each in runs_of_rules.items()
             }
-            results = {rule: runs.get((sequence.name, "kit", name)) for rule, name in names.items()}
-            rules[f"{label}, {method}"] = {rule: _cell(each, measure) for rule, each in results.items()}
-            removed[f"{label}, {method}"] = {
-                rule: None if each is None else 100 * each[0].removed_share for rule, each in results.items()
-            }
-        method = _judged(sequence)
+        method = _method_with_calibration(sequence)
         learnt = runs[sequence.name, "kit", method]
         off = runs[sequence.name, "kit", f"{method} off"]
         for label, measure in measures:
-            label = f"{label}, {method}"
-            learning[label] = {"off": _cell(off, measure), "learnt": _cell(learnt, measure)}
-            axes[label] = {"length %, learnt": _length(sequence, learnt)}
+            row = f"{label}, {method}"
+            learning[row] = {"off": _cell(off, measure), "learnt": _cell(learnt, measure)}
+            axes[row] = {"length %, learnt": _length(sequence, learnt)}
             for name, each in (("off", off), ("learnt", learnt)):
                 values: list[float | None] = [None] * 3
                 if not drawn:
-                    truth = sequence.true_poses
-                    poses = each[0].poses
-                    turned = fit_axes(truth, poses, measure.lengths, measure.step)
-                    values = [turned.kitti.te, turned.pitch, turned.yaw]
-                    if turned.at_limit:
-                        doubts.append(f"In {label}, {name}, {turned.limit_words}")
-                    if is_raw_drive(sequence):
-                        halves = fit_of_halves(truth, poses, measure.lengths, measure.step)
-                        yaws = " and ".join(f"{yaw:.2f}°" for _, yaw in halves)
-                        doubts.append(
-                            f"In {label}, {name}, the sub-sequences that start first and those that start "
-                            f"last give a yaw of {yaws}: what differs is drift, which the fit removes "
-                            "from TE as well."
-                        )
+                    values, new_doubts = _fitted_axes(f"In {row}, {name}", each[0], measure)
+                    doubts += new_doubts
                 columns = [f"TE %, {name}", f"pitch °, {name}", f"yaw °, {name}"]
-                axes[label] |= dict(zip(columns, values, strict=True))
+                axes[row] |= dict(zip(columns, values, strict=True))
     return page_tables(systems, rules, removed, learning, axes, doubts)
 
 
-Numbers = Mapping[str, Mapping[str, float | None]]
+def _runs_of_rules(
+    sequence: Sequence, method: str, runs: dict[Key, list[Run]]
+) -> dict[str, list[Run] | None]:
+    """The runs of a method of variant `kit` with each box rule; None for a rule that was not run."""
+    found = {}
+    for rule in RULES:
+        name = METHOD_OF_RULE.get((method, rule), f"{method} {rule}")
+        found[rule] = runs.get((sequence.name, "kit", name))
+    return found
+
+
+def _fitted_axes(start: str, run: Run, measure: SubsequenceProtocol) -> tuple[list[float | None], list[str]]:
+    """TE, %, pitch and yaw, degrees, of a run with fitted axes, and sentences on doubts about the fit.
+
+    start : the words with which a sentence begins: row and column.
+    """
+    sequence = run.sequence
+    truth = sequence.true_poses
+    turned = fit_axes(truth, run.poses, measure.lengths, measure.step)
+    doubts = []
+    if turned.at_limit:
+        doubts.append(f"{start}, {turned.limit_words}")
+    if is_raw_drive(sequence):
+        halves = fit_of_halves(truth, run.poses, measure.lengths, measure.step)
+        yaws = " and ".join(f"{yaw:.2f}°" for _, yaw in halves)
+        doubts.append(
+            f"{start}, the sub-sequences that start first and those that start last give a yaw of {yaws}: "
+            "what differs is drift, which the fit removes from TE as well."
+        )
+    return [turned.kitti.te, turned.pitch, turned.yaw], doubts
 
 
 def page_tables(
@@ -193,15 +223,17 @@ def page_tables(
         )
         result += tables(VARIANT_WORDS[variant].capitalize(), cells, sentences)
     result += other_systems(systems)
-    ours = {label: row for label, row in rules.items() if label.endswith(RULED[1])}
-    sentences = compared(ours, "none", "moving", f"For `{RULED[1]}`, the rule `moving` in place of `none`")
+    method = "solution_selection"
+    of_method = {label: row for label, row in rules.items() if label.endswith(method)}
+    sentences = compared(of_method, "none", "moving", f"For `{method}`, the rule `moving` in place of `none`")
     result += tables("Box rules, variant kit", rules, sentences, "sequence, method")
     result.append(plain("Box rules, variant kit: features removed, %", "sequence, method", removed, 0))
     learning = with_numbers(learning)
     sentences = compared(learning, "off", "learnt", "Learning the calibration")
     result += tables("Effect of the estimated calibration", learning, sentences, "sequence, method")
-    result.append(plain("Axes of the truth, and the length of the path", "sequence, method", axes, 3))
-    result[-1].notes.append(
+    axes_table = plain("Axes of the truth, and the length of the path", "sequence, method", axes, 3)
+    result.append(axes_table)
+    axes_table.notes.append(
         "The column TE has the smallest TE over the constant rotations between the axes of the camera and of "
         f"the truth, up to {MAX_ANGLE_DEG:g}° where the angles are well determined and up to {NARROW_DEG:g}° "
         "elsewhere; pitch and yaw are the angles of this rotation (`vo data measure_axes`, seed 0). The "
@@ -209,7 +241,7 @@ def page_tables(
         "were chosen on 00, 01, KITTI's raw drive 0005 and the drawn scenes, so these rows do "
         "not test the settings; see the appendix."
     )
-    result[-1].notes.extend(doubts)
+    axes_table.notes.extend(doubts)
     return result
 
 
@@ -219,15 +251,13 @@ def other_systems(systems: Mapping[str, Cells]) -> list[ReportTable]:
     for label, others in OTHERS.items():
         if any(label not in cells for cells in systems.values()):
             continue
-        errors = {name: np.array(pair) for name, pair in others.items()}
-        for variant, method in itertools.product(systems, BESIDE):
+        errors = dict(others)
+        for variant, method in itertools.product(systems, OUR_METHODS):
             cell = systems[variant][label][method]
             if cell is not None:
-                errors[f"{method}, {variant}"] = cell[:, 0]
-        rows |= {
-            f"{label}, {name}": {"TE %": float(te), "RE deg/100 m": float(re)}
-            for name, (te, re) in errors.items()
-        }
+                errors[f"{method}, {variant}"] = (float(cell[0, MEAN]), float(cell[1, MEAN]))
+        for name, (te, re) in errors.items():
+            rows[f"{label}, {name}"] = {"TE %": te, "RE deg/100 m": re}
     if not rows:
         return []
     table = plain("Other systems on the same frames", "sequence, system", rows, 2)
@@ -238,7 +268,7 @@ def other_systems(systems: Mapping[str, Cells]) -> list[ReportTable]:
     return [table]
 
 
-def _judged(sequence: Sequence) -> str:
+def _method_with_calibration(sequence: Sequence) -> str:
     """The method that is compared with and without estimation of the calibration errors."""
     return "feature_selection" if sequence.name.startswith(SYNTHETIC) else "solution_selection"
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ IMAGE_ENDINGS = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 SPLITS = {"train": "train", "valid": "val", "test": "test"}  # our name and the key in data.yaml
 OTHER_KEYS = {"val": "validation"}  # which Ultralytics accepts too
 LIST_ENDING = ".txt"
+MAX_CLASSES = 10_000  # that `nc:` may name
 UP = "../"  # with which Roboflow's paths begin, although the folders are next to data.yaml
 
 
@@ -74,7 +75,7 @@ def _class_names(path: Path, about: dict[str, Any]) -> tuple[str, ...]:
     """The class names: `names:`, or, with `nc:` alone, class_0, class_1, …"""
     names = names_in_description(about)
     count = about.get("nc")
-    if not names and about.get("names") is None and type(count) is int and 0 < count <= 10_000:
+    if about.get("names") is None and type(count) is int and 0 < count <= MAX_CLASSES:
         return tuple(f"class_{number}" for number in range(count))
     if not names or sorted(names) != list(range(len(names))):
         raise DataError("expected `names:` with a list of class names, or `nc:`", path)
@@ -118,7 +119,7 @@ def _root(path: Path, about: dict[str, Any], entries: list[str]) -> Path:
     usable = [each for each in candidates if any(_exists(each / entry) for entry in relative)]
     different = {os.path.realpath(each): each for each in usable}
     if len(different) > 1:
-        raise DataError(f"path: {value[:60]} may be {_two(different.values())}: write the full path", path)
+        raise DataError(f"path: {value[:60]} may be {_either(different.values())}: write the full path", path)
     if not usable:
         places = ", ".join(str(each) for each in candidates)
         raise DataError(f"path: none of the images is in {places}"[:400], path)
@@ -146,7 +147,7 @@ def _images(path: Path, root: Path, key: str, entry: str) -> list[Path]:
         places.append(root / entry.removeprefix(UP))
     existing = {os.path.realpath(place): place for place in places if _exists(place)}
     if len(existing) > 1:
-        raise DataError(f"{key}: {entry[:60]} may be {_two(existing.values())}: write the full path", path)
+        raise DataError(f"{key}: {entry[:60]} may be {_either(existing.values())}: write the full path", path)
     for place in existing.values():
         absolute = Path(os.path.abspath(place))
         if os.path.isdir(absolute):
@@ -184,7 +185,8 @@ def _walk(folder: Path) -> Iterator[Path]:
     """The images in a folder and its sub-folders, also behind links, without hidden files."""
     seen = set[str]()
     for place, folders, files in os.walk(folder, followlinks=True):
-        if (real := os.path.realpath(place)) in seen:  # a link that leads back
+        real = os.path.realpath(place)
+        if real in seen:  # a link that leads back
             folders.clear()
             continue
         seen.add(real)
@@ -201,14 +203,15 @@ def _images_in_list(file: Path) -> Iterator[Path]:
     or else to the file's folder.
     """
     for number, line in enumerate(read_text(file).splitlines(), start=1):
-        if not (entry := line.strip()):
+        entry = line.strip()
+        if not entry:
             continue
-        places = (
-            [file.parent / entry] if entry.startswith("./") else [Path.cwd() / entry, file.parent / entry]
-        )
+        places = [file.parent / entry]
+        if not entry.startswith("./"):
+            places.insert(0, Path.cwd() / entry)
         existing = {os.path.realpath(place): place for place in places if _exists(place)}
         if len(existing) > 1:
-            raise DataError(f"may be {_two(existing.values())}: write the full path", file, number)
+            raise DataError(f"may be {_either(existing.values())}: write the full path", file, number)
         if not existing:
             raise DataError(f"the image is missing: {entry[:80]}", file, number)
         image = Path(os.path.abspath(next(iter(existing.values()))))
@@ -221,9 +224,11 @@ def _exists(path: Path) -> bool:
     return os.path.exists(path)  # false also for a name that is too long
 
 
-def _two(places: Any) -> str:
+def _either(places: Iterable[Path]) -> str:
+    """The first two of several places as text."""
     return " or ".join(str(place) for place in list(places)[:2])
 
 
 def _shown(value: Any) -> str:
+    """The beginning of a value as text, for messages."""
     return repr(value)[:80]

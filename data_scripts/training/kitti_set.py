@@ -78,7 +78,8 @@ def _boxes(path: Path) -> Boxes:
     """Boxes of the vehicles in a label file: lines of type, 3 numbers, left, top, right, bottom, …"""
     vehicles: list[tuple[int, list[float]]] = []
     for number, line in enumerate(read_text(path).splitlines(), 1):
-        if not (words := line.split()):
+        words = line.split()
+        if not words:
             continue
         try:
             corners = [float(word) for word in words[4:8]]
@@ -86,8 +87,9 @@ def _boxes(path: Path) -> Boxes:
             corners = []
         if len(corners) != 4 or not np.isfinite(corners).all():
             raise DataError("expected type, 3 numbers, then left, top, right and bottom", path, number)
-        good = corners[3] - corners[1] >= MIN_HEIGHT and corners[2] > corners[0]
-        if words[0] in CLASS_OF and good:
+        left, top, right, bottom = corners
+        is_large = bottom - top >= MIN_HEIGHT and right > left
+        if words[0] in CLASS_OF and is_large:
             vehicles.append((CLASS_OF[words[0]], corners))
     xyxy = np.array([corners for _, corners in vehicles], np.float64).reshape(-1, 4)
     return Boxes(xyxy, np.array([kind for kind, _ in vehicles], np.int64), np.ones(len(vehicles)))
@@ -108,8 +110,11 @@ def _object_drives(mapping: Path | None, permutation: Path | None) -> list[str]:
     """Raw drive of each object image; image i is in row permutation[i] of the mapping, counted from 1."""
     if mapping is None or permutation is None:
         return []
-    rows = [line.split() for line in read_text(mapping).splitlines() if line.strip()]
-    names = ["".join(DRIVE.findall(" ".join(words))[:1]) for words in rows]
+    names = []  # the drive of each row, "" for a row without one
+    for row in read_text(mapping).splitlines():
+        if row.strip():
+            drive = DRIVE.search(" ".join(row.split()))
+            names.append("" if drive is None else drive[0])
     if not all(names):
         line = names.index("") + 1
         raise DataError("expected date, drive and frame, as in train_mapping.txt", mapping, line)
@@ -143,7 +148,9 @@ def split(images: list[Labelled], share: float, seed: int) -> dict[str, list[Lab
     """Training and validation images. All images of one raw drive are in the same part."""
     units = sorted({image.drive or image.stem for image in images})
     order = np.random.default_rng([seed, 30]).permutation(len(units))
-    valid = {units[k] for k in order[: min(max(1, round(share * len(units))), len(units) - 1)]}
+    # At least one drive is for each part.
+    valid_count = min(max(1, round(share * len(units))), len(units) - 1)
+    valid = {units[k] for k in order[:valid_count]}
     parts: dict[str, list[Labelled]] = {"train": [], "valid": []}
     for image in images:
         name = "valid" if (image.drive or image.stem) in valid else "train"
@@ -157,17 +164,18 @@ def write_set(parts: dict[str, list[Labelled]], folder: Path, progress: Progress
     done = 0
     start_set(folder, parts, data_yaml(NAMES, test=False))
     for name, part in parts.items():
-        for one in part:
-            height, width = read_image(one.image).shape[:2]
-            _link(one.image, folder / name / "images" / f"{one.stem}{one.image.suffix}")
-            label = folder / name / "labels" / f"{one.stem}.txt"
-            write_labels(label, one.boxes, width, height, scores=False)
+        for labelled in part:
+            height, width = read_image(labelled.image).shape[:2]
+            _link(labelled.image, folder / name / "images" / f"{labelled.stem}{labelled.image.suffix}")
+            label = folder / name / "labels" / f"{labelled.stem}.txt"
+            write_labels(label, labelled.boxes, width, height, scores=False)
             done += 1
             if progress:
                 progress(done, total)
 
 
 def _link(source: Path, target: Path) -> None:
+    """Make a hard link to an image, or a copy where the file system has none."""
     target.unlink(missing_ok=True)
     try:
         os.link(source, target)

@@ -51,7 +51,7 @@ class DetectionSetConfig(Checked):
 
 @dataclass(frozen=True)
 class Street:
-    """A street to draw, with split, number, settings and frames."""
+    """A street to draw: its split, its number in the split, its settings, and how many frames to draw."""
 
     split: str
     number: int
@@ -99,23 +99,26 @@ def streets(config: DetectionSetConfig) -> list[Street]:
     """All streets of a data set; equal settings give equal streets."""
     frames = config.frames
     result = []
-    for split, first, images in (("train", TRAIN_SEED, config.train), ("valid", VALID_SEED, config.valid)):
-        count = -(-images // frames)
-        result += [
-            Street(split, k, random_scene(config.seed + first + k), min(frames, images - k * frames))
-            for k in range(count)
-        ]
+    for split, first_seed, images in (
+        ("train", TRAIN_SEED, config.train),
+        ("valid", VALID_SEED, config.valid),
+    ):
+        for number, begun in enumerate(range(0, images, frames)):
+            scene = random_scene(config.seed + first_seed + number)
+            result.append(Street(split, number, scene, min(frames, images - begun)))
     number = 0
-    for seed in range(TEST_SEEDS):
+    for round_of_scenes in range(TEST_SEEDS):
         for name in TABLE_SCENES:
-            scene = SCENES[name] if seed == 0 else scene_config(name, seed=config.seed + TEST_SEED + number)
+            scene = SCENES[name]  # with its own seed at first, then with others
+            if round_of_scenes > 0:
+                scene = scene_config(name, seed=config.seed + TEST_SEED + number)
             result.append(Street("test", number, scene, frames))
             number += 1
     return result
 
 
 def draw_street(street: Street, folder: Path) -> int:
-    """Draw the missing images of a street; return its number of images.
+    """Draw the missing images of a street into a data set's folder; return its number of images.
 
     The label file is written after the image, so an image with a label file is complete.
     """
@@ -155,8 +158,9 @@ def write_street_set(
     total = sum(street.frames for street in everything)
     done = 0
     with local_pool(min(jobs, len(everything))) as pool:
-        for future in as_completed([pool.submit(draw_street, street, folder) for street in everything]):
-            done += future.result()
+        running = [pool.submit(draw_street, street, folder) for street in everything]
+        for drawn in as_completed(running):
+            done += drawn.result()
             if progress:
                 progress(done, total)
 

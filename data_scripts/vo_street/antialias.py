@@ -38,21 +38,24 @@ def soften_edges(
     x: Array = (np.arange(width, dtype=np.float64) - camera.cx) / camera.f
     y: Array = (np.arange(height, dtype=np.float64) - camera.cy) / camera.f
     for axis, stride in ((0, 1), (1, width)):
+        # Neighbouring pixels with different faces, `one` to the left of or above `two`.
         one = np.flatnonzero(face[:-stride] != face[stride:])
         if axis == 0:
             one = one[one % width != width - 1]
-        row, column = np.divmod(one, width)
         two = one + stride
+        row, column = np.divmod(one, width)
         # Signed distances are computed only along this axis: one step is 1/f.
-        step = np.array([1.0, -1.0]) / camera.f
+        step = 1.0 / camera.f
         at_one = (x[column], y[row])
-        at_two = (x[column] + (step[0] if axis == 0 else 0.0), y[row] + (step[0] if axis == 1 else 0.0))
-        leave_one = _way_out(edges[face[one]], at_one, axis, step[0])
-        leave_two = 1.0 - _way_out(edges[face[two]], at_two, axis, step[1])
+        at_two = (x[column] + step, y[row]) if axis == 0 else (x[column], y[row] + step)
+        # Where the face of `one` and where that of `two` ends, in steps from `one`.
+        end_of_one = _way_out(edges[face[one]], at_one, axis, step)
+        end_of_two = 1.0 - _way_out(edges[face[two]], at_two, axis, -step)
         # The outline belongs to the nearer face, unless only one of the faces ends here.
-        first = np.isfinite(leave_one) & (~np.isfinite(leave_two) | (inverse[one] >= inverse[two]))
-        cross = np.where(first, leave_one, leave_two)
-        for target, other, share in ((one, two, 0.5 - cross), (two, one, cross - 0.5)):
+        is_of_one = np.isfinite(end_of_one) & (~np.isfinite(end_of_two) | (inverse[one] >= inverse[two]))
+        outline = np.where(is_of_one, end_of_one, end_of_two)
+        # An outline before the border of the two pixels, at 0.5, gives a part of `one` to the face of `two`.
+        for target, other, share in ((one, two, 0.5 - outline), (two, one, outline - 0.5)):
             use = (share > 0) & (share <= 0.5)
             target = target[use]
             other = other[use]
@@ -65,6 +68,11 @@ def soften_edges(
 def _way_out(edges: Array, at: tuple[Array, Array], axis: int, step: float) -> Array:
     """Distance (N,) to the edge of a face, in steps to the next pixel; infinite without an edge on this side.
 
+    Parameters
+    ----------
+    edges : (N, 4, 3) lines of the faces; at : (N,) x and y of the pixels, normalised.
+    axis : 0 for steps along x, 1 along y; step : signed length of a step.
+
     An edge is used only along the axis closer to its normal, so that no edge is smoothed twice. Along the
     other axis, the result is NaN.
     """
@@ -74,6 +82,7 @@ def _way_out(edges: Array, at: tuple[Array, Array], axis: int, step: float) -> A
         way = np.where(value + slope < 0, value / -slope, np.inf)
     nearest = np.argmin(way, axis=1)
     rows = np.arange(len(way))
-    square = np.abs(edges[rows, nearest, axis]) >= np.abs(edges[rows, nearest, 1 - axis])
+    is_closer_to_normal = np.abs(edges[rows, nearest, axis]) >= np.abs(edges[rows, nearest, 1 - axis])
     out = way[rows, nearest]
-    return np.asarray(np.where(square | ~np.isfinite(out), np.clip(out, 0.0, np.inf), np.nan))
+    is_used = is_closer_to_normal | ~np.isfinite(out)
+    return np.asarray(np.where(is_used, np.clip(out, 0.0, np.inf), np.nan))

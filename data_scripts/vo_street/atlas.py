@@ -67,43 +67,70 @@ class TextureSet:
         count = len(self.images)
         size = np.array([self.size(k) for k in range(count)], np.int64)
         top = np.log2(size).astype(np.int64) - 2
+        # Of each texture, the starts of the levels along s and along t.
+        starts = []
+        for k in range(count):
+            along_s = _starts(int(size[k, 0]), int(top[k, 0]))
+            along_t = _starts(int(size[k, 1]), int(top[k, 1]))
+            starts.append((along_s, along_t))
+        corner, rows = _arrange([(along_s[-1], along_t[-1]) for along_s, along_t in starts])
+        texels = np.zeros((rows, ATLAS_WIDTH), np.float32)
         levels = int(top.max()) + 1
         column = np.zeros((count, levels), np.float32)
         row = np.zeros((count, levels), np.float32)
-        starts = [[_starts(int(size[k, a]), int(top[k, a])) for a in (0, 1)] for k in range(count)]
-        x = y = shelf = 0
-        corner = np.zeros((count, 2), np.int64)
-        for k in sorted(range(count), key=lambda k: (-starts[k][1][-1], k)):
-            w = starts[k][0][-1]
-            h = starts[k][1][-1]
-            if x + w > ATLAS_WIDTH:
-                x = 0
-                y = y + shelf
-                shelf = 0
-            corner[k] = x, y
-            x = x + w
-            shelf = max(shelf, h)
-        texels = np.zeros((y + shelf, ATLAS_WIDTH), np.float32)
         for k, image in enumerate(self.images):
-            # Sharp painted edges would shimmer: details finer than a texel are removed.
-            soft = cv2.GaussianBlur(_pad(image, self.wraps[k]), (5, 5), 0.6)
-            across = np.ascontiguousarray(soft[PAD:-PAD, PAD:-PAD], np.float32)
-            for i in range(top[k, 0] + 1):
-                level = across
-                for j in range(top[k, 1] + 1):
-                    x0 = corner[k, 0] + starts[k][0][i]
-                    y0 = corner[k, 1] + starts[k][1][j]
-                    padded = _pad(level, self.wraps[k])
-                    texels[y0 : y0 + padded.shape[0], x0 : x0 + padded.shape[1]] = padded
-                    if j < top[k, 1]:
-                        level = _halve(level.T, self.wraps[k][1]).T
-                if i < top[k, 0]:
-                    across = _halve(across, self.wraps[k][0])
+            along_s, along_t = starts[k]
+            x_of_level = corner[k, 0] + np.array(along_s[:-1])
+            y_of_level = corner[k, 1] + np.array(along_t[:-1])
+            _write_levels(texels, image, self.wraps[k], x_of_level, y_of_level)
             # Texel centres are at halves of the texture's own coordinate, at integers of the atlas.
-            column[k, : top[k, 0] + 1] = corner[k, 0] + np.array(starts[k][0][:-1]) + PAD - 0.5
-            row[k, : top[k, 1] + 1] = corner[k, 1] + np.array(starts[k][1][:-1]) + PAD - 0.5
+            column[k, : top[k, 0] + 1] = x_of_level + PAD - 0.5
+            row[k, : top[k, 1] + 1] = y_of_level + PAD - 0.5
         wrap = np.array(self.wraps, np.float32)
         return Atlas(texels, size.astype(np.float32), top.astype(np.float32), wrap, column, row)
+
+
+def _arrange(blocks: list[tuple[int, int]]) -> tuple[NDArray[np.int64], int]:
+    """Places of blocks on shelves, highest blocks first: corners (x, y) (T, 2), and the rows that they need.
+
+    blocks : width and height of each block, texels.
+    """
+    corner = np.zeros((len(blocks), 2), np.int64)
+    x = 0
+    y = 0
+    shelf_height = 0
+    for k in sorted(range(len(blocks)), key=lambda k: (-blocks[k][1], k)):
+        width, height = blocks[k]
+        if x + width > ATLAS_WIDTH:
+            x = 0
+            y += shelf_height
+            shelf_height = 0
+        corner[k] = x, y
+        x += width
+        shelf_height = max(shelf_height, height)
+    return corner, y + shelf_height
+
+
+def _write_levels(
+    texels: Float32,
+    image: Float32,
+    wrap: tuple[bool, bool],
+    x_of_level: NDArray[np.int64],
+    y_of_level: NDArray[np.int64],
+) -> None:
+    """Write a texture at all pairs of scales into the atlas; each scale along s and t has its own place."""
+    # Sharp painted edges would shimmer: details finer than a texel are removed.
+    soft = cv2.GaussianBlur(_pad(image, wrap), (5, 5), 0.6)
+    across = np.ascontiguousarray(soft[PAD:-PAD, PAD:-PAD], np.float32)
+    for i, x in enumerate(x_of_level):
+        if i > 0:
+            across = _halve(across, wrap[0])
+        level = across
+        for j, y in enumerate(y_of_level):
+            if j > 0:
+                level = _halve(level.T, wrap[1]).T
+            padded = _pad(level, wrap)
+            texels[y : y + padded.shape[0], x : x + padded.shape[1]] = padded
 
 
 def _starts(size: int, top: int) -> list[int]:
@@ -113,9 +140,10 @@ def _starts(size: int, top: int) -> list[int]:
 
 def _pad(image: Float32, wrap: tuple[bool, bool]) -> Float32:
     """The texture with padding: copies of the opposite side along repeated axes, otherwise of the border."""
-    mode = [cv2.BORDER_WRAP if w else cv2.BORDER_REPLICATE for w in wrap]
-    wide = cv2.copyMakeBorder(np.ascontiguousarray(image), 0, 0, PAD, PAD, mode[0])
-    return np.asarray(cv2.copyMakeBorder(wide, PAD, PAD, 0, 0, mode[1]), np.float32)
+    border_s = cv2.BORDER_WRAP if wrap[0] else cv2.BORDER_REPLICATE
+    border_t = cv2.BORDER_WRAP if wrap[1] else cv2.BORDER_REPLICATE
+    wide = cv2.copyMakeBorder(np.ascontiguousarray(image), 0, 0, PAD, PAD, border_s)
+    return np.asarray(cv2.copyMakeBorder(wide, PAD, PAD, 0, 0, border_t), np.float32)
 
 
 def _halve(image: Float32, wrap: bool) -> Float32:

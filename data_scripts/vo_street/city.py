@@ -26,7 +26,7 @@ def build_city(site: Site) -> None:
     for side in (-1.0, 1.0):
         state = site.rng.bit_generator.state
         for first, last in pairwise(np.linspace(site.first, site.last, halves + 1)):
-            if side < 0:
+            if side < 0:  # the outer side, to the left
                 site.rng.bit_generator.state = state
             build_houses(site, side, float(first), float(last))
         build_pavement(site, side)
@@ -110,11 +110,17 @@ def add_garden_edge(site: Site, first: float, last: float, side: float) -> None:
     s = np.arange(first, last - 0.5, 1.5)
     if len(s) < 2:
         return
-    hedge = kind == "hedge"
+    thickness = 0.2
+    top = np.full(len(s), EDGES[kind] + KERB)
+    period = 5.0
+    across = 0.0
+    if kind == "hedge":  # thick, with an uneven top, and a texture that repeats
+        thickness = 0.8
+        top += rng.uniform(-0.12, 0.12, len(s))
+        period = 2.0
+        across = 2.0
     near = side * (site.profile.pavement + 0.05)
-    far = near + side * (0.8 if hedge else 0.2)
-    top = EDGES[kind] + KERB + (rng.uniform(-0.12, 0.12, len(s)) if hedge else 0.0)
-    period, across = (2.0, 2.0) if hedge else (5.0, 0.0)
+    far = near + side * thickness
     site.ribbon(kind, s, (near, near), (top, KERB), period, across, flip=side > 0)
     site.ribbon(kind, s, (min(near, far), max(near, far)), (top, top), period, across)
 

@@ -32,7 +32,8 @@ def facade(rng: Rng, kind: str, storeys: int, shop: bool) -> Image:
     """Texture of a house front, top row first: cornice, storeys, door or shop, plinth."""
     image = wall(rng, kind)
     mean = float(image.mean())
-    trim = 225.0 if mean < 150 or rng.random() < 0.4 else 95.0
+    is_light_trim = mean < 150 or rng.random() < 0.4
+    trim = 225.0 if is_light_trim else 95.0
     columns = int(rng.integers(3, 6))
     height = ROWS / (storeys + 0.25)
     window_w = COLUMNS / columns * rng.uniform(0.36, 0.52)
@@ -43,7 +44,8 @@ def facade(rng: Rng, kind: str, storeys: int, shop: bool) -> Image:
     for storey in range(storeys):
         base = ROWS - (storey + 0.12) * height
         if storey > 0 and rng.random() < 0.5:
-            box(image, 0, base + 0.08 * height, COLUMNS, base + 0.08 * height + 5, trim * 0.85)
+            ledge = base + 0.08 * height
+            box(image, 0, ledge, COLUMNS, ledge + 5, trim * 0.85)
         for column in range(columns):
             x = (column + 0.5) * COLUMNS / columns
             if storey == 0 and shop:
@@ -63,11 +65,12 @@ def facade(rng: Rng, kind: str, storeys: int, shop: bool) -> Image:
     else:
         plinth = int(0.1 * height)
         image[ROWS - plinth :] = image[ROWS - plinth :] * 0.5 + 30.0
+    # The cornice and its shadow, and a rain pipe.
     box(image, 0, 0, COLUMNS, 10, trim * 0.9)
     box(image, 0, 10, COLUMNS, 14, 60.0)
-    x = float(rng.choice([0.02, 0.5, 0.97])) * COLUMNS
-    box(image, x, 0, x + 5, ROWS, 80.0)
-    box(image, x + 5, 0, x + 7, ROWS, 55.0)
+    pipe = float(rng.choice([0.02, 0.5, 0.97])) * COLUMNS
+    box(image, pipe, 0, pipe + 5, ROWS, 80.0)
+    box(image, pipe + 5, 0, pipe + 7, ROWS, 55.0)
     return image
 
 
@@ -85,6 +88,7 @@ def gable(rng: Rng, kind: str) -> Image:
 def _window(
     image: Image, rng: Rng, x: float, y: float, w: float, h: float, trim: float, panes: tuple[int, int]
 ) -> None:
+    """A window with its upper left corner at x, y: frame, glass, perhaps a curtain, and sill."""
     box(image, x - 5, y - 5, x + w + 5, y + h + 5, trim)
     box(image, x, y, x + w, y + h, 40.0)
     glass = float(rng.uniform(22, 70))
@@ -109,6 +113,7 @@ def _window(
 
 
 def _shutters(image: Image, rng: Rng, x: float, y: float, w: float, h: float) -> None:
+    """An open shutter with slats on both sides of a window of width w at x."""
     grey = float(rng.choice([60.0, 85.0, 120.0]))
     for side in (x - w / 2 - 7 - 0.45 * w, x + w / 2 + 7):
         box(image, side, y, side + 0.45 * w, y + h, grey)
@@ -117,6 +122,7 @@ def _shutters(image: Image, rng: Rng, x: float, y: float, w: float, h: float) ->
 
 
 def _door(image: Image, rng: Rng, x: float, height: float, trim: float) -> None:
+    """A panelled door at x in a frame, with a handle, a house number and a step."""
     w = 46.0
     h = 0.74 * height
     box(image, x - w / 2 - 7, ROWS - h - 7, x + w / 2 + 7, ROWS, trim)
@@ -134,6 +140,7 @@ def _door(image: Image, rng: Rng, x: float, height: float, trim: float) -> None:
 
 
 def _balcony(image: Image, x: float, base: float, half: float, height: float) -> None:
+    """A balcony, 2 · `half` wide: a slab and a railing."""
     top = base - 0.28 * height
     box(image, x - half, base - 3, x + half, base + 8, 150.0)
     box(image, x - half, top, x + half, top + 4, 45.0)
@@ -142,17 +149,25 @@ def _balcony(image: Image, x: float, base: float, half: float, height: float) ->
 
 
 def _shop(image: Image, rng: Rng, height: float) -> None:
+    """A ground floor with a board, two shop windows and a door."""
     top = ROWS - 0.98 * height
     box(image, 0, top, COLUMNS, ROWS, rng.uniform(70, 110))
-    board, ink = (45.0, 225.0) if rng.random() < 0.5 else (220.0, 45.0)
+    board = 220.0
+    ink = 45.0
+    if rng.random() < 0.5:
+        board = 45.0
+        ink = 225.0
     box(image, 8, top + 4, COLUMNS - 8, top + 0.24 * height, board)
     word = str(rng.choice(["BAKERY", "BOOKS", "CAFE LUNA", "FLOWERS", "OPTIK", "PHARMACY", "RADIO", "BIKES"]))
     at = (int(rng.uniform(20, 120)), round(top + 0.19 * height))
     letters(image, word, at, 1.2, ink, 3)
-    for x0, x1 in ((16, 190), (206, 276), (292, 496)):
+    # Two windows with a sill, and the door between them, with their goods.
+    for x0, x1, is_window in ((16, 190, True), (206, 276, False), (292, 496, True)):
         y0 = top + 0.3 * height
-        box(image, x0, y0, x1, ROWS - (26 if x1 - x0 > 100 else 4), 190.0)
-        box(image, x0 + 5, y0 + 5, x1 - 5, ROWS - 32 if x1 - x0 > 100 else ROWS - 8, 38.0)
+        sill = 26 if is_window else 4
+        pane_sill = 32 if is_window else 8
+        box(image, x0, y0, x1, ROWS - sill, 190.0)
+        box(image, x0 + 5, y0 + 5, x1 - 5, ROWS - pane_sill, 38.0)
         for _ in range(9):
             x = rng.uniform(x0 + 8, x1 - 26)
             y = rng.uniform(y0 + 8, ROWS - 60)

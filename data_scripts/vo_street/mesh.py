@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,12 +62,21 @@ def sunlight(normal: Array) -> Array:
     return np.asarray(0.62 + 0.38 * np.maximum(normal @ SUN, 0.0) - 0.12 * np.maximum(normal[:, 1], 0.0))
 
 
+class _Part(NamedTuple):
+    """Faces of one texture: corners (n, 4, 3), texture coordinates (n, 4, 2), texture, and gain (n,)."""
+
+    corners: Array
+    uv: Array
+    texture: int
+    gain: Array
+
+
 @dataclass(eq=False)
 class MeshBuilder:
     """A builder of meshes. Seen from the lit outer side, the corners of a face are in clockwise order."""
 
     sizes: list[tuple[int, int]]  # texels of each texture, from TextureSet.size
-    parts: list[tuple[Array, Array, int, Array]] = field(default_factory=list)
+    parts: list[_Part] = field(default_factory=list)
 
     def add(self, corners: Array, texture: int, uv: Array | None = None, gain: float | Array = 1.0) -> None:
         """Add n faces of one texture.
@@ -83,14 +93,16 @@ class MeshBuilder:
         if uv is None:
             uv = np.array([[0.0, 1.0], [0.0, 0.0], [1.0, 0.0], [1.0, 1.0]])
         uv = np.broadcast_to(np.asarray(uv, float).reshape(-1, 4, 2), (len(quads), 4, 2))
-        self.parts.append((quads, uv, texture, np.broadcast_to(np.asarray(gain, float), len(quads))))
+        gains = np.broadcast_to(np.asarray(gain, float), len(quads))
+        self.parts.append(_Part(quads, uv, texture, gains))
 
     def build(self) -> Faces:
         """All faces with their texture axes, without lighting."""
-        corners = np.concatenate([p[0] for p in self.parts])
-        uv = np.concatenate([p[1] * self.sizes[p[2]] for p in self.parts])
-        texture = np.concatenate([np.full(len(p[0]), p[2], np.int32) for p in self.parts])
-        gain = np.concatenate([p[3] for p in self.parts])
+        parts = self.parts
+        corners = np.concatenate([part.corners for part in parts])
+        uv = np.concatenate([part.uv * self.sizes[part.texture] for part in parts])
+        texture = np.concatenate([np.full(len(part.corners), part.texture, np.int32) for part in parts])
+        gain = np.concatenate([part.gain for part in parts])
         a = corners[:, 1] - corners[:, 0]
         b = corners[:, 3] - corners[:, 0]
         frame = np.stack([a, b, np.cross(a, b)], axis=1)
@@ -113,12 +125,13 @@ def ring(centre: Array, radius: float, count: int) -> Array:
 
 def box(low: Array, high: Array) -> Array:
     """The six faces (6, 4, 3) of a box: front (low z), right, back, left, top, bottom; y is down."""
-    (x0, y0, z0) = low
-    (x1, y1, z1) = high
-    f = [[x0, y1, z0], [x0, y0, z0], [x1, y0, z0], [x1, y1, z0]]
-    b = [[x1, y1, z1], [x1, y0, z1], [x0, y0, z1], [x0, y1, z1]]
-    r = [f[3], f[2], b[1], b[0]]
-    left = [b[3], b[2], f[1], f[0]]
-    up = [f[1], b[2], b[1], f[2]]
-    down = [f[3], b[0], b[3], f[0]]
-    return np.array([f, r, b, left, up, down])
+    x0, y0, z0 = low
+    x1, y1, z1 = high
+    # Each face from its lower left corner clockwise, as seen from outside.
+    front = [[x0, y1, z0], [x0, y0, z0], [x1, y0, z0], [x1, y1, z0]]
+    back = [[x1, y1, z1], [x1, y0, z1], [x0, y0, z1], [x0, y1, z1]]
+    right = [front[3], front[2], back[1], back[0]]
+    left = [back[3], back[2], front[1], front[0]]
+    top = [front[1], back[2], back[1], front[2]]
+    bottom = [front[3], back[0], back[3], front[0]]
+    return np.array([front, right, back, left, top, bottom])

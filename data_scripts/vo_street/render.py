@@ -96,7 +96,10 @@ class Renderer:
         return View(light, inverse_depth, table.instance[face_of_pixel])
 
     def _in_sight(self, frame: int, T_c_s: Array) -> tuple[Faces, Array]:
-        """Faces that may be visible (street frame), and their corners (F, 4, 3) in the camera frame."""
+        """Faces that may be visible (street frame), and their corners (F, 4, 3) in the camera frame.
+
+        T_c_s : (4, 4) from the street frame to the camera.
+        """
         world = self.world
         eye = -T_c_s[:3, :3].T @ T_c_s[:3, 3]
         away = self._middle - eye
@@ -113,8 +116,8 @@ class Renderer:
         faces = joined(parts)
         corners = transform(T_c_s, faces.corners.reshape(-1, 3)).reshape(-1, 4, 3)
         # Nearest first: the rasteriser then overwrites less.
-        low = corners[:, :, 2].min(axis=1)
-        order = np.argsort(low, kind="stable")
+        nearest = corners[:, :, 2].min(axis=1)
+        order = np.argsort(nearest, kind="stable")
         order = order[corners[order, :, 2].max(axis=1) > NEAR]
         return faces[order], corners[order]
 
@@ -123,10 +126,16 @@ class Renderer:
         camera = self.camera
         x, y, z = middle.T
         inside = z + radius > NEAR
-        for value, first, last in ((x, -camera.cx - 1, camera.width - camera.cx),
-                                   (y, -camera.cy - 1, camera.height - camera.cy)):  # fmt: skip
-            for border, sign in ((first / camera.f, 1.0), (last / camera.f, -1.0)):
-                inside &= sign * (value - border * z) / np.hypot(1.0, border) > -radius
+        # The four planes through the camera's centre and the borders of the image, with a pixel to spare.
+        borders = (
+            (x, (-camera.cx - 1) / camera.f, 1.0),
+            (x, (camera.width - camera.cx) / camera.f, -1.0),
+            (y, (-camera.cy - 1) / camera.f, 1.0),
+            (y, (camera.height - camera.cy) / camera.f, -1.0),
+        )
+        for value, border, sign in borders:
+            distance = sign * (value - border * z) / np.hypot(1.0, border)
+            inside &= distance > -radius
         return np.asarray(inside)
 
     def _shade(self, faces: Int, table: FaceTable) -> tuple[Float32, Float32]:
@@ -141,12 +150,15 @@ class Renderer:
             rows = slice(start, start + ROWS_AT_ONCE)
             face = faces[rows]
             positions, shares, inverse_depth[rows] = self._texels(face, table, x, y[rows])
-            taps = [
-                [cv2.remap(atlas.texels, u, v, cv2.INTER_LINEAR) for u in positions[0]] for v in positions[1]
-            ]
-            upper = taps[0][0] + shares[0] * (taps[0][1] - taps[0][0])
-            below = taps[1][0] + shares[0] * (taps[1][1] - taps[1][0])
-            light[rows] = (upper + shares[1] * (below - upper)) * look_up(table.gain, face)
+            (fine_u, coarse_u), (fine_v, coarse_v) = positions
+            # Between the levels along s, first in the finer and then in the coarser level along t.
+            fine = cv2.remap(atlas.texels, fine_u, fine_v, cv2.INTER_LINEAR)
+            coarse = cv2.remap(atlas.texels, coarse_u, fine_v, cv2.INTER_LINEAR)
+            in_fine_t = fine + shares[0] * (coarse - fine)
+            fine = cv2.remap(atlas.texels, fine_u, coarse_v, cv2.INTER_LINEAR)
+            coarse = cv2.remap(atlas.texels, coarse_u, coarse_v, cv2.INTER_LINEAR)
+            in_coarse_t = fine + shares[0] * (coarse - fine)
+            light[rows] = (in_fine_t + shares[1] * (in_coarse_t - in_fine_t)) * look_up(table.gain, face)
         # Towards the horizon, the sky is brighter and the clouds have less contrast.
         clear = np.float32(HORIZON)
         haze = np.clip(-y / np.float32(0.1), 0.0, 1.0)
@@ -208,27 +220,16 @@ def rasterise(corners: Array, camera: StereoCamera) -> Int:
     corners : (F, 4, 3) faces in the camera frame, metres.
     camera : focal length, principal point and size of the image.
     """
-    # The rasteriser drops faces that reach behind the camera, so they are cut here.
-    low = corners[:, :, 2].min(axis=1)
-    whole = np.flatnonzero(low > NEAR)
-    cut = [(k, clip_near(corners[k])) for k in np.flatnonzero(low <= NEAR)]
-    vertices = [corners[whole].reshape(-1, 3)] + [points for _, points in cut]
-    owner = [np.repeat(whole, 4)] + [np.full(len(points), k) for k, points in cut]
-    base = 4 * np.arange(len(whole))
-    fans = [np.stack([base, base + 1, base + 2, base, base + 2, base + 3], axis=1).reshape(-1, 3)]
-    count = 4 * len(whole)
-    for _, points in cut:
-        k = np.arange(1, len(points) - 1)
-        fans.append(count + np.stack([0 * k, k, k + 1], axis=1))
-        count += len(points)
-    points = np.concatenate(vertices)
-    # Its axes: x right, y up, z back; its picture has its centre in the middle and pixel centres at + 0.5.
+    points, triangles, face_of_point = _triangles(corners)
+    # The rasteriser's axes: x right, y up, z back; its picture has its centre in the middle and pixel centres
+    # at + 0.5.
     shift = np.array([camera.cx + 0.5 - camera.width / 2, camera.cy + 0.5 - camera.height / 2]) / camera.f
     flipped = np.empty(points.shape, np.float32)
     flipped[:, 0] = points[:, 0] + shift[0] * points[:, 2]
     flipped[:, 1] = -(points[:, 1] + shift[1] * points[:, 2])
     flipped[:, 2] = -points[:, 2]
-    number = ((np.concatenate(owner) + 1) * 2.0**-20).astype(np.float32)
+    # The colour of a face is its number, which single precision represents exactly.
+    number = ((face_of_point + 1) * 2.0**-20).astype(np.float32)
     colours = np.repeat(number[:, None], 3, axis=1)
     settings = cv2.TriangleRasterizeSettings()
     settings = settings.setShadingType(cv2.RASTERIZE_SHADING_FLAT).setCullingMode(cv2.RASTERIZE_CULLING_NONE)
@@ -236,7 +237,7 @@ def rasterise(corners: Array, camera: StereoCamera) -> Int:
     depth = np.full((camera.height, camera.width), FAR, np.float32)
     colour, _ = cv2.triangleRasterize(
         flipped,
-        np.concatenate(fans).astype(np.int32),
+        triangles,
         colours,
         picture,
         depth,
@@ -247,6 +248,32 @@ def rasterise(corners: Array, camera: StereoCamera) -> Int:
         settings,
     )
     return np.asarray(np.asarray(colour)[:, :, 0] * np.float32(2.0**20), np.int32)
+
+
+def _triangles(corners: Array) -> tuple[Array, Int, NDArray[np.intp]]:
+    """The faces (F, 4, 3) as triangles, cut at NEAR: the rasteriser drops what reaches behind the camera.
+
+    Returns
+    -------
+    Points (P, 3), metres; triangles (T, 3), as numbers of points; and the face (P,) of each point.
+    """
+    nearest = corners[:, :, 2].min(axis=1)
+    whole = np.flatnonzero(nearest > NEAR)
+    points = [corners[whole].reshape(-1, 3)]
+    faces = [np.repeat(whole, 4)]
+    # A convex polygon is a fan of triangles around its first corner.
+    first = 4 * np.arange(len(whole))
+    both = np.stack([first, first + 1, first + 2, first, first + 2, first + 3], axis=1)
+    triangles = [both.reshape(-1, 3)]
+    count = 4 * len(whole)
+    for face in np.flatnonzero(nearest <= NEAR):
+        polygon = clip_near(corners[face])
+        k = np.arange(1, len(polygon) - 1)
+        points.append(polygon)
+        faces.append(np.full(len(polygon), face))
+        triangles.append(count + np.stack([0 * k, k, k + 1], axis=1))
+        count += len(polygon)
+    return np.concatenate(points), np.concatenate(triangles).astype(np.int32), np.concatenate(faces)
 
 
 def clip_near(polygon: Array) -> Array:
@@ -261,7 +288,10 @@ def clip_near(polygon: Array) -> Array:
 
 
 def face_table(faces: Faces, corners: Array, T_s_c: Array, sky: int) -> FaceTable:
-    """Shading data of the faces for one camera; face 0 is the sky.
+    """Shading data of the F - 1 faces and of the sky, face 0, for one camera.
+
+    corners : (F - 1, 4, 3) of the faces in the camera frame; T_s_c : (4, 4) pose of the camera in the street
+    frame; sky : number of the texture of clouds.
 
     A ray meets the plane n · X = h at 1/Z = n · (x, y, 1) / h. With X = Z (x, y, 1), the texture coordinate s
     = s0 + a · (X - X0) gives s/Z = (a + (s0 - a · X0) n/h) · (x, y, 1).

@@ -92,20 +92,23 @@ def make_route(config: SceneConfig) -> Route:
     rng = np.random.default_rng([config.seed, 1])
     s = np.arange(-BEHIND, config.length + BEYOND, STEP)
     curvature = np.zeros_like(s)
-    highway = config.layout == "highway"
     corner = 0.5 * config.length if config.sharp_turn else np.inf
-    at = 15.0 if not highway else 40.0
+    start = 15.0
+    stretch = 1.0
+    if config.layout == "highway":
+        start = 40.0
+        stretch = 3.0
     heading = 0.0
-    while at < s[-1]:
-        size = rng.uniform(40.0, 80.0) * (3.0 if highway else 1.0)
+    while start < s[-1]:
+        size = rng.uniform(40.0, 80.0) * stretch
         turn = np.radians(rng.uniform(0.3, 1.0) * config.bends) * rng.choice([-1.0, 1.0])
         if abs(heading + turn) > np.radians(config.bends):
             turn = -turn
-        clear = at + size < corner - 25.0 or at > corner + 25.0
-        if clear:
-            curvature += bump(s, at, size, turn)
+        is_clear_of_corner = start + size < corner - 25.0 or start > corner + 25.0
+        if is_clear_of_corner:
+            curvature += bump(s, start, size, turn)
             heading += turn
-        at += size + rng.uniform(5.0, 30.0)
+        start += size + rng.uniform(5.0, 30.0)
     if config.sharp_turn:
         curvature += bump(s, corner - 15.0, 30.0, np.pi / 2)
     return _integrated(s, curvature)
@@ -166,7 +169,7 @@ def make_drive(config: SceneConfig, route: Route) -> Drive:
     wander_all = 0.12 * smooth_wave(route.s, rng, 35.0, 90.0)
     wander = np.interp(s, route.s, wander_all)
     psi = route.angle(s) + np.interp(s, route.s, np.gradient(wander_all, STEP))
-    moving = np.minimum(np.gradient(s, times) / config.speed, 1.2)
+    moving = np.minimum(np.gradient(s, times) / config.speed, 1.2)  # a camera at rest does not shake
     up = config.camera_height + 0.008 * config.shake * moving * smooth_wave(times, rng, 0.6, 1.5)
     pitch = np.radians(0.15) * config.shake * moving * smooth_wave(times, rng, 0.7, 2.0)
     roll = np.radians(0.12) * config.shake * moving * smooth_wave(times, rng, 0.9, 2.5)
@@ -180,19 +183,20 @@ def make_drive(config: SceneConfig, route: Route) -> Drive:
 
 def _time_law(config: SceneConfig, route: Route, rng: np.random.Generator) -> tuple[Array, Array]:
     """Times (M,) and arc lengths (M,) of a drive with a lateral acceleration of at most 2.5 m/s² in bends."""
-    desired = config.speed * (
-        1.0 + config.speed_change * smooth_wave(route.s, rng, 6.0 * config.speed, 12.0 * config.speed)
-    )
-    allowed = np.minimum(desired, np.sqrt(2.5 / np.maximum(np.abs(route.curvature), 1e-6)))
+    wave = smooth_wave(route.s, rng, 6.0 * config.speed, 12.0 * config.speed)
+    desired = config.speed * (1.0 + config.speed_change * wave)
+    in_bends = np.sqrt(2.5 / np.maximum(np.abs(route.curvature), 1e-6))
+    allowed = np.minimum(desired, in_bends)
     stop = int(np.argmin(np.abs(route.s - config.length / 3.0)))
     if config.standstill:
         allowed[stop] = 0.0
-    square = np.minimum(allowed, 60.0) ** 2
-    for i in range(1, len(square)):  # speeding up by at most 1.8 m/s²
-        square[i] = min(square[i], square[i - 1] + 2 * 1.8 * STEP)
-    for i in range(len(square) - 2, -1, -1):  # braking by at most 2.5 m/s²
-        square[i] = min(square[i], square[i + 1] + 2 * 2.5 * STEP)
-    speed = np.sqrt(square)
+    # Over a distance x, an acceleration a changes the squared speed by 2 a x.
+    speed2 = np.minimum(allowed, 60.0) ** 2
+    for i in range(1, len(speed2)):  # speeding up by at most 1.8 m/s²
+        speed2[i] = min(speed2[i], speed2[i - 1] + 2 * 1.8 * STEP)
+    for i in range(len(speed2) - 2, -1, -1):  # braking by at most 2.5 m/s²
+        speed2[i] = min(speed2[i], speed2[i + 1] + 2 * 2.5 * STEP)
+    speed = np.sqrt(speed2)
     clock = np.concatenate([[0.0], np.cumsum(2 * STEP / np.maximum(speed[1:] + speed[:-1], 0.05))])
     way = route.s.copy()
     if config.standstill:

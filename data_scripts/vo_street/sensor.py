@@ -47,9 +47,10 @@ def expose(
         soft = cv2.GaussianBlur(light, (0, 0), config.optics, borderType=cv2.BORDER_REFLECT_101)
         light = np.asarray(soft, np.float32)
     height, width = light.shape
-    row, column = np.random.default_rng([config.seed, 8, frame, int(right)]).integers(SHIFTS, size=2).tolist()
-    field = noise_field(config.seed, height, width)[row : row + height, column : column + width]
-    grey = field * np.float32(config.noise) + light * np.float32(gain)
+    rng = np.random.default_rng([config.seed, 8, frame, int(right)])
+    row, column = rng.integers(SHIFTS, size=2).tolist()
+    noise = noise_field(config.seed, height, width)[row : row + height, column : column + width]
+    grey = noise * np.float32(config.noise) + light * np.float32(gain)
     return np.asarray(np.clip(np.rint(grey), 0, 255), np.uint8)
 
 
@@ -68,6 +69,7 @@ def smear(world: World, frame: int, view: View, right: bool) -> Float32:
     flow = image_velocity(world, frame, view, right) * np.float32(shutter)
     length = np.hypot(flow[0], flow[1])
     flow *= np.minimum(1.0, MAX_BLUR_PX / np.maximum(length, 1e-6))
+    # An odd number of samples, about one a pixel, so that one is in the middle.
     count = int(np.clip(np.ceil(np.percentile(length, 95)), 1, MAX_BLUR_PX)) | 1
     if count == 1:
         return view.light
@@ -94,22 +96,25 @@ def image_velocity(world: World, frame: int, view: View, right: bool) -> Float32
     elapsed = world.drive.times[last] - world.drive.times[first]
     R_c_s = poses[frame, :3, :3].T
     turn = rotation_vector(R_c_s @ poses[last, :3, :3] @ poses[first, :3, :3].T @ R_c_s.T) / elapsed
-    go = R_c_s @ (poses[last, :3, 3] - poses[first, :3, 3]) / elapsed
+    velocity_c = R_c_s @ (poses[last, :3, 3] - poses[first, :3, 3]) / elapsed
     if right:
-        go = go + np.cross(turn, (camera.baseline, 0.0, 0.0))
+        velocity_c = velocity_c + np.cross(turn, (camera.baseline, 0.0, 0.0))
+    # Velocity of each instance relative to the camera: the street, then the vehicles, then their shadows.
     count = len(world.vehicles)
     relative = np.zeros((2 * count + 1, 3))
     for k, vehicle in enumerate(world.vehicles):
         step = vehicle.poses[last, :3, 3] - vehicle.poses[first, :3, 3]
         relative[[k + 1, count + k + 1]] = R_c_s @ step / elapsed
-    relative -= go
+    relative -= velocity_c
     x = ((np.arange(camera.width) - camera.cx) / camera.f).astype(np.float32)[None]
     y = ((np.arange(camera.height) - camera.cy) / camera.f).astype(np.float32)[:, None]
-    w = view.inverse_depth
+    inverse_depth = view.inverse_depth
     velocity = relative.astype(np.float32)[view.instance]
     wx, wy, wz = turn.astype(np.float32)
-    along_u = (velocity[..., 0] - x * velocity[..., 2]) * w + (x * y * wx - (1 + x * x) * wy + y * wz)
-    along_v = (velocity[..., 1] - y * velocity[..., 2]) * w + ((1 + y * y) * wx - x * y * wy - x * wz)
+    turning_u = x * y * wx - (1 + x * x) * wy + y * wz
+    turning_v = (1 + y * y) * wx - x * y * wy - x * wz
+    along_u = (velocity[..., 0] - x * velocity[..., 2]) * inverse_depth + turning_u
+    along_v = (velocity[..., 1] - y * velocity[..., 2]) * inverse_depth + turning_v
     return np.asarray(np.stack([along_u, along_v]) * np.float32(camera.f), np.float32)
 
 

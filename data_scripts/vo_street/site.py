@@ -108,12 +108,15 @@ class Site:
         u = np.mod(s[:-1], period) / period
         step = np.diff(s) / period
         # The second line is the reference, so that a wall keeps its courses where its top goes up and down.
-        wide = np.linalg.norm(b - a, axis=1) / across if across else np.ones(len(s))
+        wide = np.ones(len(s))
+        if across:
+            wide = np.linalg.norm(b - a, axis=1) / across
         zero = np.zeros_like(u)
-        uv = np.stack([[u, -wide[:-1]], [u + step, -wide[1:]], [u + step, zero], [u, zero]]).transpose(
-            2, 0, 1
-        )
+        of_corners = np.stack([[u, -wide[:-1]], [u + step, -wide[1:]], [u + step, zero], [u, zero]])
+        uv = of_corners.transpose(2, 0, 1)
         if not across:
             uv[..., 1] += 1.0
-        turn = slice(None, None, -1 if flip else 1)
-        self.add(name, corners[:, turn], uv[:, turn])
+        if flip:
+            corners = corners[:, ::-1]
+            uv = uv[:, ::-1]
+        self.add(name, corners, uv)

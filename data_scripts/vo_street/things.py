@@ -42,9 +42,10 @@ def add_leaves(site: Site, centre: Array, radius: float, gain: float) -> None:
     size = np.linalg.norm(normal, axis=1)
     triangles = triangles[size > 1e-6]
     normal = (normal / np.maximum(size, 1e-9)[:, None])[size > 1e-6]
-    # The pattern of leaves is three-dimensional; a triangle shows a section along an axis.
-    plane = np.array([[1, 2], [0, 2], [0, 1]])[np.abs(normal).argmax(axis=1)]
-    uv = np.take_along_axis(triangles, plane[:, None, :].repeat(4, axis=1), axis=2) / 1.7
+    # The pattern of leaves is three-dimensional; a triangle shows a section along an axis, the one nearest to
+    # its normal, so the two other coordinates are those of the texture.
+    axes_of_section = np.array([[1, 2], [0, 2], [0, 1]])[np.abs(normal).argmax(axis=1)]
+    uv = np.take_along_axis(triangles, axes_of_section[:, None, :].repeat(4, axis=1), axis=2) / 1.7
     uv = uv - np.floor(uv.min(axis=1, keepdims=True)) + site.rng.uniform(0, 1, (len(uv), 1, 2))
     # The light is that of a round ball, not of the single faces.
     out = triangles[:, :3].mean(axis=1) - centre

@@ -44,8 +44,8 @@ class Traffic:
         self.route = route
         self.drive = drive
         self.rng = np.random.default_rng([config.seed, 5])
-        self.cars = [m for m in models if m.shape.kind == CAR]
-        self.large = [m for m in models if m.shape.kind != CAR]
+        self.cars = [model for model in models if model.shape.kind == CAR]
+        self.large = [model for model in models if model.shape.kind != CAR]
         self.vehicles: list[Vehicle] = []
 
     def pick(self, large: float = 0.0) -> Model:
@@ -63,13 +63,16 @@ class Traffic:
         config = self.config
         rng = self.rng
         times = self.drive.times
-        trucks = [m for m in self.large if m.shape.kind == TRUCK]
-        clear = 0.0
+        trucks = [model for model in self.large if model.shape.kind == TRUCK]
+        clear = 0.0  # distance from the camera that is taken, metres
         for k in range(config.ahead):
-            first = k == 0
-            truck = config.truck_ahead and first
-            model = trucks[int(rng.integers(len(trucks)))] if truck else self.pick(0.15)
-            clear += (config.gap if first else 0.6 * config.gap + 3.0) + model.shape.length / 2
+            is_first = k == 0
+            if is_first and config.truck_ahead:
+                model = trucks[int(rng.integers(len(trucks)))]
+            else:
+                model = self.pick(0.15)
+            gap = config.gap if is_first else 0.6 * config.gap + 3.0
+            clear += gap + model.shape.length / 2
             swing = 1.5 * np.sin(2 * np.pi * times / rng.uniform(9, 15) + rng.uniform(0, 6))
             s = np.interp(times + 0.6 * (k + 1), self.drive.clock, self.drive.way) + clear
             s = s + swing * min(config.gap / 20.0, 1.0)
@@ -131,7 +134,10 @@ class Traffic:
                 model = self.pick()
                 s += model.shape.length / 2 + float(rng.uniform(0.5, 1.4))
                 offset = side * (middle + float(rng.uniform(-0.1, 0.15)))
-                turn = float(rng.normal(0, 0.02)) + (np.pi if side < 0 or rng.random() < 0.1 else 0.0)
+                turn = float(rng.normal(0, 0.02))
+                faces_back = side < 0 or rng.random() < 0.1
+                if faces_back:
+                    turn += np.pi
                 curvature = abs(float(np.interp(s, self.route.s, self.route.curvature)))
                 if rng.random() < config.parked and curvature < 0.04:
                     self.add(model, np.full(len(self.drive.times), s), offset, turn)

@@ -23,6 +23,7 @@ from .world import World
 MIN_CODED_DEPTH_M = 0.25  # of the first code
 MAX_CODED_DEPTH_M = 3000.0  # of the last code
 LOG_DEPTH_RANGE = np.log(MAX_CODED_DEPTH_M / MIN_CODED_DEPTH_M)
+# The smallest visible vehicle with a box: its pixels, the height of the box, and the visible share.
 MIN_PIXELS = 100
 MIN_HEIGHT = 12
 MIN_SHARE = 0.2
@@ -84,21 +85,19 @@ def outline_area(world: World, vehicle: int, frame: int) -> float:
     if len(corners) < 3:
         return 0.0
     hull = cv2.convexHull(camera.project(corners)[0].astype(np.float32))
-    w = camera.width
-    h = camera.height
-    frame_corners = np.array([[0, 0], [w, 0], [w, h], [0, h]], np.float32) - np.float32(0.5)
-    area, _ = cv2.intersectConvexConvex(hull, frame_corners)
+    width = camera.width
+    height = camera.height
+    # The outer corners of the image: pixel centres are at integers.
+    borders = np.array([[0, 0], [width, 0], [width, height], [0, height]], np.float32) - np.float32(0.5)
+    area, _ = cv2.intersectConvexConvex(hull, borders)
     return float(area)
 
 
 def write_objects(world: World, path: Path) -> None:
     """Write an npz file with the poses T_w_o (N, K, 4, 4) and the COCO classes (K,) of all vehicles."""
     T_w_s = inverse(world.drive.poses[0])
-    poses = [T_w_s @ vehicle.poses for vehicle in world.vehicles]
+    poses = np.zeros((len(world.drive.times), len(world.vehicles), 4, 4))
+    for k, vehicle in enumerate(world.vehicles):
+        poses[:, k] = T_w_s @ vehicle.poses
     kinds = [vehicle.model.shape.kind for vehicle in world.vehicles]
-    shape = len(world.drive.times), len(world.vehicles), 4, 4
-    np.savez_compressed(
-        path,
-        kind=np.array(kinds, np.int64),
-        poses=np.reshape(np.stack(poses, axis=1) if poses else [], shape),
-    )
+    np.savez_compressed(path, kind=np.array(kinds, np.int64), poses=poses)

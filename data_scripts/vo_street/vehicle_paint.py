@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .shapes import TRUCK, Shape
+from .shapes import TRUCK, Cabin, Shape
 from .textures import Image, Rng, letters, plain
 
 VIEWS = ("right", "left", "front", "rear", "top")
@@ -19,18 +19,21 @@ def paint_wheel(rng: Rng) -> Image:
     image = np.full((128, 128), 30.0, np.float32)
     cv2.circle(image, (64, 64), 44, 175.0, -1, cv2.LINE_AA)
     for k in range(5):
-        a = 2 * np.pi * k / 5 + 0.3
-        wedge = [
-            [64 + r * np.cos(a + d), 64 + r * np.sin(a + d)]
-            for r, d in ((16, -0.4), (38, -0.42), (38, 0.42), (16, 0.4))
-        ]
+        middle = 2 * np.pi * k / 5 + 0.3
+        wedge = []
+        for radius, turn in ((16, -0.4), (38, -0.42), (38, 0.42), (16, 0.4)):
+            angle = middle + turn
+            wedge.append([64 + radius * np.cos(angle), 64 + radius * np.sin(angle)])
         cv2.fillPoly(image, [np.round(wedge).astype(np.int32)], 52.0, cv2.LINE_AA)
     cv2.circle(image, (64, 64), 9, 120.0, -1, cv2.LINE_AA)
     return np.asarray(image + plain(0.0, 128, 128, rng, 2.0), np.float32)
 
 
 class _Canvas:
-    """A picture that is drawn in metres at twice its final resolution."""
+    """A picture that is drawn in metres at twice its final resolution.
+
+    A point has its distance x from the left edge and its height h above the ground.
+    """
 
     def __init__(self, rows: int, columns: int, width: float, height: float, grey: float):
         self.image: Image = np.full((2 * rows, 2 * columns), grey, np.float32)
@@ -39,15 +42,17 @@ class _Canvas:
         self.height = height
 
     def at(self, points: object) -> NDArray[np.int32]:
-        """Texels of points (distance from the left edge, height above the ground) in metres."""
-        p = np.asarray(points, float).reshape(-1, 2)
-        texels = np.stack([p[:, 0], self.height - p[:, 1]], axis=1) * self.scale
+        """Texels (N, 2) of points (N, 2), metres."""
+        xh = np.asarray(points, float).reshape(-1, 2)
+        texels = np.stack([xh[:, 0], self.height - xh[:, 1]], axis=1) * self.scale
         return np.asarray(np.rint(texels), np.int32)
 
     def fill(self, points: object, grey: float) -> None:
+        """Draw a filled polygon."""
         cv2.fillPoly(self.image, [self.at(points)], float(grey), cv2.LINE_AA)
 
     def rect(self, x0: float, h0: float, x1: float, h1: float, grey: float) -> None:
+        """Draw a filled rectangle with two opposite corners."""
         self.fill([[x0, h0], [x0, h1], [x1, h1], [x1, h0]], grey)
 
     def pair(self, x0: float, h0: float, x1: float, h1: float, grey: float) -> None:
@@ -56,15 +61,18 @@ class _Canvas:
         self.rect(self.width - x1, h0, self.width - x0, h1, grey)
 
     def line(self, points: object, grey: float, thick: int = 2) -> None:
+        """Draw a line from point to point; `thick` is in texels."""
         cv2.polylines(self.image, [self.at(points)], False, float(grey), thick, cv2.LINE_AA)
 
     def disc(self, x: float, h: float, radius: float, grey: float) -> None:
+        """Draw a filled circle."""
         axes = np.round(radius * self.scale).astype(int)
         cv2.ellipse(
             self.image, self.at([x, h])[0].tolist(), axes.tolist(), 0, 0, 360, float(grey), -1, cv2.LINE_AA
         )
 
     def done(self, rng: Rng) -> Image:
+        """The picture at its final resolution, with some dirt."""
         rows = self.image.shape[0] // 2
         columns = self.image.shape[1] // 2
         small = cv2.resize(self.image, (columns, rows), interpolation=cv2.INTER_AREA)
@@ -93,31 +101,10 @@ def _paint_side(shape: Shape, paint: float, rng: Rng, mirror: bool) -> Image:
     """Side view with the front on the right; `mirror` flips the picture, but not the lettering."""
     c = _Canvas(128, 512, shape.length, shape.height, paint)
     mid = shape.length / 2
-    if shape.cabin:
-        zb0, zr0, zr1, zb1, low, high = shape.cabin
-        c.rect(0, 0.62, shape.length, 0.66, paint * 0.8 + 6)  # a crease is darker
-        c.rect(0, 0.2, shape.length, 0.34, paint * 0.45)
-        base = low + 0.05
-        roof = high - 0.07
-        share = (roof - base) / (high - low)
-        glass = [
-            [mid + zb0 + 0.12, base], [mid + zb0 + (zr0 - zb0) * share + 0.12, roof],
-            [mid + zb1 + (zr1 - zb1) * share - 0.12, roof], [mid + zb1 - 0.14, base],
-        ]  # fmt: skip
-        c.fill(glass, GLASS)
-        c.fill([glass[1], glass[2], [glass[2][0] - 0.1, roof - 0.12], [glass[1][0], roof - 0.1]], 78.0)
-        doors = [zr1 - 0.35] if shape.length < 4.2 else [zr1 - 0.25, zr1 - 1.25]
-        for z in doors:
-            c.rect(mid + z - 0.05, base, mid + z + 0.05, roof, 22.0 if paint < 120 else paint * 0.5)
-            c.line([[mid + z, low], [mid + z, 0.3]], paint * SEAM)
-            c.rect(mid + z + 0.12, low - 0.14, mid + z + 0.32, low - 0.1, 190.0 if paint < 120 else 60.0)
-        front_door = zb1 - 0.18
-        c.line([[mid + front_door, low], [mid + front_door - 0.03, 0.3]], paint * SEAM)
-        c.line([[mid + doors[-1] - 0.95, low], [mid + doors[-1] - 0.8, 0.62]], paint * SEAM)
-        c.rect(shape.length - 0.34, 0.66, shape.length, 0.78, 235.0)
-        c.rect(0, 0.72, 0.2, 0.9, 120.0)
-    else:
+    if shape.cabin is None:
         _paint_flat_side(c, shape, paint)
+    else:
+        _paint_car_side(c, shape, shape.cabin, paint)
     for z in shape.wheels:
         c.disc(mid + z, shape.radius, shape.radius * 1.22, 18.0)
     if mirror:
@@ -127,6 +114,37 @@ def _paint_side(shape: Shape, paint: float, rng: Rng, mirror: bool) -> Image:
         column, row = c.at([0.9 if not mirror else shape.length - 5.6, 1.7])[0].tolist()
         letters(c.image, word, (column, row), 3.0, 225.0 if paint < 120 else 40.0, 8)
     return c.done(rng)
+
+
+def _paint_car_side(c: _Canvas, shape: Shape, cabin: Cabin, paint: float) -> None:
+    """Side of a car: windows between the pillars, doors, lamps."""
+    mid = shape.length / 2
+    rear_base, rear_roof, front_roof, front_base, low, high = cabin
+    c.rect(0, 0.62, shape.length, 0.66, paint * 0.8 + 6)  # a crease is darker
+    c.rect(0, 0.2, shape.length, 0.34, paint * 0.45)
+    base = low + 0.05
+    roof = high - 0.07
+    share = (roof - base) / (high - low)
+    rear_top = [mid + rear_base + (rear_roof - rear_base) * share + 0.12, roof]
+    front_top = [mid + front_base + (front_roof - front_base) * share - 0.12, roof]
+    c.fill([[mid + rear_base + 0.12, base], rear_top, front_top, [mid + front_base - 0.14, base]], GLASS)
+    # The sky in the upper part of the windows.
+    c.fill([rear_top, front_top, [front_top[0] - 0.1, roof - 0.12], [rear_top[0], roof - 0.1]], 78.0)
+    doors = [front_roof - 0.25, front_roof - 1.25]
+    if shape.length < 4.2:
+        doors = [front_roof - 0.35]
+    is_dark = paint < 120
+    pillar = 22.0 if is_dark else paint * 0.5
+    handle = 190.0 if is_dark else 60.0
+    for z in doors:
+        c.rect(mid + z - 0.05, base, mid + z + 0.05, roof, pillar)
+        c.line([[mid + z, low], [mid + z, 0.3]], paint * SEAM)
+        c.rect(mid + z + 0.12, low - 0.14, mid + z + 0.32, low - 0.1, handle)
+    front_door = front_base - 0.18
+    c.line([[mid + front_door, low], [mid + front_door - 0.03, 0.3]], paint * SEAM)
+    c.line([[mid + doors[-1] - 0.95, low], [mid + doors[-1] - 0.8, 0.62]], paint * SEAM)
+    c.rect(shape.length - 0.34, 0.66, shape.length, 0.78, 235.0)
+    c.rect(0, 0.72, 0.2, 0.9, 120.0)
 
 
 def _paint_flat_side(c: _Canvas, shape: Shape, paint: float) -> None:
@@ -150,12 +168,11 @@ def _paint_flat_side(c: _Canvas, shape: Shape, paint: float) -> None:
         c.fill([[mid + z0, high], [mid + z0 + 0.5 * (z1 - z0), high], [mid + z0, low + 0.3]], 72.0)
 
 
-def _paint_car_end(shape: Shape, cabin: tuple[float, ...], paint: float, rng: Rng, front: bool) -> Image:
+def _paint_car_end(shape: Shape, cabin: Cabin, paint: float, rng: Rng, front: bool) -> Image:
     """Front or rear of a car: window, lamps, grille or boot lid, number plate."""
     w = shape.width
-    *_, base_height, roof_height = cabin
-    low = base_height + 0.04
-    high = roof_height - 0.05
+    low = cabin.base_height + 0.04
+    high = cabin.roof_height - 0.05
     c = _Canvas(128, 128, w, shape.height, paint)
     c.fill([[0.13, low], [0.27, high], [w - 0.27, high], [w - 0.13, low]], GLASS)
     c.fill([[0.3, high - 0.05], [0.8, high - 0.05], [0.5, low + 0.1], [0.22, low + 0.1]], 70.0)
@@ -206,6 +223,7 @@ def _plate(c: _Canvas, middle: float, low: float) -> None:
 
 
 def _paint_top(shape: Shape, paint: float, rng: Rng) -> Image:
+    """View from above, with the front on the right: two creases on the bonnet."""
     c = _Canvas(128, 256, shape.length, shape.width, paint * 1.06)
     for near, far in ((0.25, 0.35), (shape.width - 0.25, shape.width - 0.35)):
         c.line([[shape.length * 0.76, near], [shape.length * 0.97, far]], paint * 0.75)

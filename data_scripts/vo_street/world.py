@@ -15,7 +15,7 @@ from vo_lib.geometry.types import Array
 from .atlas import Atlas, TextureSet
 from .mesh import Faces, MeshBuilder
 from .route import Drive, Route, make_drive, make_route
-from .shapes import SHAPES
+from .shapes import CAR, SHAPES
 from .site import Site
 from .street import build_street, paint_street
 from .traffic import Vehicle, make_traffic
@@ -126,7 +126,8 @@ def make_world(config: SceneConfig) -> World:
 
 def _vehicles_needed(config: SceneConfig) -> tuple[str, ...]:
     """Names of the vehicle shapes of a scene; only these shapes are painted."""
-    moving = config.ahead or config.oncoming or config.overtaking
-    if moving:
+    if config.ahead or config.oncoming or config.overtaking:
         return tuple(SHAPES)
-    return tuple(name for name in SHAPES if name not in ("truck", "bus")) if config.parked else ()
+    if config.parked:
+        return tuple(name for name, shape in SHAPES.items() if shape.kind == CAR)
+    return ()

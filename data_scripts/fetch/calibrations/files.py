@@ -40,7 +40,12 @@ def read_calibration(
     Raises `DataError` with the file and the remedy; for a file of an unknown form that has the numbers of a
     rectified camera, the remedy is the line of options with these numbers.
     """
-    files = [file for path in paths for file in (_files_of(path) if path.is_dir() else [path])]
+    files: list[Path] = []
+    for path in paths:
+        if path.is_dir():
+            files += _files_of(path)
+        else:
+            files.append(path)
     cameras: list[ros.CameraInfo] = []
     entries: list[opencv.Entries] = []
     whole: list[Calibration] = []
@@ -115,6 +120,7 @@ def _read_file(
 
 
 def _json(text: str) -> dict[str, Any]:
+    """The object in a JSON text; a list becomes an object with the one name ""; {} for any other text."""
     try:
         content = json.loads(text)
     except (ValueError, RecursionError):

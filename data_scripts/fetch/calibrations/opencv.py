@@ -73,15 +73,13 @@ def read_matrices(files: list[Entries], size: tuple[int, int] | None = None) -> 
     size : size of the images, which decides whether a size in the file is width, height or height, width.
     """
     matrices: dict[str, Array] = {}
-    names: dict[str, str] = {}
+    names: dict[str, str] = {}  # as in the files, for messages
     sizes: list[tuple[int, int]] = []
-    wide = False
     for entries in files:
-        zero_based = any(
-            re.search(r"(?<!\d)0$|^(cam)?0|cam(era)?0", _plain(name)) for name in entries.matrices
-        )
+        zero_based = _counts_from_zero(entries)
+        side = side_of(entries.path.stem)
         for name, values in entries.matrices.items():
-            key = _key(_plain(name), zero_based, side_of(entries.path.stem))
+            key = _key(_plain(name), zero_based, side)
             if key is None:
                 continue
             new = _shaped(key, values, entries.path)
@@ -90,10 +88,6 @@ def read_matrices(files: list[Entries], size: tuple[int, int] | None = None) -> 
                 raise DataError(f"{words}: keep one of them", entries.path)
             matrices[key] = new
             names[key] = name
-        wide = wide or any(WIDE.search(f"{name} {text}") for name, text in entries.texts.items())
-        wide = wide or any(
-            _plain(name).endswith("fe") for name in entries.matrices if "d" in _plain(name)[:1]
-        )
         sizes += _sizes(entries, size)
     path = files[0].path
     if not matrices:
@@ -103,11 +97,25 @@ def read_matrices(files: list[Entries], size: tuple[int, int] | None = None) -> 
     if len(set(sizes)) > 1:
         words = " and ".join(f"{width}×{height}" for width, height in dict.fromkeys(sizes))
         raise DataError(f"names images of {words}: expected one size", path)
-    lens = Lens(FISHEYE) if wide else Lens()
+    lens = Lens(FISHEYE) if any(_names_fisheye(entries) for entries in files) else Lens()
     return Calibration(matrices, path, sizes[0] if sizes else None, None, (lens, lens))
 
 
+def _counts_from_zero(entries: Entries) -> bool:
+    """Whether one of the names counts its cameras 0 and 1, not 1 and 2."""
+    pattern = re.compile(r"(?<!\d)0$|^(cam)?0|cam(era)?0")
+    return any(pattern.search(_plain(name)) for name in entries.matrices)
+
+
+def _names_fisheye(entries: Entries) -> bool:
+    """Whether a text of the file, or the name of a distortion such as D_LEFT_FE, tells of a fisheye lens."""
+    in_texts = any(WIDE.search(f"{name} {text}") for name, text in entries.texts.items())
+    plain_names = [_plain(name) for name in entries.matrices]
+    return in_texts or any(name.startswith("d") and name.endswith("fe") for name in plain_names)
+
+
 def _plain(name: str) -> str:
+    """A name without capitals, blanks, dots, hyphens and underscores."""
     return re.sub(r"[\s_.\-]", "", name).lower()
 
 
@@ -118,19 +126,28 @@ def _key(name: str, zero_based: bool, side: int | None) -> str | None:
         if re.fullmatch(words, name):
             return kind
     for kind, words in KINDS.items():
-        match = re.fullmatch(rf"(?:{words}){SIDES}", name)
-        found = match[match.lastindex] if match and match.lastindex else None
-        if found is None and (match := re.fullmatch(rf"{SIDES}(?:{words})", name)):
-            found = match[1]
-        if found is not None:
-            second = found[0] == "r" or found == ("1" if zero_based else "2")
-            return None if zero_based and found == "2" else f"{kind}{2 if second else 1}"
+        camera = _camera_in(name, words)
+        if zero_based and camera == "2":  # a third camera
+            return None
+        if camera is not None:
+            is_second = camera[0] == "r" or camera == ("1" if zero_based else "2")
+            return f"{kind}2" if is_second else f"{kind}1"
         if side is not None and kind != "R" and re.fullmatch(words, name):
             return f"{kind}{side + 1}"
     return None
 
 
+def _camera_in(name: str, words: str) -> str | None:
+    """The camera before or after one of the `words` (a pattern) in a plain name: 0, 1, 2, l, right, …"""
+    match = re.fullmatch(rf"(?:{words}){SIDES}", name)
+    if match is not None and match.lastindex is not None:
+        return match[match.lastindex]  # the words have groups of their own, before that of the camera
+    match = re.fullmatch(rf"{SIDES}(?:{words})", name)
+    return None if match is None else match[1]
+
+
 def _shaped(name: str, matrix: Array, path: Path) -> Array:
+    """A matrix in the shape that its name in `Calibration` has, or `DataError`."""
     shape = SHAPES[name[0]]
     sizes = DISTORTION_SIZES if name[0] == "D" else (math.prod(shape),)
     if name == "R" and matrix.size == 3 and (np.abs(matrix) < 7).all():  # a rotation vector, radians
@@ -144,6 +161,7 @@ def _shaped(name: str, matrix: Array, path: Path) -> Array:
 
 
 def _equal(a: Array, b: Array) -> bool:
+    """Whether two matrices are equal but for rounding."""
     return a.shape == b.shape and bool(np.allclose(a, b, rtol=SAME, atol=SAME))
 
 
@@ -243,11 +261,7 @@ def read_storage(path: Path) -> Entries:
                 entries.matrices[name] = _read_matrix(name, node, path)
             elif node.isInt() or node.isReal():
                 entries.matrices[name] = np.array([node.real()])
-            elif (
-                node.isSeq()
-                and 0 < node.size() <= 16
-                and all(_is_number(node.at(i)) for i in range(node.size()))
-            ):
+            elif _is_short_list(node):
                 entries.matrices[name] = np.array([node.at(i).real() for i in range(node.size())])
             elif node.isString():
                 entries.texts[name] = node.string()
@@ -256,8 +270,11 @@ def read_storage(path: Path) -> Entries:
     return entries
 
 
-def _is_number(node: cv2.FileNode) -> bool:
-    return node.isInt() or node.isReal()
+def _is_short_list(node: cv2.FileNode) -> bool:
+    """Whether a node is a list of up to 16 numbers, as a matrix without rows and cols."""
+    if not node.isSeq() or not 0 < node.size() <= 16:
+        return False
+    return all(node.at(i).isInt() or node.at(i).isReal() for i in range(node.size()))
 
 
 def _read_matrix(name: str, node: cv2.FileNode, path: Path) -> Array:

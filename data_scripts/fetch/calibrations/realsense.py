@@ -52,11 +52,14 @@ def _nodes(value: Any, place: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
 
 
 def _first(node: dict[str, Any], names: tuple[str, ...]) -> Any:
+    """The value under the first of these names that is there, or None."""
     return next((node[name] for name in names if name in node), None)
 
 
 def _is_camera(node: dict[str, Any]) -> bool:
-    return {"fx", "fy"} <= node.keys() and None not in (_first(node, CENTRE_X), _first(node, CENTRE_Y))
+    """Whether an object has the intrinsics of a camera."""
+    has_centre = _first(node, CENTRE_X) is not None and _first(node, CENTRE_Y) is not None
+    return has_centre and {"fx", "fy"} <= node.keys()
 
 
 def has_cameras(content: dict[str, Any]) -> bool:
@@ -87,6 +90,7 @@ def read_realsense(content: dict[str, Any], path: Path) -> Calibration:
 
 
 def _camera(node: dict[str, Any], word: str, path: Path) -> tuple[Array, Array, Lens]:
+    """K, D and the lens model of a camera; word : left or right, for messages."""
     values = [node["fx"], node["fy"], _first(node, CENTRE_X), _first(node, CENTRE_Y)]
     K = intrinsic_matrix(numbers(values, 4, f"{word}: fx, fy, ppx, ppy", path), path)
     coefficients = _first(node, COEFFICIENTS)
@@ -99,7 +103,8 @@ def _camera(node: dict[str, Any], word: str, path: Path) -> tuple[Array, Array, 
         given = MODELS[given]
     model = re.sub(r"[\s_]+", "_", str(given).lower().removeprefix("distortion.")).strip("_")
     if not D.any():
-        return K, np.zeros(5), Lens(RADTAN) if "kannala" not in model else Lens(FISHEYE)
+        lens = Lens(FISHEYE) if "kannala" in model else Lens(RADTAN)
+        return K, np.zeros(5), lens
     if model in ("kannala_brandt4", "equidistant", "fisheye"):
         return K, D[:4], Lens(FISHEYE)
     if model in ("brown_conrady", "plumb_bob", "radtan"):

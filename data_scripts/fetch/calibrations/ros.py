@@ -62,6 +62,7 @@ def is_camera_info(content: dict[Any, Any]) -> bool:
 
 
 def _entry(content: dict[Any, Any], key: str) -> Any:
+    """The value under the first of the names of `KEYS` that is there, or None."""
     return next((content[name] for name in KEYS[key] if name in content), None)
 
 
@@ -94,11 +95,14 @@ def parse_camera_info(content: dict[Any, Any], path: Path) -> CameraInfo:
 
 def _refuse_cropped(content: dict[Any, Any], size: tuple[int, int], path: Path) -> None:
     """Raise `DataError` for a camera that reads only a part of its sensor, or joins its pixels."""
-    roi = content.get("roi") if isinstance(content.get("roi"), dict) else {}
-    part = (roi or {}).get("width") or size[0], (roi or {}).get("height") or size[1]
-    offset = (roi or {}).get("x_offset") or 0, (roi or {}).get("y_offset") or 0
-    binning = [content.get(name) or 1 for name in ("binning_x", "binning_y")]
-    if any(offset) or part != size or binning != [1, 1]:
+    # Zeros stand for the whole image.
+    roi = content.get("roi")
+    if not isinstance(roi, dict):
+        roi = {}
+    part = (roi.get("width") or size[0], roi.get("height") or size[1])
+    is_shifted = bool(roi.get("x_offset") or roi.get("y_offset"))
+    binning = (content.get("binning_x") or 1, content.get("binning_y") or 1)
+    if is_shifted or part != size or binning != (1, 1):
         raise DataError("binning or roi: expected a calibration of the whole image", path)
 
 
