@@ -7,7 +7,7 @@ import numpy as np
 
 from ..geometry.motion import skew
 from ..geometry.types import Array
-from ..paper.sampson import MIN_DIVISOR, MatchTerms
+from ..paper.sampson import MIN_DENOMINATOR, MatchTerms
 
 REFINEMENT_ITERATIONS = 15
 CONVERGED_ROTATION_RAD = 5e-6  # 0.0003°, a tenth of the error due to noise
@@ -66,7 +66,7 @@ def distances_and_derivatives(R_cp: Array, direction: Array, matches: MatchTerms
     p, c = matches.points
     line_c = E[:, :2] @ p
     line_p = E[:, :, :2].swapaxes(1, 2) @ c
-    norm2 = np.maximum(np.sum(line_c[0] ** 2 + line_p[0] ** 2, axis=0), MIN_DIVISOR)
+    norm2 = np.maximum(np.sum(line_c[0] ** 2 + line_p[0] ** 2, axis=0), MIN_DENOMINATOR)
     half_change_of_norm2 = np.sum(line_c[0] * line_c[1:] + line_p[0] * line_p[1:], axis=1)
     over_norm = (E.reshape(6, 9) @ matches.outer) / np.sqrt(norm2)
     distances = over_norm[0]
