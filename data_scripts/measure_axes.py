@@ -21,7 +21,7 @@ from vo_lib.commands.common import parse_lengths, parse_whole
 from vo_lib.commands.console import print_wrapped, show_table
 from vo_lib.data.poses import read_kitti_poses
 from vo_lib.errors import DataError
-from vo_lib.evaluation.kitti_errors import KITTI_LENGTHS, KITTI_STEP, count_words, kitti_errors
+from vo_lib.evaluation.kitti_errors import KITTI_LENGTHS, KITTI_STEP, kitti_errors, subsequences_text
 from vo_lib.report.page import format_number
 
 
@@ -60,7 +60,7 @@ def run(options: argparse.Namespace) -> int:
             format_number(turned.kitti.re),
         ],
     ]
-    print_wrapped(f"{count_words(len(measured))}; angles up to {turned.limit:g} deg")
+    print_wrapped(f"{subsequences_text(len(measured))}; angles up to {turned.limit:g} deg")
     show_table(["", "pitch deg", "yaw deg", "TE %", "RE deg/100 m"], rows)
     if turned.at_limit:
         print_wrapped(f"note: {turned.limit_words}")

@@ -188,6 +188,7 @@ def declared(cls: type, prefix: str = "") -> tuple[Setting, ...]:
 # A picture of a panel asks fifty times. The cached function is apart, since a cache hides the argument types.
 @functools.cache
 def _declared(cls: type, prefix: str) -> tuple[Setting, ...]:
+    """`declared`, with `prefix` in front of every name."""
     hints = _hints(cls)
     items = list[Setting]()
     for field in dataclasses.fields(cls):

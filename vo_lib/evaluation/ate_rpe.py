@@ -76,7 +76,7 @@ class RelativeError:
 
 
 def rmse(errors: Array) -> float | None:
-    """Root of the mean square; None without errors."""
+    """Root of the mean square of errors (N,); None without errors."""
     return float(np.sqrt(np.mean(np.square(errors)))) if len(errors) else None
 
 
@@ -135,7 +135,7 @@ def align(truth: Array, estimate: Array, alignment: Alignment) -> tuple[Array, f
 
 
 def absolute_error(truth: Array, estimate: Array, alignment: Alignment = Alignment.SE3) -> AbsoluteError:
-    """ATE: distances between positions after alignment."""
+    """ATE: distances between the positions of two paths (N, 4, 4) after an alignment of the estimate."""
     aligned, scale = align(truth, estimate, alignment)
     return AbsoluteError(alignment, scale, np.linalg.norm(aligned[:, :3, 3] - truth[:, :3, 3], axis=1))
 
@@ -220,7 +220,7 @@ def frames_of_truth(truth: Array, estimate: Array, frames: Index | None) -> Inde
 
 
 def check_pair(truth: Array, estimate: Array, where: str = "") -> None:
-    """Raise `DataError` unless both trajectories have the same number of poses, all finite.
+    """Raise `DataError` unless both paths (N, 4, 4) have the same number of poses, all finite.
 
     where : beginning of the message, such as the name of the path.
     """

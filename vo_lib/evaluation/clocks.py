@@ -232,7 +232,10 @@ class _AtFullRate:
 def slow_turn_agreement(
     times: Array, poses: Array, others: Array, other_poses: Array
 ) -> TurnAgreement | None:
-    """`turn_agreement` of poses about `SLOW_INTERVAL_S` apart."""
+    """`turn_agreement` of poses about `SLOW_INTERVAL_S` apart; parameters as there.
+
+    None also if a path is shorter than two such intervals.
+    """
     rows = _rows_apart(times)
     other_rows = _rows_apart(others)
     if min(len(rows), len(other_rows)) < 2:

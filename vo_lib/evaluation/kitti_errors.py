@@ -233,23 +233,26 @@ SHORT_PROTOCOL = SubsequenceProtocol(SHORT_LENGTHS, 1)
 
 
 def suitable_protocol(truth: Array, frames: Index | None = None) -> SubsequenceProtocol:
-    """KITTI's measure if the true path (N, 4, 4) is long enough, otherwise the measure of short paths.
+    """KITTI's sub-sequences if the true path (N, 4, 4) is long enough, otherwise those of short paths.
 
-    `frames` : (M,) numbers of the true poses that are compared; None: all.
+    frames : (M,) numbers of the true poses that are compared; None: all.
     """
     compared = truth if frames is None else truth[frames]
-    return KITTI_PROTOCOL if len(kitti_errors(truth, compared, frames=frames)) else SHORT_PROTOCOL
+    # The truth compared with itself: only the number of sub-sequences counts.
+    subsequences = kitti_errors(truth, compared, frames=frames)
+    return KITTI_PROTOCOL if len(subsequences) else SHORT_PROTOCOL
 
 
 def is_as_kitti(protocol: SubsequenceProtocol, subsequences: int, whole_truth: bool) -> bool:
     """Whether errors may be called those of KITTI's benchmark: its rule on a whole path that is long enough.
 
-    `whole_truth` : whether every frame of a whole sequence has an estimate.
+    subsequences : number of them.
+    whole_truth : whether every frame of a whole sequence has an estimate.
     """
     return protocol == KITTI_PROTOCOL and whole_truth and subsequences >= FEW_SUBSEQUENCES
 
 
-def count_words(subsequences: int) -> str:
+def subsequences_text(subsequences: int) -> str:
     """A number of sub-sequences as text, with a warning beside a small number: "5 sub-sequences (few)"."""
     noun = "sub-sequence" if subsequences == 1 else "sub-sequences"
     return f"{subsequences} {noun}" + (" (few)" if subsequences < FEW_SUBSEQUENCES else "")

@@ -84,7 +84,7 @@ def rotation_from_quaternion(q: Array) -> Array:
 
 
 def rigid(R: Array, t: Array) -> Array:
-    """4×4 matrix of the motion X -> R X + t."""
+    """4×4 matrix of the motion X -> R X + t, from R (3, 3) and t (3,)."""
     T = np.eye(4)
     T[:3, :3] = R
     T[:3, 3] = t

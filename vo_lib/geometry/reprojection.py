@@ -64,6 +64,7 @@ def fit_motion(
         weight = 1.0 / (1.0 + ratio**2)
         jac = jac.reshape(-1, 6)
         weighted = (jac * np.repeat(weight, 4)[:, None]).T
+        # The small diagonal keeps the system solvable if the points do not determine the motion.
         delta = np.asarray(np.linalg.solve(weighted @ jac + 1e-9 * np.eye(6), weighted @ r.ravel()), float)
         R = rotation_from_vector(delta[:3]) @ R
         t = t + delta[3:]
@@ -101,7 +102,7 @@ def linearise(
     vector (about the previous camera's centre) and the translation; depth (..., N), metres.
     """
     X = rotated + t_cp
-    z = np.maximum(X[..., 2], 1e-3)
+    z = np.maximum(X[..., 2], 1e-3)  # finite pixels for points behind the camera, which `depth` tells apart
     s = camera.f / z
     u = s * X[..., 0]
     v = s * X[..., 1]

@@ -162,7 +162,7 @@ class KitOdometry(SelfCalibratingOdometry):
         solutions = []
         x_p, x_c = self.points(matches)
         # The frame's random generator begins anew, so these are the candidates among which the winner was.
-        sets = self.draw_sets(x_p, x_c)
+        sets = self.five_point_sets(x_p, x_c)
         E, _ = five_point(x_p[sets], x_c[sets])
         errors = WINNER_CRITERIA[self.config.selection.winner](E, x_p, x_c, self.threshold)
         for candidate in distinct_candidates(E, errors, CANDIDATES_TRIED):
@@ -183,7 +183,7 @@ class KitOdometry(SelfCalibratingOdometry):
         T_cp = rigid(solution.rotation.R_cp, solution.t_cp)
         return support_error(self.camera, matches, T_cp)
 
-    def draw_sets(self, x_p: Array, x_c: Array) -> Index:
+    def five_point_sets(self, x_p: Array, x_c: Array) -> Index:
         """Five-point sets, indices (S, 5) of matches: as many as should give `clean_sets` without an outlier.
 
         Few sets are sufficient, since the winner is refined. A set has no outlier with the probability s⁵, if

@@ -108,6 +108,7 @@ class Odometry:
         self.e_prev: Array | None = None
         self.clock = Clock()
         self._frame = 0
+        # Of the previous frame: its motion, and what the rows of a third frame need, if they can be used.
         self._last_motion = np.eye(4)
         self._pair_before: PairBefore | None = None
 
@@ -121,14 +122,14 @@ class Odometry:
         self.clock = Clock()
         removal = self.box_filter.step(matches, boxes)  # step 1
         static = matches[removal.kept]
-        used = self.bucketed(static)
+        used = self.bucketed(static)  # step 2
         self.clock.stage("filter")
         if len(used) < self.config.min_matches:
             motion = FrameResult(self._last_motion, flags=(Flag.FEW_MATCHES,))
         elif self.stands_still(used):
             motion = replace(self.stationary_motion(used), still=True)
         else:
-            motion = self.motion_or_previous(used)
+            motion = self.motion_or_previous(used)  # steps 3 to 7
         self._last_motion = motion.T_cp
         # The rows of a third frame need a precise motion, so not a repeated one or that of a standstill. The
         # check against stereo only flags a frame, and changes nothing here.
@@ -159,7 +160,7 @@ class Odometry:
     def solve(self, matches: StereoMatches) -> Solution | None:
         """Steps 3 to 6: rotation from the essential matrix, then the translation; None without a result."""
         x_p, x_c = self.points(matches)
-        sets = self.draw_sets(x_p, x_c)
+        sets = self.five_point_sets(x_p, x_c)
         E, set_index = five_point(x_p[sets], x_c[sets])
         if len(E) == 0:
             return None
@@ -179,7 +180,7 @@ class Odometry:
         selected = select_by_bucket(matches.cur_left, matches.age, matches.strength, self.config.buckets)
         return matches[selected]
 
-    def draw_sets(self, x_p: Array, x_c: Array) -> Index:
+    def five_point_sets(self, x_p: Array, x_c: Array) -> Index:
         """Step 3 (section 2.1): random five-point sets, indices (S, 5) of matches, for `five_point`."""
         return draw_sets(self.random(), len(x_p), self.config.selection.sets)
 
@@ -240,15 +241,15 @@ class Odometry:
 
         Two essential matrices fit the images of a plane, and several fit those of a repeated pattern. A wrong
         one has inliers like the right one, but the depths disagree with it: the median reprojection error of
-        the inliers is many times that of a motion fitted to the depths, or no motion fits them at all. How
-        large an error is normal, the noise of the matches tells.
+        the inliers is many times that of a motion fitted to the depths, or no motion fits them at all. Which
+        errors are normal depends on the noise of the matches (`row_noise`).
         """
         agreeing = matches[rotation.inliers]
         noise = row_noise(agreeing)
         limit = self.config.stereo_limit
         T_cp = rigid(rotation.R_cp, t_cp)
         error = float(np.median(stereo_residuals(self.camera, agreeing, T_cp)))
-        if error <= max(min(limit, SUSPICION_OVER_NOISE * noise), LEAST_SUSPICION_PX):
+        if error <= suspicion_limit(noise, limit):
             return False
         X_p = self.camera.triangulate(agreeing.prev_left, agreeing.prev_right)
         with_depth = agreeing[np.flatnonzero(np.isfinite(X_p).all(axis=1))]
@@ -283,11 +284,16 @@ def row_noise(matches: StereoMatches) -> float:
     return DEVIATION_OVER_MEDIAN * float(np.median(np.abs(np.concatenate([before, now]))))
 
 
-def contradiction_limit(noise: float, stereo_limit: float) -> float:
-    """Median error of a fit, pixels, above which the matches contradict each other.
+def suspicion_limit(noise: float, stereo_limit: float) -> float:
+    """Median error of a motion, pixels, above which it is compared with a fit.
 
     noise : `row_noise`, pixels; stereo_limit : the setting, pixels.
     """
+    return max(min(stereo_limit, SUSPICION_OVER_NOISE * noise), LEAST_SUSPICION_PX)
+
+
+def contradiction_limit(noise: float, stereo_limit: float) -> float:
+    """Median error of a fit, pixels, above which the matches contradict each other; arguments as above."""
     limit = min(stereo_limit, CONTRADICTION_OVER_NOISE * noise)
     return max(limit, LEAST_CONTRADICTION_OVER_NOISE * noise, LEAST_CONTRADICTION_PX)
 

@@ -11,7 +11,7 @@ import numpy as np
 from ..data.poses import from_first
 from ..evaluation.ate_rpe import align, rmse
 from ..evaluation.conventions import inverses_agree, orientations_disagree, quaternions_disagree
-from ..evaluation.kitti_errors import FEW_SUBSEQUENCES, KITTI_PROTOCOL, SHORT_PROTOCOL, count_words
+from ..evaluation.kitti_errors import FEW_SUBSEQUENCES, KITTI_PROTOCOL, SHORT_PROTOCOL, subsequences_text
 from ..evaluation.path_errors import Evaluation, PathErrors
 from ..evaluation.path_facts import path_differences, path_facts, probably_inverted, unusual_axis
 from ..files import write_atomic
@@ -67,7 +67,7 @@ def _table_of_systems(name: str, result: Evaluation, of_run: bool) -> ReportTabl
     head = list[str]()
     notes = [f"ATE {first.ate.alignment.words}: root mean square.", _rpe_note(result, shorter)]
     if result.subsequences:
-        title += f": {count_words(result.subsequences)} of {measure.words_with(result.as_kitti)}"
+        title += f": {subsequences_text(result.subsequences)} of {measure.words_with(result.as_kitti)}"
         head += _caveats(result)
     else:
         notes.append(f"No TE and RE: {shorter} than the shortest sub-sequence, {min(measure.lengths):g} m.")

@@ -15,7 +15,7 @@ import numpy as np
 from .. import settings
 from ..data.sequence import Sequence
 from ..errors import DataError
-from ..evaluation.kitti_errors import count_words, is_as_kitti, kitti_errors, suitable_protocol
+from ..evaluation.kitti_errors import is_as_kitti, kitti_errors, subsequences_text, suitable_protocol
 from ..evaluation.path_facts import PathDifference, path_difference, path_facts
 from ..evaluation.statistics import change_limit, mean_and_deviation
 from ..geometry.types import Array
@@ -353,7 +353,7 @@ def _title(sequence: Sequence, bases: Mapping[str, MethodConfig], seeds: int) ->
     measure = suitable_protocol(sequence.truth)
     count = len(kitti_errors(sequence.truth, sequence.truth, measure.lengths, measure.step))
     measure_words = measure.words_with(is_as_kitti(measure, count, not sequence.is_part))
-    return f"{runs_text}: {count_words(count)} of {measure_words}; {seeds_text(seeds)}"
+    return f"{runs_text}: {subsequences_text(count)} of {measure_words}; {seeds_text(seeds)}"
 
 
 def sweep_table(sweep: Sweep) -> ReportTable:

@@ -10,7 +10,7 @@ from urllib.parse import quote
 import numpy as np
 
 from ..data.catalogue import KITTI
-from ..evaluation.kitti_errors import FEW_SUBSEQUENCES, KITTI_PROTOCOL, count_words
+from ..evaluation.kitti_errors import FEW_SUBSEQUENCES, KITTI_PROTOCOL, subsequences_text
 from ..evaluation.path_facts import path_difference, path_facts
 from ..evaluation.statistics import COUNTED, NO_CHANGE, mean_and_deviation, one_run_shows
 from ..files import write_atomic, written_together
@@ -324,7 +324,7 @@ def _comparison(group: Group, other: str) -> list[str]:
     )
     count = sum(entry.subsequences for entry in group.of_method(PROPOSAL) if entry.sequence in rows)
     if count < FEW_SUBSEQUENCES:
-        sentence += f", from {count_words(count)}"
+        sentence += f", from {subsequences_text(count)}"
     seeds = min(errors_of_other.shape[1], errors_of_proposal.shape[1])
     if seeds == 1:
         sentence += "; one seed does not tell whether another run would show this"

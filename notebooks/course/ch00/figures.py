@@ -142,7 +142,7 @@ def stage_pictures(sequence: Sequence, frame: int) -> dict[str, Image | Figure]:
     odometry.step(frame_matches(sequence, frame - 1, config), no_boxes())
     points = frame_points(sequence, frame, config)
     matches = points.matches
-    sets = odometry.draw_sets(points.x_p, points.x_c)
+    sets = odometry.five_point_sets(points.x_p, points.x_c)
     E, set_index = five_point(points.x_p[sets], points.x_c[sets])
     winner = odometry.select(E, set_index, points.x_p, points.x_c).candidate
     rotation = odometry.rotation(E[winner], matches)
