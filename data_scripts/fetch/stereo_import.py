@@ -17,7 +17,7 @@ from fetch.stereo_calibration import Rig
 from fetch.stereo_check import complaints, is_rectified, measure_pairs
 from fetch.stereo_sources import FolderSource, Pair, Source
 from vo_lib.data.catalogue import open_sequence
-from vo_lib.data.kitti import BITS, calibration_text
+from vo_lib.data.kitti import IMAGE_BITS, calibration_text
 from vo_lib.data.pose_times import interval_fault
 from vo_lib.data.poses import write_kitti_poses
 from vo_lib.errors import DataError
@@ -166,7 +166,7 @@ def _write_pairs(source: Source, rig: Rig, folder: Path, copy: bool, progress: P
 
 def _files_to_link(source: Source) -> list[tuple[Path, Path]] | None:
     """The files of all pairs, if they are PNG images of 8 bits and need no change; otherwise None."""
-    if not isinstance(source, FolderSource) or source.bits != BITS[0]:
+    if not isinstance(source, FolderSource) or source.bits != IMAGE_BITS:
         return None
     are_png = all(path.suffix.lower() == ".png" for pair in source.paths for path in pair)
     return source.paths if are_png else None

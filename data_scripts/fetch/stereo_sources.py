@@ -15,7 +15,7 @@ import numpy as np
 from fetch.name_times import frame_numbers, gap_note, times_of_names
 from fetch.stereo_calibration import Rig
 from fetch.stereo_check import SAMPLE_PAIRS
-from vo_lib.data.kitti import BITS, bits_note, grey_bits, read_image
+from vo_lib.data.kitti import IMAGE_BITS, bits_note, grey_bits, read_image
 from vo_lib.data.poses import match_times
 from vo_lib.errors import DataError
 from vo_lib.files import open_binary
@@ -51,7 +51,7 @@ class FolderSource:
     left: tuple[int, ...] = ()
     left_count: int = 0
     frames: IntArray | None = None
-    bits: int = BITS[0]
+    bits: int = IMAGE_BITS
 
     def of_pairs(self, rows: Array) -> Array:
         """The rows (N, …) that belong to the N pairs; `rows` has one row per pair or per left image."""
@@ -166,7 +166,7 @@ def pair_images(
     """
     sides = [_images(place) for place in (left, right)]
     bits = grey_bits(list(side.values()) for side in sides)
-    notes = [bits_note(bits)] if bits > BITS[0] else []
+    notes = [bits_note(bits)] if bits > IMAGE_BITS else []
     stamps_l = times_of_names(list(sides[0]), left)
     stamps_r = times_of_names(list(sides[1]), right)
     if stamps_l is not None and stamps_r is not None:

@@ -84,6 +84,7 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
         ("a.jpg", cv2.imencode(".jpg", SHAPE)[1].tobytes(), "PNG format: JPEG does not keep zeros"),
         ("a.png", b"", "truncated or damaged"),
         ("b.png", KINDS["black palette"][:-20], "truncated or damaged"),
+        ("c.png", png((16, 3), [bytes(2 * W)] * H, (b"PLTE", b"\0\0\0")), "truncated or damaged"),
     ):
         (tmp_path / name).write_bytes(data)
         with pytest.raises(DataError, match=words):

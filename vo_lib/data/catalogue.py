@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Collection
 from pathlib import Path
 
 from ..checkout import checkout_folder
@@ -18,28 +19,45 @@ SYNTHETIC = "synthetic/"
 KITTI = "kitti/"
 VIDEO_ENDINGS = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v")
 DRAWING_PROCESSES = min(os.cpu_count() or 1, 4)
-# KITTI in the kit's own folder; an installed copy has none, and looks in the working folder alone.
+# The kit's own folder, which may have data/kitti; an installed copy looks in the working folder alone.
 PROJECT = checkout_folder() or Path()
+# From a folder that a person names to the one with `sequences`: the archives unpack to dataset/sequences, so
+# the person may name the folder above `dataset`, the folder `dataset` itself, or a folder in it.
+STEPS_TO_ROOT = ("", "dataset", "..")
 
 
 def kitti_roots() -> list[Path]:
-    """Existing KITTI folders: KITTI_ROOT, then data/kitti in the working folder and in the kit's folder."""
-    candidates = [os.environ.get("KITTI_ROOT", ""), "data/kitti", str(PROJECT / "data" / "kitti")]
-    # The archives unpack to dataset/sequences; each of these folders and their parent are accepted.
-    inner = "", "dataset", ".."
-    roots = [Path(candidate, part).resolve() for candidate in candidates if candidate for part in inner]
-    return [root for root in dict.fromkeys(roots) if (root / "sequences").is_dir()]
+    """Existing KITTI folders, those with a folder `sequences`, without symbolic links.
+
+    KITTI_ROOT comes first, then data/kitti in the working folder and in the kit's folder.
+    """
+    candidates = [Path("data/kitti"), PROJECT / "data" / "kitti"]
+    named = os.environ.get("KITTI_ROOT")
+    if named:
+        candidates.insert(0, Path(named))
+    roots: list[Path] = []
+    for candidate in candidates:
+        for step in STEPS_TO_ROOT:
+            root = (candidate / step).resolve()
+            if root not in roots and (root / "sequences").is_dir():
+                roots.append(root)
+    return roots
 
 
 def kitti_root() -> Path:
     """The first existing KITTI folder, or the path for a new KITTI folder."""
-    return next(iter(kitti_roots()), Path(os.environ.get("KITTI_ROOT") or PROJECT / "data" / "kitti"))
+    roots = kitti_roots()
+    if roots:
+        return roots[0]
+    return Path(os.environ.get("KITTI_ROOT") or PROJECT / "data" / "kitti")
 
 
 def kitti_places() -> str:
     """The existing KITTI folders, or the reason why there is none, for messages."""
-    places = ", ".join(map(str, kitti_roots()))
-    return places or f"{kitti_root()}, which has no folder `sequences`; set KITTI_ROOT"
+    roots = kitti_roots()
+    if not roots:
+        return f"{kitti_root()}, which has no folder `sequences`; set KITTI_ROOT"
+    return ", ".join(map(str, roots))
 
 
 def available() -> dict[str, Path | None]:
@@ -56,7 +74,10 @@ def available() -> dict[str, Path | None]:
 
 
 def parse_sequences(text: str) -> list[str]:
-    """Names and paths in a text such as "00,02-10,synthetic/jam,some/folder"; numbers are KITTI sequences."""
+    """Names and paths in a text such as "00,02-10,synthetic/jam,some/folder"; numbers are KITTI sequences.
+
+    Raises `DataError` for a number that KITTI does not have, and for an empty name.
+    """
     names: list[str] = []
     for item in text.split(","):
         numbers = re.fullmatch(r"(\d\d)(?:-(\d\d))?", item)
@@ -79,13 +100,12 @@ def known_folder(name: str, cache: Path | None = None) -> Path | None:
     Two names with one folder are one sequence. None for a name that nothing here has. `cache` : folder of
     drawn scenes; by default the user's cache folder.
     """
-    scene = SCENES.get(name.removeprefix(SYNTHETIC))
     if Path(name).is_dir():
-        folder: Path | None = Path(name)
-    elif name.startswith(SYNTHETIC) and scene is not None:
-        folder = scene_folder(scene, cache)
-    else:
-        folder = available().get(name)
+        return Path(name).resolve()
+    scene_name = name.removeprefix(SYNTHETIC)
+    if name.startswith(SYNTHETIC) and scene_name in SCENES:
+        return scene_folder(SCENES[scene_name], cache).resolve()
+    folder = available().get(name)
     return None if folder is None else folder.resolve()
 
 
@@ -93,29 +113,36 @@ def _find_folder(name: str, cache: Path | None, progress: Progress | None) -> Pa
     """The folder of the sequence with this name; a scene that is not in the cache is drawn."""
     if name.startswith(SYNTHETIC):
         return ensure_scene(name.removeprefix(SYNTHETIC), cache, progress, jobs=DRAWING_PROCESSES)
-    names = available()
-    if (folder := names.get(name)) is not None:
-        return folder
-    near = did_you_mean(name, names)
-    if number := re.fullmatch(r"(?:kitti/)?0*(\d+)", name, re.ASCII | re.IGNORECASE):
+    folders = available()
+    folder = folders.get(name)
+    if folder is None:
+        raise _not_found(name, folders)
+    return folder
+
+
+def _not_found(name: str, known: Collection[str]) -> DataError:
+    """The error for a name that is not among the `known` ones, with what the person probably meant."""
+    near = did_you_mean(name, known)
+    number = re.fullmatch(r"(?:kitti/)?0*(\d+)", name, re.ASCII | re.IGNORECASE)
+    if number is not None:
         sequence = number[1].rjust(2, "0")
         if sequence not in EXPECTED_FRAMES:
-            raise DataError(
+            return DataError(
                 f"there is no sequence {name}: KITTI has the sequences 00 to {max(EXPECTED_FRAMES)}"
             )
-        if f"{KITTI}{sequence}" not in names:
+        if f"{KITTI}{sequence}" not in known:
             remedy = f"to download the sequence: vo data get_kitti --sequences {sequence}"
-            raise DataError(f"{KITTI}{sequence} was not found in {kitti_places()}; {remedy}")
+            return DataError(f"{KITTI}{sequence} was not found in {kitti_places()}; {remedy}")
         near = f"did you mean {KITTI}{sequence}? "
     if name.startswith(KITTI):
-        raise DataError(f"the sequence {name} was not found; {near}looked in {kitti_places()}")
+        return DataError(f"the sequence {name} was not found; {near}looked in {kitti_places()}")
     if Path(name).is_file():
         video = f"for a video with both images side by side: vo data from_folder --video {name} --out DIR …"
-        raise DataError(f"is a file: expected a folder or a name from `vo list`; {video}", name)
+        return DataError(f"is a file: expected a folder or a name from `vo list`; {video}", name)
     if Path(name).suffix.lower() in VIDEO_ENDINGS:
         video = "a video with both images side by side is imported by: vo data from_folder --video FILE …"
-        raise DataError(f"the file is missing; {video}", name)
-    raise DataError(f"the folder is missing: {near}expected a folder or a name from `vo list`", name)
+        return DataError(f"the file is missing; {video}", name)
+    return DataError(f"the folder is missing: {near}expected a folder or a name from `vo list`", name)
 
 
 def open_sequence(

@@ -22,12 +22,15 @@ RENDERER_VERSION = 2
 
 
 def cache_folder() -> Path:
-    """The default folder of drawn scenes."""
+    """The default folder of drawn scenes; its parent has those of all else that the kit stores."""
     return platformdirs.user_cache_path("stereo-vo-kit", appauthor=False) / "synthetic"
 
 
 def scene_key(config: SceneConfig) -> str:
-    """The name of a scene's folder, from the settings and the versions of the renderer and the libraries."""
+    """The name of a scene's folder, from the settings and the versions of the renderer and the libraries.
+
+    It begins with the scene's name, or with "street" if none of the named scenes has these settings.
+    """
     inputs = {
         "config": to_dict(config),
         "renderer": RENDERER_VERSION,
@@ -35,13 +38,15 @@ def scene_key(config: SceneConfig) -> str:
         "opencv": cv2.__version__,
     }
     digest = hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()[:12]
-    name = next((name for name, scene in SCENES.items() if scene == config), "street")
+    names = [name for name, scene in SCENES.items() if scene == config]
+    name = names[0] if names else "street"
     return f"{name}-{digest}"
 
 
 def scene_folder(config: SceneConfig, cache: Path | None = None) -> Path:
     """The path of a scene's folder, by default in the user's cache; drawing the scene creates the folder."""
-    return (cache_folder() if cache is None else Path(cache)).absolute() / scene_key(config)
+    scenes = cache_folder() if cache is None else Path(cache)
+    return scenes.absolute() / scene_key(config)
 
 
 def ensure_scene(

@@ -22,8 +22,8 @@ def hash_folder() -> Path:
 def image_hashes(folder: Path, names: Iterable[str]) -> dict[str, str]:
     """SHA-256 of the images with these names in a folder, by name such as "image_0/000000.png".
 
-    Each image is hashed once. A JSON file per folder of images stores the hashes with name, size and time of
-    the image as key.
+    Each image is hashed once. A JSON file per sequence stores the hashes. Their key is a stamp, "name size
+    time", so an image that was changed since is hashed again.
 
     Raises `DataError` for an image that cannot be read.
     """
@@ -35,19 +35,21 @@ def image_hashes(folder: Path, names: Iterable[str]) -> dict[str, str]:
         except OSError as error:
             raise DataError(f"the image cannot be read: {error.strerror}", error.filename) from None
         stamps[name] = f"{name} {stat.st_size} {stat.st_mtime_ns}"
-    hash_file = hash_folder() / f"{hashlib.sha256(os.fsencode(folder)).hexdigest()[:16]}.json"
+    folder_digest = hashlib.sha256(os.fsencode(folder)).hexdigest()[:16]
+    hash_file = hash_folder() / f"{folder_digest}.json"
     hashes = _read_hashes(hash_file)
-    new = {stamp: file_sha256(folder / name) for name, stamp in stamps.items() if stamp not in hashes}
-    if new:
-        hashes |= new
-        with suppress(OSError, DataError):
+    new_hashes = {stamp: file_sha256(folder / name) for name, stamp in stamps.items() if stamp not in hashes}
+    if new_hashes:
+        hashes |= new_hashes
+        with suppress(OSError, DataError):  # without a cache, the images are hashed again in the next run
             hash_file.parent.mkdir(parents=True, exist_ok=True)
-            write_atomic(hash_file, json.dumps(_read_hashes(hash_file) | hashes))
+            stored_meanwhile = _read_hashes(hash_file)  # by another process
+            write_atomic(hash_file, json.dumps(stored_meanwhile | hashes))
     return {name: hashes[stamp] for name, stamp in stamps.items()}
 
 
 def _read_hashes(path: Path) -> dict[str, str]:
-    """The stored hashes of images (key: name, size and time); empty without a valid file of hashes."""
+    """The stored hashes of images by stamp; empty without a valid file of hashes."""
     with suppress(DataError):
         return read_mapping(path, "hashes")
     return {}

@@ -14,8 +14,9 @@ from .kitti import has_images
 def remember_import(folder: Path) -> None:
     """Remember the folder of an imported sequence; nothing happens if the cache cannot be written."""
     path = str(folder.absolute())
+    digest = hashlib.sha256(path.encode("utf-8", "surrogateescape")).hexdigest()[:16]
     # A file for each folder: two imports at the same time do not disturb each other.
-    record = _records() / f"{hashlib.sha256(path.encode('utf-8', 'surrogateescape')).hexdigest()[:16]}.txt"
+    record = _record_folder() / f"{digest}.txt"
     try:
         record.parent.mkdir(parents=True, exist_ok=True)
         write_atomic(record, path)
@@ -26,7 +27,7 @@ def remember_import(folder: Path) -> None:
 def imported_folders() -> list[Path]:
     """The folders of imported sequences that still exist, sorted."""
     folders = list[Path]()
-    for record in sorted(_records().glob("*.txt")):
+    for record in sorted(_record_folder().glob("*.txt")):
         try:
             folder = Path(read_text(record))
             exists = folder.is_absolute() and has_images(folder)
@@ -37,5 +38,5 @@ def imported_folders() -> list[Path]:
     return sorted(folders)
 
 
-def _records() -> Path:
+def _record_folder() -> Path:
     return cache_folder().parent / "imported"

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
+from enum import IntEnum
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,21 +15,22 @@ from ..errors import DataError
 from ..files import read_text, write_atomic
 from ..geometry.boxes import Boxes, no_boxes
 from ..geometry.types import Array, BoolArray, IntArray
+from .label_names import is_file_of_names
 
 MAX_CLASS_ID = 10**6  # no data set has more classes; a larger number belongs to another column
 SLACK = 1e-3  # values outside 0..1 by at most this are rounding errors of other programs, and are clipped
 POLYGON_FIELDS = 7  # number of fields of the shortest polygon: the class and three points
-OUTSIDE = 0.01  # a box that reaches further out of the image, as a share, may be corners read as a centre
+MAX_OUTSIDE = 0.01  # share of the image; a box that reaches further out of it may be corners read as a centre
 KITTI_FIELDS = (15, 16)  # of a line of KITTI's object labels, without and with a score
 KEYPOINT_SIZES = (2, 3)  # numbers of a keypoint: x, y, and perhaps whether or how surely it is visible
-VISIBLE = 2.0  # the largest such number
-# The second pair of numbers is the size of a box, not a point of a polygon, if it lies further outside the
-# other points than this share of their extent: by the first share it may be, by the second it is.
+MAX_VISIBILITY = 2.0  # the largest such third number
+# The second pair of numbers may be the size of a box, not a point of a polygon, if it lies further outside
+# the other points than the first of these shares of their extent; beyond the second share, it is a size.
 MAY_BE_SIZE = 0.25
 IS_SIZE = 1.0
-TRIANGLE = 3  # number of points; too few to tell
+TRIANGLE_POINTS = 3  # too few to tell
 SMALLEST_AREA = 1e-6  # of a rotated box, as a share of the image
-SAME = 2e-3  # shares of the image; the sides of rotated boxes are parallel up to the rounding of their points
+MAX_GAP = 2e-3  # shares of the image, between the fourth corner of a rotated box and its place by the others
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,14 +59,16 @@ def read_label_rows(path: str | Path) -> LabelRows:
     Raises `DataError` with file and line for a wrong number of fields, a value outside 0..1, an invalid class
     number, and for rows with keypoints.
     """
-    lines = enumerate(read_text(path).splitlines(), start=1)
-    rows = [_read_row(line, path, number) for number, line in lines if line.strip()]
+    rows = []
+    for line_number, line in enumerate(read_text(path).splitlines(), start=1):
+        if line.strip():
+            rows.append(_read_row(line, path, line_number))
     return LabelRows(
         np.array([row.class_id for row in rows], np.int64),
         np.array([row.shares for row in rows], np.float64).reshape(-1, 4),
         np.array([row.score for row in rows], np.float64),
-        np.array([row.is_polygon for row in rows], np.bool_),
-        np.array([row.may_have_keypoints for row in rows], np.bool_),
+        np.array([row.polygon for row in rows], np.bool_),
+        np.array([row.may_be_keypoints for row in rows], np.bool_),
     )
 
 
@@ -75,21 +78,31 @@ class _Row(NamedTuple):
     class_id: int
     shares: list[float]
     score: float
-    is_polygon: bool
-    may_have_keypoints: bool
+    polygon: bool
+    may_be_keypoints: bool
 
 
-def _read_row(line: str, path: str | Path, number: int) -> _Row:
+class _Answer(IntEnum):
+    """Whether something is so; a greater answer is surer."""
+
+    NO = 0
+    MAYBE = 1
+    YES = 2
+
+
+def _read_row(line: str, path: str | Path, line_number: int) -> _Row:
     """A line of a label file that is not empty; errors as in `read_label_rows`."""
     words = line.split()
-    _refuse_kitti(words, path, number)
-    has_keypoints = len(words) >= POLYGON_FIELDS and _have_keypoints(_numbers(words[1:]))
-    if has_keypoints:
+    _refuse_kitti(words, path, line_number)
+    keypoints = _Answer.NO
+    if len(words) >= POLYGON_FIELDS:
+        keypoints = _have_keypoints(_numbers(words[1:]))
+    if keypoints is _Answer.YES:
         raise DataError(
             "expected class cx cy w h [score], found a box with keypoints, as of a pose model: keep the "
             "first 5 numbers of each line",
             path,
-            number,
+            line_number,
         )
     is_polygon = len(words) >= POLYGON_FIELDS and len(words) % 2 == 1
     if len(words) not in (5, 6) and not is_polygon:
@@ -97,26 +110,36 @@ def _read_row(line: str, path: str | Path, number: int) -> _Row:
             f"expected class cx cy w h [score], or class x1 y1 x2 y2 x3 y3 … of a polygon, found "
             f"{len(words)} fields",
             path,
-            number,
+            line_number,
         )
-    class_id, *values = _numbers(words) or [math.nan]
-    is_valid_class = 0 <= class_id <= MAX_CLASS_ID and class_id == int(class_id)
-    if not is_valid_class or not all(-SLACK <= value <= 1.0 + SLACK for value in values):
+    numbers = _numbers(words)
+    if not _are_class_and_shares(numbers):
         start = line.strip()[:60]
-        raise DataError(f"expected a class number and values in 0..1, found {start!r}", path, number)
+        raise DataError(f"expected a class number and values in 0..1, found {start!r}", path, line_number)
     if len(words) == POLYGON_FIELDS and words[-1].isdecimal():
         raise DataError(
             "expected class cx cy w h [score], found 7 fields, the last of which is a whole number: omit "
             "the number of the track",
             path,
-            number,
+            line_number,
         )
-    values = [min(max(value, 0.0), 1.0) for value in values]
-    may_have_keypoints = has_keypoints is None
+    class_id = int(numbers[0])
+    values = [min(max(value, 0.0), 1.0) for value in numbers[1:]]
     if is_polygon:
-        return _Row(int(class_id), _bounding_box(values), 1.0, True, may_have_keypoints)
+        may_be_keypoints = keypoints is _Answer.MAYBE
+        return _Row(class_id, _bounding_box(values), 1.0, polygon=True, may_be_keypoints=may_be_keypoints)
     score = values[4] if len(values) == 5 else 1.0
-    return _Row(int(class_id), values[:4], score, False, may_have_keypoints)
+    return _Row(class_id, values[:4], score, polygon=False, may_be_keypoints=False)
+
+
+def _are_class_and_shares(numbers: list[float]) -> bool:
+    """Whether the first of the numbers is that of a class and the others are in 0..1, up to rounding."""
+    if not numbers:
+        return False
+    class_id, *values = numbers
+    if not 0 <= class_id <= MAX_CLASS_ID or class_id != int(class_id):
+        return False
+    return all(-SLACK <= value <= 1.0 + SLACK for value in values)
 
 
 def _numbers(words: list[str]) -> list[float]:
@@ -127,47 +150,51 @@ def _numbers(words: list[str]) -> list[float]:
         return []
 
 
-def _refuse_kitti(words: list[str], path: str | Path, number: int) -> None:
+def _refuse_kitti(words: list[str], path: str | Path, line_number: int) -> None:
     """Raise `DataError` for a line of KITTI's object labels."""
     if len(words) in KITTI_FIELDS and words[0][0].isalpha():
         raise DataError(
             "is a line of KITTI's object labels, expected YOLO's: vo data kitti_to_yolo converts them",
             path,
-            number,
+            line_number,
         )
 
 
-def _have_keypoints(values: list[float]) -> bool | None:
-    """Whether numbers without the class are a box and keypoints in it; None if they may be a polygon, too.
+def _have_keypoints(values: list[float]) -> _Answer:
+    """Whether a row's numbers behind the class are a box and keypoints in it, perhaps followed by a score.
 
-    Perhaps a score follows them. Of a polygon, too, the first two points may look like a box around the
-    others; but then the second point lies near them, which is rarely true for the size of a box.
+    Of a polygon, too, the first two points may look like a box around the others; but then the second point
+    lies near them, which is rarely true for the size of a box.
     """
-    found: bool | None = False
     if len(values) < POLYGON_FIELDS - 1 or not _is_box_in_image(values[:4]):
-        return found
-    for rest in (values[4:], values[4:-1]):
+        return _Answer.NO
+    answer = _Answer.NO
+    for rest in (values[4:], values[4:-1]):  # without a score, and with one
         for size in KEYPOINT_SIZES:
-            if not rest or len(rest) % size:
-                continue
-            points = list(zip(rest[::size], rest[1::size], strict=True))
-            third = rest[2::size] if size == 3 else []
-            if not all(0 <= value <= VISIBLE for value in third) or not _are_in_box(values[:4], points):
-                continue
-            # No polygon has an odd count of numbers, nor a number above 1.
-            if len(values) % 2 == 1 or max(rest) > 1.0 + SLACK:
-                return True
-            is_size = _is_size([(values[0], values[1]), (values[2], values[3]), *points])
-            if is_size:
-                return True
-            found = None if is_size is None else found
-    return found
+            answer = max(answer, _are_keypoints(values, rest, size))
+    return answer
 
 
-def _is_size(points: list[tuple[float, float]]) -> bool | None:
-    """Whether the second pair of numbers cannot be a point of a polygon; None if it may be one."""
+def _are_keypoints(values: list[float], rest: list[float], size: int) -> _Answer:
+    """Whether the numbers `rest` of a row's `values` are keypoints, of `size` numbers each, in its box."""
+    if not rest or len(rest) % size != 0:
+        return _Answer.NO
+    points = list(zip(rest[::size], rest[1::size], strict=True))
+    visibilities = rest[2::size] if size == 3 else []
+    if not all(0 <= visibility <= MAX_VISIBILITY for visibility in visibilities):
+        return _Answer.NO
+    if not _are_in_box(values[:4], points):
+        return _Answer.NO
+    # No polygon has an odd count of numbers, nor a number above 1.
+    if len(values) % 2 == 1 or max(rest) > 1.0 + SLACK:
+        return _Answer.YES
+    return _is_size([(values[0], values[1]), (values[2], values[3]), *points])
+
+
+def _is_size(points: list[tuple[float, float]]) -> _Answer:
+    """Whether the second of the pairs of numbers is the size of a box, not a point of a polygon."""
     if len(points) == 4 and _is_parallelogram(np.array(points)):
-        return False  # a rotated box
+        return _Answer.NO  # a rotated box
     second_x, second_y = points[1]
     others = [point for point in (points[0], *points[2:]) if point != (0.0, 0.0)]
     xs = [point[0] for point in others]
@@ -178,9 +205,11 @@ def _is_size(points: list[tuple[float, float]]) -> bool | None:
     bottom = max(ys)
     outside = max(left - second_x, second_x - right, top - second_y, second_y - bottom)
     extent = max(right - left, bottom - top)
-    if outside > IS_SIZE * extent and len(points) > TRIANGLE:
-        return True
-    return None if outside > MAY_BE_SIZE * extent else False
+    if outside > IS_SIZE * extent and len(points) > TRIANGLE_POINTS:
+        return _Answer.YES
+    if outside > MAY_BE_SIZE * extent:
+        return _Answer.MAYBE
+    return _Answer.NO
 
 
 def _is_parallelogram(points: Array) -> bool:
@@ -188,8 +217,9 @@ def _is_parallelogram(points: Array) -> bool:
     side = points[1] - points[0]
     other_side = points[3] - points[0]
     area = abs(side[0] * other_side[1] - side[1] * other_side[0])
-    closes = np.allclose(points[0] + points[2], points[1] + points[3], rtol=0, atol=SAME)
-    return bool(closes and area > SMALLEST_AREA)
+    # The diagonals of a parallelogram have the same middle.
+    is_closed = np.allclose(points[0] + points[2], points[1] + points[3], rtol=0, atol=MAX_GAP)
+    return bool(is_closed and area > SMALLEST_AREA)
 
 
 def _is_box_in_image(box: list[float]) -> bool:
@@ -198,20 +228,20 @@ def _is_box_in_image(box: list[float]) -> bool:
     if width <= 0 or height <= 0:
         return False
     ends = (x - width / 2, x + width / 2, y - height / 2, y + height / 2)
-    return min(ends) >= -OUTSIDE and max(ends) <= 1.0 + OUTSIDE
+    return min(ends) >= -MAX_OUTSIDE and max(ends) <= 1.0 + MAX_OUTSIDE
 
 
 def _are_in_box(box: list[float], points: Iterable[tuple[float, float]]) -> bool:
-    """Whether a box (centre, size) contains keypoints; one at (0, 0) is not there.
+    """Whether a box (centre, size) contains one or more keypoints, and all that were seen.
 
     Plain numbers, since arrays would take longer: this is done for every polygon of every frame.
     """
     centre_x, centre_y, width, height = box
-    half_width = width / 2 + OUTSIDE
-    half_height = height / 2 + OUTSIDE
+    half_width = width / 2 + MAX_OUTSIDE
+    half_height = height / 2 + MAX_OUTSIDE
     count = 0
     for x, y in points:
-        if x == 0 and y == 0:
+        if x == 0 and y == 0:  # how pose models write a keypoint that they do not see
             continue
         if abs(x - centre_x) > half_width or abs(y - centre_y) > half_height:
             return False
@@ -229,7 +259,7 @@ def _bounding_box(values: list[float]) -> list[float]:
 
 
 def read_labels(path: str | Path, width: int, height: int) -> Boxes:
-    """Boxes, in pixels, of a YOLO label file for an image of this size.
+    """Boxes of a YOLO label file, in pixels of an image of width × height pixels.
 
     Raises `DataError` as `read_label_rows` does, and for rows that are corners, not centre and size.
     """
@@ -256,11 +286,11 @@ def _are_corners(rows: LabelRows) -> bool:
 def _reaches_outside(rows: LabelRows) -> bool:
     """Whether a box reaches out of the image clearly, which corners read as centre and size often do."""
     shares = rows.shares[~rows.polygon]
-    # The height or width of a box that was not clipped may be the whole image; a corner rarely is.
+    # A box as wide or high as the image may reach out of it unless it was clipped; a corner is rarely at 1.
     shares = shares[(shares < 1.0).all(axis=1)]
     low = shares[:, :2] - shares[:, 2:] / 2
     high = shares[:, :2] + shares[:, 2:] / 2
-    return bool(np.any(low < -OUTSIDE) or np.any(high > 1.0 + OUTSIDE))
+    return bool(np.any(low < -MAX_OUTSIDE) or np.any(high > 1.0 + MAX_OUTSIDE))
 
 
 def _are_corners_everywhere(path: Path) -> bool:
@@ -271,6 +301,11 @@ def _are_corners_everywhere(path: Path) -> bool:
 def label_files(folder: Path) -> list[Path]:
     """The label files in a folder that are named by a number, as frames are, in the order of their names."""
     return sorted(path for path in folder.glob("*.txt") if path.stem.isdecimal())
+
+
+def label_stems(folder: Path) -> set[str]:
+    """The file stems of all text files in a folder that may be label files, whatever their names."""
+    return {path.stem for path in folder.glob("*.txt") if not is_file_of_names(path.name)}
 
 
 @dataclass(frozen=True)
@@ -294,26 +329,32 @@ def count_labels(files: Iterable[Path]) -> LabelCounts:
     """Contents of label files; raises `DataError` as `read_label_rows` does."""
     boxes = Counter[int]()
     polygons = 0
-    keypoints = 0
-    corners = True
+    may_be_keypoints = 0
+    may_be_corners = True
     for path in files:
         rows = read_label_rows(path)
         boxes.update(rows.class_id.tolist())
         polygons += int(np.count_nonzero(rows.polygon))
-        keypoints += int(np.count_nonzero(rows.may_be_keypoints))
-        corners = corners and _are_corners(rows)
-    plain = boxes.total() - polygons
-    return LabelCounts(boxes, polygons, keypoints, corners and plain > 0)
+        may_be_keypoints += int(np.count_nonzero(rows.may_be_keypoints))
+        may_be_corners = may_be_corners and _are_corners(rows)
+    if boxes.total() == polygons:
+        may_be_corners = False  # there is no box that could be
+    return LabelCounts(boxes, polygons, may_be_keypoints, may_be_corners)
 
 
 def write_labels(path: str | Path, boxes: Boxes, width: int, height: int, scores: bool = True) -> None:
-    """Write a YOLO label file with lines `class cx cy w h [score]`; boxes are clipped at the image border."""
+    """Write a YOLO label file with lines `class cx cy w h [score]`; boxes are clipped at the image border.
+
+    boxes : in pixels of an image of width × height pixels. scores : whether the lines have the scores.
+    """
     corners = np.clip((boxes.xyxy + 0.5) / (width, height, width, height), 0.0, 1.0)
     centre = (corners[:, :2] + corners[:, 2:]) / 2
     size = corners[:, 2:] - corners[:, :2]
-    values = np.hstack([centre, size, boxes.score[:, None]])[:, : 5 if scores else 4]
-    lines = [
-        " ".join([str(kind), *(f"{value:.6f}" for value in row)]) + "\n"
-        for kind, row in zip(boxes.class_id.tolist(), values.tolist(), strict=True)
-    ]
+    columns = [centre, size]
+    if scores:
+        columns.append(boxes.score[:, None])
+    lines = []
+    for class_id, values in zip(boxes.class_id.tolist(), np.hstack(columns).tolist(), strict=True):
+        words = [str(class_id), *(f"{value:.6f}" for value in values)]
+        lines.append(" ".join(words) + "\n")
     write_atomic(path, "".join(lines))

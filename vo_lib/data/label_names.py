@@ -29,10 +29,10 @@ DETECTOR_RECORD = "detector.json"  # in a label folder that the kit's detector w
 LISTS = ("classes.txt", "obj.names", "_darknet.labels")  # a name in each line
 DESCRIPTIONS = ("data.yaml", "data.yml", "dataset.yaml", "dataset.yml")
 NOTES = "notes.json"
-LEVELS = 3  # the label folder, the folder beside it, and one level up
+LEVELS = 3  # the label folder, its parent, and the parent of that
 SPLITS = ("train", "val", "test")  # keys of a description, with paths to images
-IMAGES = "images"  # the last folder of this name in a path to images, and the folder of labels instead of it
-LABELS = "labels"
+IMAGES = "images"  # in a path to images, the last folder of this name;
+LABELS = "labels"  # in the path to their labels, this folder is in its place
 MAX_NAMES = 10_000
 MAX_PATHS = 100  # of images, in a description or in a list that it refers to
 MAX_DESCRIPTION_BYTES = 1_000_000  # a larger YAML file of another name is not read
@@ -53,18 +53,22 @@ def read_class_names(folder: Path) -> ClassNames:
         return _names_of_detector(record)
     start = Path(os.path.abspath(folder))
     for place in [start, *start.parents][:LEVELS]:
-        found = [(path, names) for path in _files_of_names(place, start) if (names := _read_names(path))]
-        if not found:
+        names_by_file: dict[Path, dict[int, str]] = {}
+        for path in _files_of_names(place, start):
+            names = _read_names(path)
+            if names:
+                names_by_file[path] = names
+        if not names_by_file:
             continue
-        (first, names), *others = found
-        for path, other_names in others:
-            if other_names != names:
+        first = next(iter(names_by_file))
+        for path, names in names_by_file.items():
+            if names != names_by_file[first]:
                 raise DataError(
                     f"has other class names than {first.name} beside it: correct one, or write the names of "
                     f"these labels into {start / LISTS[0]}",
                     path,
                 )
-        return ClassNames(names, str(first))
+        return ClassNames(names_by_file[first], str(first))
     return ClassNames()
 
 
@@ -74,11 +78,12 @@ def is_file_of_names(name: str) -> bool:
 
 
 def _files_of_names(place: Path, label_folder: Path) -> list[Path]:
-    """The files in a folder that may have the names of the classes."""
+    """The files in a folder, `place`, that may have the names of the classes of a label folder."""
     files = [place / name for name in (*LISTS, *DESCRIPTIONS, NOTES)]
-    if place != label_folder:  # which may have thousands of files
-        others = [path for pattern in ("*.yaml", "*.yml") for path in sorted(place.glob(pattern))]
-        files += [path for path in others if path not in files and _describes(path, label_folder)]
+    # The label folder itself is not searched: it may have thousands of files.
+    if place != label_folder:
+        yaml_files = [*sorted(place.glob("*.yaml")), *sorted(place.glob("*.yml"))]
+        files += [path for path in yaml_files if path not in files and _describes(path, label_folder)]
     if place == label_folder.parent:
         files += [path for path in sorted(place.glob("*.names")) if path not in files]
     return [path for path in files if path.is_file()]
@@ -92,21 +97,35 @@ def _describes(path: Path, label_folder: Path) -> bool:
     try:
         if not path.is_file() or path.stat().st_size > MAX_DESCRIPTION_BYTES:
             return False
-        about = read_yaml(path)
+        description = read_yaml(path)
     except (DataError, OSError):
         return False
-    root = about.get("path")
-    roots = [path.parent, *([path.parent / root] if isinstance(root, str) else [])]
-    places: list[Any] = []
+    roots = [path.parent]
+    named_root = description.get("path")
+    if isinstance(named_root, str):
+        roots.append(path.parent / named_root)
+    for images in _image_paths(description):
+        for root in roots:
+            for labels in _label_folders_of(root / images):
+                if label_folder.is_relative_to(labels):
+                    return True
+    return False
+
+
+def _image_paths(description: Mapping[str, Any]) -> list[str]:
+    """The paths to images in a description: one for each split, or a list for it."""
+    values: list[Any] = []
     for split in SPLITS:
-        values = about.get(split)
-        places += values[:MAX_PATHS] if isinstance(values, list) else [values]
-    images = [start / place for start in roots for place in places if isinstance(place, str)]
-    return any(label_folder.is_relative_to(labels) for each in images for labels in _labels_of(each))
+        value = description.get(split)
+        if isinstance(value, list):
+            values += value[:MAX_PATHS]
+        else:
+            values.append(value)
+    return [value for value in values if isinstance(value, str)]
 
 
-def _labels_of(images: Path) -> list[Path]:
-    """The folders of the labels of images: of a folder, or of the files in a text file with a list."""
+def _label_folders_of(images: Path) -> list[Path]:
+    """The folders of the labels of images: of a folder, or of the files that a text file lists."""
     folders = [images]
     if images.suffix == ".txt":
         try:
@@ -118,7 +137,8 @@ def _labels_of(images: Path) -> list[Path]:
     for folder in dict.fromkeys(folders):
         parts = list(Path(os.path.abspath(folder)).parts)
         if IMAGES in parts:
-            parts[len(parts) - 1 - parts[::-1].index(IMAGES)] = LABELS
+            last = max(index for index, part in enumerate(parts) if part == IMAGES)
+            parts[last] = LABELS
             found.append(Path(*parts))
     return found
 
@@ -140,17 +160,17 @@ def _read_names(path: Path) -> dict[int, str]:
         return {}
 
 
-def names_in_description(about: Mapping[str, Any]) -> dict[int, str]:
+def names_in_description(description: Mapping[str, Any]) -> dict[int, str]:
     """Class names by number in a description of a data set, a list or a mapping under `names`; {} without."""
-    names = about.get("names")
+    names = description.get("names")
     if isinstance(names, list):
         names = dict(enumerate(names))
     if not isinstance(names, dict) or len(names) > MAX_NAMES:
         return {}
     numbered: dict[int, str] = {}
     for key, name in names.items():
-        valid_key = isinstance(key, int) or (isinstance(key, str) and re.fullmatch(r"[0-9]{1,5}", key))
-        if not valid_key or not isinstance(name, str | int | float):
+        is_number = isinstance(key, int) or (isinstance(key, str) and re.fullmatch(r"[0-9]{1,5}", key))
+        if not is_number or not isinstance(name, str | int | float):
             return {}
         numbered[int(key)] = str(name)
     return numbered
@@ -159,10 +179,19 @@ def names_in_description(about: Mapping[str, Any]) -> dict[int, str]:
 def _names_in_list(text: str) -> dict[int, str]:
     """The names in lines of text; a line may begin with its number, as in "0: car"."""
     lines = [line.strip() for line in text.strip().splitlines()]
-    numbered = [_NUMBERED.fullmatch(line) for line in lines]
-    if all(line is not None and int(line[1]) == k for k, line in enumerate(numbered)):
-        lines = [line[2] for line in numbered if line is not None]
-    return dict(enumerate(lines[:MAX_NAMES]))
+    names = _without_numbers(lines) or lines
+    return dict(enumerate(names[:MAX_NAMES]))
+
+
+def _without_numbers(lines: list[str]) -> list[str]:
+    """The names in lines that all begin with their number, 0, 1, 2 …; [] for other lines."""
+    names = []
+    for number, line in enumerate(lines):
+        numbered = _NUMBERED.fullmatch(line)
+        if numbered is None or int(numbered[1]) != number:
+            return []
+        names.append(numbered[2])
+    return names
 
 
 def _names_in_notes(notes: Mapping[str, Any]) -> dict[int, str]:
@@ -170,16 +199,26 @@ def _names_in_notes(notes: Mapping[str, Any]) -> dict[int, str]:
     categories = notes.get("categories")
     if not isinstance(categories, list):
         return {}
-    names = {each.get("id"): each.get("name") for each in categories if isinstance(each, dict)}
-    return {number: str(name) for number, name in names.items() if isinstance(number, int) and name}
+    names: dict[int, str] = {}
+    for category in categories:
+        if not isinstance(category, dict):
+            continue
+        number = category.get("id")
+        name = category.get("name")
+        if isinstance(number, int) and name:
+            names[number] = str(name)
+    return names
 
 
 def _names_of_detector(path: Path) -> ClassNames:
     """The classes in the record of a detector; a record of earlier versions has COCO's numbers only."""
     record = read_mapping(path, "the record of the detector that wrote the labels")
-    names = names_in_description(record)
-    written = _whole_numbers(record.get("written"))
-    return ClassNames(names, str(path), written, _whole_numbers(record.get("numbers")) or ())
+    return ClassNames(
+        names=names_in_description(record),
+        source=str(path),
+        written=_whole_numbers(record.get("written")),
+        of_model=_whole_numbers(record.get("numbers")) or (),
+    )
 
 
 def _whole_numbers(values: Any) -> tuple[int, ...] | None:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 
 from ..errors import DataError
-from .class_names import COCO, ClassNames, listed
+from .class_names import COCO, ClassChoice, ClassNames, listed
 from .kitti import list_frames
-from .label_files import LabelCounts, count_labels, label_files
-from .label_names import DETECTOR_RECORD, LISTS, is_file_of_names, read_class_names
+from .label_files import LabelCounts, count_labels, label_files, label_stems
+from .label_names import DETECTOR_RECORD, LISTS, read_class_names
 from .sequence import Sequence
 
 
@@ -23,18 +22,19 @@ def label_remarks(sequence: Sequence, classes: tuple[str, ...]) -> list[str]:
     sequence.require_boxes(classes)
     names = read_class_names(sequence.labels)
     counts = count_labels(label_files(sequence.labels))
-    return [
-        *_class_remark(sequence.labels, names, counts, classes),
-        *coverage_remarks(sequence),
-        *_shape_remarks(counts),
-    ]
+    choice = names.choose(classes)
+    if names.names:
+        class_remarks = [_named_remark(sequence.labels, names, counts, choice)]
+    else:
+        class_remarks = _unnamed_remarks(counts, choice)
+    return class_remarks + coverage_remarks(sequence) + _shape_remarks(counts)
 
 
 def missing_labels(sequence: Sequence) -> list[str]:
     """The frames of a sequence (or of a part of a sequence) without a label file."""
     if sequence.labels is None:
         return list(sequence.frames)
-    stems = _label_stems(sequence.labels)
+    stems = label_stems(sequence.labels)
     return [frame for frame in sequence.frames if frame not in stems]
 
 
@@ -43,62 +43,64 @@ def coverage_remarks(sequence: Sequence) -> list[str]:
     if sequence.labels is None:
         return []
     missing = missing_labels(sequence)
-    stems = _label_stems(sequence.labels)
-    one_each = len(stems) == len(sequence)  # then each label file should belong to an image of the sequence
-    frames = sequence.frames if one_each else list_frames(sequence.folder)
+    stems = label_stems(sequence.labels)
+    frames = list(sequence.frames)
+    # Labels of a part may be those of the whole sequence. With as many label files as frames in the part, all
+    # of them should belong to these frames.
+    if len(stems) != len(sequence):
+        frames = list_frames(sequence.folder)
     surplus = sorted(stems - set(frames))
     remarks = []
     if missing:
         remarks.append(f"{len(missing)} of {len(sequence)} images have no label file, which means no vehicle")
     if surplus:
         files = listed(f"{stem}.txt" for stem in surplus)
-        remarks.append(f"{files}: no image of the sequence has this name")
-    if missing and surplus:
-        remarks[-1] += f", and {missing[0]}.png has no label file: are the names shifted?"
+        remark = f"{files}: no image of the sequence has this name"
+        if missing:
+            remark += f", and {missing[0]}.png has no label file: are the names shifted?"
+        remarks.append(remark)
     return remarks
 
 
-def _label_stems(folder: Path) -> set[str]:
-    return {path.stem for path in folder.glob("*.txt") if not is_file_of_names(path.name)}
+def _named_remark(folder: Path, names: ClassNames, counts: LabelCounts, choice: ClassChoice) -> str:
+    """The chosen classes and the others, of labels with names; `DataError` for a box of a class without."""
+    source = Path(names.source)
+    unnamed = sorted(counts.boxes.keys() - names.names.keys())
+    if unnamed:
+        last = max(names.names)
+        raise DataError(
+            f"class {listed(unnamed)} of the labels in {folder} has no name, the last name is that of "
+            f"class {last}: are these the names of other labels, or do the numbers begin at 1? "
+            f"Write the names of these labels into {folder / LISTS[0]}, one a line, class 0 first",
+            source,
+        )
+    where = f"names from {source.parent.name}/{source.name}"
+    if source.name == DETECTOR_RECORD:
+        where = "as the detector names them"
+    return f"boxes of {choice.sentence()} ({where})"
 
 
-def _class_remark(
-    folder: Path, names: ClassNames, counts: LabelCounts, classes: tuple[str, ...]
-) -> Iterable[str]:
-    """The chosen classes and the others; nothing if all boxes of a folder without names count."""
-    choice = names.choose(classes)
-    if names.names:
-        source = Path(names.source)
-        if source.name == DETECTOR_RECORD:
-            where = "as the detector names them"
+def _unnamed_remarks(counts: LabelCounts, choice: ClassChoice) -> list[str]:
+    """The numbers that count and those that do not, of labels without names; nothing if all boxes count."""
+    chosen_boxes = 0
+    others = []
+    for number, count in sorted(counts.boxes.items()):
+        if number in choice.kinds:
+            chosen_boxes += count
         else:
-            where = f"names from {source.parent.name}/{source.name}"
-        unnamed = sorted(counts.boxes.keys() - names.names.keys())
-        if unnamed:
-            last = max(names.names)
-            raise DataError(
-                f"class {listed(unnamed)} of the labels in {folder} has no name, the last name is that of "
-                f"class {last}: are these the names of other labels, or do the numbers begin at 1? "
-                f"Write the names of these labels into {folder / LISTS[0]}, one a line, class 0 first",
-                source,
-            )
-        return [f"boxes of {choice.sentence()} ({where})"]
-    others = {number: count for number, count in sorted(counts.boxes.items()) if number not in choice.kinds}
+            name = COCO[number] if number < len(COCO) else "not in COCO"
+            others.append(f"{number} ({name}): {count} boxes")
     if not others:
         return []
-    words = (
-        f"{number} ({COCO[number] if number < len(COCO) else 'not in COCO'}): {count} boxes"
-        for number, count in others.items()
-    )
-    numbered = sum(count for number, count in counts.boxes.items() if number in choice.kinds)
-    chosen = listed(f"{number} {COCO[number]}" if number < len(COCO) else number for number in choice.kinds)
+    chosen = [f"{number} {COCO[number]}" if number < len(COCO) else str(number) for number in choice.kinds]
     return [
-        f"the labels have numbers without names: {numbered} boxes of class {chosen} (numbers of COCO) count; "
-        f"the others do not, class {listed(words)}"
+        f"the labels have numbers without names: {chosen_boxes} boxes of class {listed(chosen)} (numbers of "
+        f"COCO) count; the others do not, class {listed(others)}"
     ]
 
 
 def _shape_remarks(counts: LabelCounts) -> list[str]:
+    """Sentences on labels that are no boxes, or may be something else."""
     remarks = []
     if counts.polygons:
         remarks.append(

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import struct
-import zlib
-from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -13,9 +10,9 @@ import numpy as np
 from ..errors import DataError
 from ..files import read_bytes
 from ..geometry.types import Image
-from .kitti import PNG_SIGNATURE, has_valid_chunks, read_image
+from .kitti import decode_image, read_image
+from .png import has_valid_chunks, with_grey_palette
 
-PALETTE_TYPE = 3  # colour type of a PNG whose pixels are indices into a palette
 COLOUR_CHANNELS = {2: 1, 4: 3}  # channels without alpha, by the number of channels with alpha
 
 
@@ -33,41 +30,14 @@ def read_mask(path: Path) -> Image:
     data = read_bytes(path)
     image = None
     if has_valid_chunks(data):
-        try:
-            flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
-            image = cv2.imdecode(np.frombuffer(_with_grey_palette(data), np.uint8), flags)
-        except cv2.error:  # for example too many pixels for OpenCV
-            pass
+        flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
+        image = decode_image(with_grey_palette(data), flags)
     if image is None:
         raise DataError("the image is truncated or damaged: expected a complete PNG file", path)
     if image.ndim == 2:
         masked = image != 0
     else:
         channels = image.shape[2]
-        masked = (image[:, :, : COLOUR_CHANNELS.get(channels, channels)] != 0).any(axis=2)
+        colours = image[:, :, : COLOUR_CHANNELS.get(channels, channels)]
+        masked = (colours != 0).any(axis=2)
     return np.where(masked, 255, 0).astype(np.uint8)
-
-
-def _with_grey_palette(png: bytes) -> bytes:
-    """The PNG, with a palette (if it has one) in which index i has the grey value i, and without alpha."""
-    chunks = list(_chunks(png))
-    header = chunks[0][1]
-    if len(header) < 10 or header[9] != PALETTE_TYPE:
-        return png
-    indices = bytes(value for index in range(1 << header[8]) for value in (index, index, index))
-    parts = [PNG_SIGNATURE]
-    for kind, content in chunks:
-        if kind == b"tRNS":
-            continue
-        body = kind + (indices if kind == b"PLTE" else content)
-        parts += [struct.pack(">I", len(body) - 4), body, zlib.crc32(body).to_bytes(4)]
-    return b"".join(parts)
-
-
-def _chunks(png: bytes) -> Iterator[tuple[bytes, bytes]]:
-    """Kind and content of the chunks of a valid PNG."""
-    start = len(PNG_SIGNATURE)
-    while start + 12 <= len(png):
-        length, kind = struct.unpack_from(">I4s", png, start)
-        yield kind, png[start + 8 : start + 8 + length]
-        start += 12 + length

@@ -47,16 +47,18 @@ _FRAME_WORDS = {"frame", "frames", "id", "idx", "index", "num", "number", "image
 _POSITION_WORDS = {"p", "t", "pos", "position", "trans", "translation", "loc", "location", "pose"}
 _QUATERNION_WORDS = {"q", "quat", "quaternion", "orientation", "ori", "rotation", "rot"}
 # Columns with one of these words have no part of a pose, although they may end in x, y or z.
-_OTHER_WORDS = {
-    *("vel", "velocity", "linear", "angular", "twist", "omega", "acc", "accel", "acceleration"),
-    *("gyro", "mag", "bias", "gravity", "cov", "covariance", "std", "sigma", "var", "error"),
-}
+_VELOCITY_WORDS = {"vel", "velocity", "linear", "angular", "twist", "omega"}
+_SENSOR_WORDS = {"acc", "accel", "acceleration", "gyro", "mag", "bias", "gravity"}
+_UNCERTAINTY_WORDS = {"cov", "covariance", "std", "sigma", "var", "error"}
+_OTHER_WORDS = _VELOCITY_WORDS | _SENSOR_WORDS | _UNCERTAINTY_WORDS
 EUROC_OTHER = ("v_", "b_")  # velocities and biases in EuRoC's files
 _ANGLE_WORDS = {"roll", "pitch", "yaw", "euler", "heading", "rotvec", "rx", "ry", "rz"}
-_TAIT_OR_MATRIX = re.compile(r"(r|rot|t|m|q) ?\d ?\d?")  # r11, rot_00, T00 or q0, without blanks otherwise
-_JOINED = re.compile(
-    r"(?:(?P<q>q|quat|quaternion|orientation|ori|rotation|rot)(?P<of_q>[xyzw])"
-    r"|(?P<p>t|p|pos|position|trans|translation|loc|location)(?P<of_p>[xyz]))"
+# Entries of a matrix, r11, rot_00 or T00, and of a quaternion whose order is not said, q0; by their words.
+_NUMBERED_ENTRY = re.compile(r"(r|rot|t|m|q) ?\d ?\d?")
+# A word with the axis at its end: qx, quatw, tx or posz.
+_WORD_WITH_AXIS = re.compile(
+    r"(?:q|quat|quaternion|orientation|ori|rotation|rot)(?P<quaternion_axis>[xyzw])"
+    r"|(?:t|p|pos|position|trans|translation|loc|location)(?P<position_axis>[xyz])"
 )
 # Words of names such as t_cw_x, Tcw, qw_cw, w2c or cam_from_world: the world seen from camera, body or IMU.
 _PART = r"(?:t|p|q|r|rot|rotation|trans|translation|pos|position|pose|quat|quaternion|orientation|ori)"
@@ -81,16 +83,26 @@ class Column(NamedTuple):
     unit: str
 
 
+class TimeColumn(NamedTuple):
+    """A column that is the time or a part of it: its place in a row, and the factor from its unit to seconds.
+
+    The factor is None if the header does not name the unit.
+    """
+
+    place: int
+    factor: float | None
+
+
 @dataclass(frozen=True)
 class PoseColumns:
-    """Places of a pose in a row.
+    """Places of a pose in a row; a place is counted from 0.
 
     Attributes
     ----------
     line : line of the header, counted from 1. names : all names of the header.
-    position : places of x, y, z; metres : factor from the unit of x, y, z to metres.
+    position : places of x, y, z. metres : factor from the unit of x, y, z to metres.
     quaternion : places of x, y, z, w.
-    time : places of the columns whose sum is the time, each with its factor to seconds (None: not named).
+    time : the columns whose sum is the time; empty without a time.
     frame : place of a column with frame numbers, in a file without times; otherwise None.
     """
 
@@ -99,13 +111,13 @@ class PoseColumns:
     position: tuple[int, ...]
     metres: float
     quaternion: tuple[int, ...]
-    time: tuple[tuple[int, float | None], ...]
+    time: tuple[TimeColumn, ...]
     frame: int | None
 
     @property
     def places(self) -> tuple[int, ...]:
         """Places of the needed columns: the time or the frame number, x y z, then qx qy qz qw."""
-        first = [place for place, _ in self.time]
+        first = [column.place for column in self.time]
         if self.frame is not None:
             first = [self.frame]
         return (*first, *self.position, *self.quaternion)
@@ -114,16 +126,16 @@ class PoseColumns:
 def find_header(lines: Sequence[str]) -> int | None:
     """Number, from 1, of the line that names the columns of a pose: a comment, or the first line without #.
 
-    None if no line names columns, so that a convention must decide.
+    Of several such lines, the last counts. None if no line names columns, so that a convention must decide.
     """
     header = None
-    for number, line in enumerate(lines, start=1):
+    for line_number, line in enumerate(lines, start=1):
         if not line.strip():
             continue
-        if _world_to_camera(_columns(line, None)):
-            return number  # whatever a later line names, the poses are refused
+        if _world_to_camera_names(_columns(line, None)):
+            return line_number  # whatever a later line names, the poses are refused
         if _names_a_pose(line):
-            header = number
+            header = line_number
         if not _COMMENT.match(line):
             break
     return header
@@ -136,26 +148,32 @@ def is_comment(line: str) -> bool:
 
 def separator_of(row: str) -> str | None:
     """The character between the numbers of a row: a semicolon, a comma or a tabulator; None for blanks."""
-    return next((separator for separator in SEPARATORS if separator in row), None)
+    for separator in SEPARATORS:
+        if separator in row:
+            return separator
+    return None
 
 
 def split_cells(line: str, separator: str | None) -> list[str]:
     """The cells of a line without blanks and quotation marks around them; raises `csv.Error`."""
     if separator is None:
         return [word.strip("\"'") for word in line.split()]
-    (cells,) = csv.reader([line.strip(" \r\n")], delimiter=separator, skipinitialspace=True)
+    rows = csv.reader([line.strip(" \r\n")], delimiter=separator, skipinitialspace=True)
+    cells = next(rows)
     return [cell.strip() for cell in cells]
 
 
-def read_columns(line: str, number: int, path: str | Path, separator: str | None) -> PoseColumns:
+def read_columns(line: str, line_number: int, path: str | Path, separator: str | None) -> PoseColumns:
     """The columns that a header names.
 
-    `separator` : the character between the cells of the rows below. Raises `DataError` with the line if a
-    part of the pose is missing, is named twice, or is given as angles or as a matrix.
+    separator : the character between the cells of the rows below, None for blanks.
+
+    Raises `DataError` with the line if a part of the pose is missing, is named twice, or is given as angles
+    or as a matrix; if its poses are from the world to the camera; and for a unit that is not known.
     """
     columns = _columns(line, separator)
-    _refuse_colmap(columns, path, number)
-    _refuse_world_to_camera(columns, path, number)
+    _refuse_colmap(columns, path, line_number)
+    _refuse_world_to_camera(columns, path, line_number)
     candidates: dict[str, list[Column]] = {}
     for column in columns:
         role = _role(column)
@@ -163,17 +181,17 @@ def read_columns(line: str, number: int, path: str | Path, separator: str | None
             candidates.setdefault(role, []).append(column)
     missing = [name for name in (*POSITION, *QUATERNION) if name not in candidates]
     if missing:
-        raise DataError(_incomplete(columns, missing), path, number)
-    chosen = _one_path(candidates, path, number)
-    time = _time(columns, path, number)
+        raise DataError(_incomplete(columns, missing), path, line_number)
+    chosen = _one_path(candidates, path, line_number)
+    time = _time_columns(columns, path, line_number)
     return PoseColumns(
-        line=number,
+        line=line_number,
         names=tuple(column.name for column in columns),
         position=tuple(chosen[name].place for name in POSITION),
-        metres=_metres([chosen[name] for name in POSITION], path, number),
+        metres=_metres_per_unit([chosen[name] for name in POSITION], path, line_number),
         quaternion=tuple(chosen[name].place for name in QUATERNION),
         time=time,
-        frame=None if time else _frame(columns),
+        frame=None if time else _frame_column(columns),
     )
 
 
@@ -187,10 +205,14 @@ def _columns(line: str, separator: str | None) -> list[Column]:
     if len(cells) < len(POSITION) + len(QUATERNION):
         # A unit belongs to the name before it: "timestamp [ns] tx".
         cells = re.sub(r"\s+(?=[\[(])", "", text).replace(",", " ").replace(";", " ").split()
-    return [Column(place, name.strip("\"' "), *_words(name)) for place, name in enumerate(cells)]
+    columns = []
+    for place, name in enumerate(cells):
+        words, unit = _words_and_unit(name)
+        columns.append(Column(place, name.strip("\"' "), words, unit))
+    return columns
 
 
-def _words(name: str) -> tuple[tuple[str, ...], str]:
+def _words_and_unit(name: str) -> tuple[tuple[str, ...], str]:
     """The words of a name in lower case, and its unit: from brackets or, as in time_ns, the last word."""
     bracket = _UNIT.search(name)
     unit = ""
@@ -212,9 +234,12 @@ def _role(column: Column) -> str | None:
     if _OTHER_WORDS.intersection(words) or column.name.lower().startswith(EUROC_OTHER):
         return None
     for word in words:
-        joined = _JOINED.fullmatch(word)
-        if joined is not None:
-            return f"q{joined['of_q']}" if joined["q"] else str(joined["of_p"])
+        with_axis = _WORD_WITH_AXIS.fullmatch(word)
+        if with_axis is None:
+            continue
+        if with_axis["quaternion_axis"]:
+            return f"q{with_axis['quaternion_axis']}"
+        return with_axis["position_axis"]
     axes = [word for word in words if word in _AXES]
     if len(axes) != 1 or words[-1] != axes[0]:
         return None
@@ -232,7 +257,7 @@ def _names_a_pose(line: str) -> bool:
         roles = {_role(column) for column in columns}
         if roles.issuperset(POSITION) or not roles.isdisjoint(QUATERNION) or _is_colmap(columns):
             return True
-        if _world_to_camera(columns):
+        if _world_to_camera_names(columns):
             return True
     return False
 
@@ -242,9 +267,9 @@ def _incomplete(columns: list[Column], missing: list[str]) -> str:
     rotation = [
         column.name
         for column in columns
-        if _ANGLE_WORDS.intersection(column.words) or _TAIT_OR_MATRIX.fullmatch(" ".join(column.words))
+        if _ANGLE_WORDS.intersection(column.words) or _NUMBERED_ENTRY.fullmatch(" ".join(column.words))
     ]
-    if rotation and set(missing) <= set(QUATERNION):
+    if rotation and set(QUATERNION).issuperset(missing):
         names = ", ".join(rotation[:3])
         return (
             f"the rotation is given as {names}, whose convention the header does not say: convert it to a "
@@ -254,65 +279,93 @@ def _incomplete(columns: list[Column], missing: list[str]) -> str:
     return f"the header does not name {' '.join(missing)}: expected columns such as {example}"
 
 
-def _one_path(candidates: dict[str, list[Column]], path: str | Path, number: int) -> dict[str, Column]:
-    """A column for each part of the pose; `DataError` if the header names several paths."""
+def _one_path(candidates: dict[str, list[Column]], path: str | Path, line_number: int) -> dict[str, Column]:
+    """The column for each part of the pose; `DataError` if the header names several paths.
+
+    candidates : the columns that may be a part, by part.
+    """
     if all(len(columns) == 1 for columns in candidates.values()):
         return {role: columns[0] for role, columns in candidates.items()}
+    # Columns of one path have the same words beside those for the part, such as `odom` or `ecef`.
     paths: dict[tuple[str, ...], dict[str, Column]] = {}
     for role, columns in candidates.items():
         for column in columns:
-            if role in paths.setdefault(_frame_of(column), {}):
-                raise DataError(f"the header names {column.name} twice", path, number)
-            paths[_frame_of(column)][role] = column
-    complete = {frame: named for frame, named in paths.items() if len(named) == len(candidates)}
+            one_path = paths.setdefault(_words_of_path(column), {})
+            if role in one_path:
+                raise DataError(f"the header names {column.name} twice", path, line_number)
+            one_path[role] = column
     # Positions from the centre of the Earth stand beside positions in the world of the drive.
-    local = {frame: named for frame, named in complete.items() if "ecef" not in frame}
-    if len(local) != 1:
+    complete_local = [
+        one_path
+        for words, one_path in paths.items()
+        if len(one_path) == len(candidates) and "ecef" not in words
+    ]
+    if len(complete_local) != 1:
         two = " and ".join(column.name for column in candidates["x"][:2])
-        raise DataError(f"the header names several paths, {two}: keep the columns of one", path, number)
-    (chosen,) = local.values()
-    return chosen
+        raise DataError(f"the header names several paths, {two}: keep the columns of one", path, line_number)
+    return complete_local[0]
 
 
-def _frame_of(column: Column) -> tuple[str, ...]:
-    """The words of a name without its axis and its kind, such as ("odom", "pose")."""
+def _words_of_path(column: Column) -> tuple[str, ...]:
+    """The words of a name without its axis and its kind, such as ("odom",) of odom.pose.position.x."""
     kinds = _POSITION_WORDS | _QUATERNION_WORDS | _AXES
-    return tuple(word for word in column.words if word not in kinds and not _JOINED.fullmatch(word))
+    return tuple(word for word in column.words if word not in kinds and not _WORD_WITH_AXIS.fullmatch(word))
 
 
-def _metres(columns: list[Column], path: str | Path, number: int) -> float:
+def _metres_per_unit(columns: list[Column], path: str | Path, line_number: int) -> float:
     """The factor from the unit of the positions to metres."""
     units = {column.unit or "m" for column in columns}
     if len(units) > 1 or not units <= LENGTH_UNITS.keys():
         names = ", ".join(column.name for column in columns)
-        raise DataError(f"unit of {names}: expected one of m, cm, mm, km for all three", path, number)
+        raise DataError(f"unit of {names}: expected one of m, cm, mm, km for all three", path, line_number)
     return LENGTH_UNITS[units.pop()]
 
 
-def _time(columns: list[Column], path: str | Path, number: int) -> tuple[tuple[int, float | None], ...]:
-    """Places of the time and their factors to seconds; empty without a time."""
-    named = [column for column in columns if _TIME_WORDS.intersection(column.words) and _role(column) is None]
-    named = [column for column in named if not _OTHER_WORDS.intersection(column.words)]
+def _time_columns(columns: list[Column], path: str | Path, line_number: int) -> tuple[TimeColumn, ...]:
+    """The column with the time, or the two whose sum it is; empty without a time.
+
+    Raises `DataError` for a unit that is not known.
+    """
+    times = [column for column in columns if _names_a_time(column)]
+    first_parts = [column for column in times if not _is_second_part(column, times)]
+    if not first_parts:
+        return ()
     # In ROS, the stamp of a message is the time of the measurement; other times are those of the recording.
-    stamps = [column for column in named if {"header", "stamp"} <= set(column.words)]
-    for column in [*stamps, *named]:
-        if column.unit in _WHOLE_SECONDS:
-            rest = [c for c in named if c.words == column.words and c.unit in _REST_NANOSECONDS]
-            if rest:
-                return (column.place, 1.0), (rest[0].place, NANOSECONDS)
-        if column.unit in _REST_NANOSECONDS and any(
-            c.words == column.words and c.unit in _WHOLE_SECONDS for c in named
-        ):
-            continue  # the second part of a time
-        unit = column.unit.split(" ")[0]  # "s since the start"
-        if unit in TIME_UNITS:
-            return ((column.place, TIME_UNITS[unit]),)
-        is_other_unit = bool(column.unit) and _CLOCKS.isdisjoint(column.unit.split())
-        if is_other_unit or _LONG_UNITS.intersection(column.words):
-            raise DataError(f"unit of {column.name}: expected s, ms, us or ns", path, number)
-        nanoseconds = column.name.startswith("field.") or _is_rostopic(columns) or _is_euroc(columns)
-        return ((column.place, NANOSECONDS if nanoseconds else None),)
-    return ()
+    stamps = [column for column in first_parts if {"header", "stamp"}.issubset(column.words)]
+    time = stamps[0] if stamps else first_parts[0]
+    for other in times:
+        if time.unit in _WHOLE_SECONDS and other.words == time.words and other.unit in _REST_NANOSECONDS:
+            return TimeColumn(time.place, 1.0), TimeColumn(other.place, NANOSECONDS)
+    return (TimeColumn(time.place, _seconds_per_unit(time, columns, path, line_number)),)
+
+
+def _is_second_part(column: Column, times: list[Column]) -> bool:
+    """Whether a time is the nanoseconds to another column of `times` with the whole seconds."""
+    if column.unit not in _REST_NANOSECONDS:
+        return False
+    return any(other.words == column.words and other.unit in _WHOLE_SECONDS for other in times)
+
+
+def _names_a_time(column: Column) -> bool:
+    """Whether a column is a time, and no part of a pose or of another quantity."""
+    if _role(column) is not None or _OTHER_WORDS.intersection(column.words):
+        return False
+    return not _TIME_WORDS.isdisjoint(column.words)
+
+
+def _seconds_per_unit(
+    time: Column, columns: list[Column], path: str | Path, line_number: int
+) -> float | None:
+    """The factor from the unit of a time to seconds; None if the header does not say it."""
+    first_word = time.unit.split(" ")[0]  # of a unit such as "s since the start"
+    if first_word in TIME_UNITS:
+        return TIME_UNITS[first_word]
+    is_other_unit = time.unit != "" and _CLOCKS.isdisjoint(time.unit.split())
+    if is_other_unit or _LONG_UNITS.intersection(time.words):
+        raise DataError(f"unit of {time.name}: expected s, ms, us or ns", path, line_number)
+    if _is_rostopic(columns) or _is_euroc(columns):
+        return NANOSECONDS
+    return None
 
 
 def _is_rostopic(columns: list[Column]) -> bool:
@@ -325,8 +378,8 @@ def _is_euroc(columns: list[Column]) -> bool:
     return any(column.words[:2] == ("p", "rs") for column in columns)
 
 
-def _frame(columns: list[Column]) -> int | None:
-    """Place of a column with frame numbers."""
+def _frame_column(columns: list[Column]) -> int | None:
+    """Place of a column with frame numbers, or None."""
     for column in columns:
         if column.words and _FRAME_WORDS.issuperset(column.words):
             return column.place
@@ -339,34 +392,39 @@ def _is_colmap(columns: list[Column]) -> bool:
     return {"IMAGE_ID", "CAMERA_ID", "QW"} <= names
 
 
-def _refuse_colmap(columns: list[Column], path: str | Path, number: int) -> None:
+def _refuse_colmap(columns: list[Column], path: str | Path, line_number: int) -> None:
     """Raise `DataError` for COLMAP's images.txt, whose poses are not those of the camera in the world."""
     if _is_colmap(columns):
         raise DataError(
             "COLMAP's images.txt has poses from the world to the camera, and two lines for each image: write "
             f"the inverse poses, one line each, below {HEADER_EXAMPLE!r}",
             path,
-            number,
+            line_number,
         )
 
 
-def _world_to_camera(columns: list[Column]) -> list[str]:
-    """Names that say that poses are from the world to the camera: of three columns, or in the whole line."""
+def _world_to_camera_names(columns: list[Column]) -> list[str]:
+    """The names that say that poses are from the world to the camera; [] if no name says so.
+
+    These are the names of three or more columns, or words anywhere in the line.
+    """
     names = [column.name for column in columns if _WORLD_TO_CAMERA.search(" ".join(column.words))]
     if len(names) >= len(POSITION):
         return names
-    line = " ".join(word for column in columns for word in column.words)
+    line = " ".join(" ".join(column.words) for column in columns)
     stated = _STATED_WORLD_TO_CAMERA.search(line)
-    return [stated[0]] if stated and not _CAMERA_TO_WORLD.search(line) else []
+    if stated is None or _CAMERA_TO_WORLD.search(line):
+        return []
+    return [stated[0]]
 
 
-def _refuse_world_to_camera(columns: list[Column], path: str | Path, number: int) -> None:
+def _refuse_world_to_camera(columns: list[Column], path: str | Path, line_number: int) -> None:
     """Raise `DataError` for names such as t_cw_x, whose poses are not those of the camera in the world."""
-    names = _world_to_camera(columns)
+    names = _world_to_camera_names(columns)
     if names:
         raise DataError(
             f"{', '.join(names[:3])} name poses from the world to the camera: write the inverse poses below "
             f"{HEADER_EXAMPLE!r}",
             path,
-            number,
+            line_number,
         )

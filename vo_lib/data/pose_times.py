@@ -10,15 +10,16 @@ from ..errors import DataError
 from ..geometry.types import Array, Index
 from .pose_columns import HEADER_EXAMPLE
 
-FRAME_INTERVALS_S = 1e-3, 10.0  # plausible; intervals in nanoseconds or milliseconds are outside
+FRAME_INTERVALS_S = (1e-3, 10.0)  # plausible; intervals in nanoseconds or milliseconds are outside
 ROUNDING = 0.01  # times since 1970 in seconds have steps of 2e-7 s, so an interval of 1 ms is not exact
 USUAL_INTERVAL_S = 0.1
+# Units of times other than seconds, by their length in seconds.
 UNIT_NAMES = {1e-3: "milliseconds", 1e-6: "microseconds", 1e-9: "nanoseconds"}
 UNIT_SYMBOLS = {1e-3: "ms", 1e-6: "us", 1e-9: "ns"}
-TOO_SMALL = (1e3, 1e6, 1e9)  # seconds under a header with ms, us or ns are smaller by these
-_FACTORS = {1e-3: "1e3", 1e-6: "1e6", 1e-9: "1e9"}
-# Numbers of seconds since 1970 in the years 1973 to 5138; in another unit they are as many times larger.
-EPOCH_SECONDS = 1e8, 1e11
+UNIT_DIVISORS = {1e-3: "1e3", 1e-6: "1e6", 1e-9: "1e9"}  # to seconds, as text
+# Seconds under a header that names ms, us or ns are read as times that are too small, by these factors.
+TOO_SMALL = (1e3, 1e6, 1e9)
+EPOCH_SECONDS = (1e8, 1e11)  # times in seconds since 1970 from the years 1973 to 5138
 SAME_SHIFT = 0.1  # relative difference of two shifts that may be one
 MIN_COMMON_TIME = 0.1  # of the time of both paths together
 
@@ -46,7 +47,7 @@ def _nearest_unit(interval: float, units: tuple[float, ...]) -> float | None:
 
 
 def epoch_unit(times: Array) -> float:
-    """The unit, seconds, of times (N,) since 1970, from their size; 1 for other times."""
+    """The unit, seconds, of times (N,) since 1970, from their size; 1 for seconds and for other times."""
     first, last = EPOCH_SECONDS
     for unit in UNIT_NAMES:
         if first <= unit * float(np.median(times)) < last:
@@ -54,30 +55,41 @@ def epoch_unit(times: Array) -> float:
     return 1.0
 
 
-def interval_fault(times: Array) -> str:
-    """A sentence if the median interval of times (N,), seconds, is not plausible; "" otherwise."""
+def _implausible_interval(times: Array) -> float | None:
+    """The median interval of times (N,), seconds, if it is not plausible; None otherwise."""
     interval = median_interval(times)
     if interval is None or is_plausible(interval):
+        return None
+    return interval
+
+
+def interval_fault(times: Array, whose: str = "the times") -> str:
+    """A sentence if the median interval of times (N,), seconds, is not plausible; "" otherwise.
+
+    whose : the times, as the sentence calls them.
+    """
+    interval = _implausible_interval(times)
+    if interval is None:
         return ""
     shortest, longest = FRAME_INTERVALS_S
-    return f"the median interval of the times is {interval:.6g} s, expected {shortest:g} to {longest:g} s"
+    return f"the median interval of {whose} is {interval:.6g} s, expected {shortest:g} to {longest:g} s"
 
 
 def refuse_intervals(times: Array, path: str | Path, as_column: bool = False) -> None:
     """Raise `DataError` with the likely unit if the median interval of times (N,), seconds, is not plausible.
 
-    `as_column` : whether the file may name the unit of its times in a header.
+    as_column : whether the file may name the unit of its times in a header.
     """
-    fault = interval_fault(times)
-    if fault:
-        interval = median_interval(times) or 1.0
+    interval = _implausible_interval(times)
+    if interval is not None:
         unit = likely_unit(interval) or _nearest_unit(interval, TOO_SMALL)
-        raise DataError(fault + _unit_words(unit, "they", as_column), path)
+        raise DataError(interval_fault(times) + _unit_words(unit, "they", as_column), path)
 
 
 def are_frame_numbers(times: Array) -> bool:
     """Whether times (N,) are whole numbers, such as 0, 1, 2, … or 10, 12, 17, …, but not since 1970."""
-    return bool(times[0] >= 0 and times[-1] < EPOCH_SECONDS[0] and (times == np.rint(times)).all())
+    first_epoch, _ = EPOCH_SECONDS
+    return bool(times[0] >= 0 and times[-1] < first_epoch and (times == np.rint(times)).all())
 
 
 def clock_shift(times: Array, others: Array) -> float | None:
@@ -86,13 +98,17 @@ def clock_shift(times: Array, others: Array) -> float | None:
     Then both may be the same frames by two clocks, or one path begins later and the other ends later. None
     also for a shift of less than an interval.
     """
-    starts = float(times[0] - others[0])
-    ends = float(times[-1] - others[-1])
-    shift = min(starts, ends, key=abs)
-    intervals = [median_interval(each) or 0.0 for each in (times, others)]
-    if starts * ends <= 0 or abs(shift) < (1 - SAME_SHIFT) * max(intervals):
+    start_shift = float(times[0] - others[0])
+    end_shift = float(times[-1] - others[-1])
+    if start_shift * end_shift <= 0:
+        return None  # one of them begins earlier and ends later
+    shift = min(start_shift, end_shift, key=abs)
+    interval = max(median_interval(times) or 0.0, median_interval(others) or 0.0)
+    if abs(shift) < (1 - SAME_SHIFT) * interval:
         return None
-    return shift if abs(starts - ends) <= SAME_SHIFT * abs(shift) + max(intervals) else None
+    if abs(start_shift - end_shift) > SAME_SHIFT * abs(shift) + interval:
+        return None
+    return shift
 
 
 def time_ranges(times: Array, true_times: Array, truth_name: str) -> str:
@@ -106,7 +122,7 @@ def time_ranges(times: Array, true_times: Array, truth_name: str) -> str:
 def time_mismatch(times: Array, true_times: Array, truth_name: str, tolerance: float) -> str:
     """The reason why fewer than two of `times` (N,) are those of true poses `true_times` (M,), seconds."""
     ranges = time_ranges(times, true_times, truth_name)
-    start = (
+    problem = (
         f"fewer than two poses at the times of {truth_name}, within --t-max-diff {tolerance:g} s: {ranges}"
     )
     theirs = f"those of {truth_name}"
@@ -114,31 +130,33 @@ def time_mismatch(times: Array, true_times: Array, truth_name: str, tolerance: f
     true_unit = _unit_of(true_times)
     if own_unit == true_unit == 1.0:
         # A file whose own interval is impossible says nothing about the unit of the other file.
-        own_fault = interval_fault(times)
-        true_fault = interval_fault(true_times).replace("the times", theirs)
-        if own_fault or true_fault:
-            return "; ".join(filter(None, (start, own_fault, true_fault)))
+        faults = [fault for fault in (interval_fault(times), interval_fault(true_times, theirs)) if fault]
+        if faults:
+            return "; ".join([problem, *faults])
         own_unit = _common_unit(times, true_times) or 1.0
         true_unit = _common_unit(true_times, times) or 1.0
-    words = _unit_words(own_unit, "its times", as_column=True)
-    words += _unit_words(true_unit, theirs, as_column=True)
+    reason = _unit_words(own_unit, "its times", as_column=True)
+    reason += _unit_words(true_unit, theirs, as_column=True)
     seconds = own_unit * times
     true_seconds = true_unit * true_times
     if _common_share(seconds, true_seconds) < MIN_COMMON_TIME:
         offset = float(seconds[0] - true_seconds[0])
-        words += (
+        reason += (
             f"; the clocks differ by about {_digits(offset)} s: write the times of one clock in both files"
         )
-    elif not words:
-        nearest = np.abs(times - true_times[nearest_indices(true_times, times)])
-        words = (
-            f"; the nearest times are {float(nearest.min()):.3g} s apart, so another clock, or --t-max-diff"
+    elif not reason:
+        distances = np.abs(times - true_times[nearest_indices(true_times, times)])
+        reason = (
+            f"; the nearest times are {float(distances.min()):.3g} s apart, so another clock, or --t-max-diff"
         )
-    return start + words
+    return problem + reason
 
 
 def _unit_of(times: Array) -> float:
-    """The unit, seconds, of times (N,), from their size if they count from 1970, or from their interval."""
+    """The unit, seconds, of times (N,), from their size if they count from 1970, or from their interval.
+
+    It is more than 1 s if seconds were read as a shorter unit (see `TOO_SMALL`), and 1 s if nothing fits.
+    """
     unit = epoch_unit(times)
     interval = median_interval(times)
     if unit != 1.0 or interval is None or is_plausible(interval):
@@ -150,11 +168,16 @@ def _common_unit(times: Array, true_times: Array) -> float | None:
     """The unit, seconds, in which `times` are partly within the range of `true_times`, or None."""
     shares = {unit: _common_share(unit * times, true_times) for unit in (1.0, *UNIT_NAMES)}
     best = max(shares, key=lambda unit: shares[unit])
-    return best if shares[best] >= MIN_COMMON_TIME else None
+    if shares[best] < MIN_COMMON_TIME:
+        return None
+    return best
 
 
 def _common_share(times: Array, others: Array) -> float:
-    """Time in which both paths have poses, divided by the time from the first to the last pose of both."""
+    """Time in which both paths have poses, divided by the time from the first to the last pose of both.
+
+    Negative if one path ends before the other begins.
+    """
     common = min(times[-1], others[-1]) - max(times[0], others[0])
     total = max(times[-1], others[-1]) - min(times[0], others[0])
     return float(common / total) if total > 0 else 0.0
@@ -162,22 +185,28 @@ def _common_share(times: Array, others: Array) -> float:
 
 def nearest_indices(sorted_times: Array, times: Array) -> Index:
     """Indices (N,) of the nearest of the increasing `sorted_times` for each of `times` (N,)."""
-    after = np.clip(np.searchsorted(sorted_times, times), 1, max(len(sorted_times) - 1, 1))
     last = len(sorted_times) - 1
-    time_before = np.abs(times - sorted_times[after - 1])
-    time_after = np.abs(times - sorted_times[np.minimum(after, last)])
-    return np.asarray(np.where(time_before <= time_after, after - 1, after))
+    if last == 0:
+        return np.zeros(len(times), np.intp)
+    # The nearest time is one of two neighbours: the last one before a time, or the first one after it.
+    after = np.clip(np.searchsorted(sorted_times, times), 1, last)
+    before = after - 1
+    is_before = np.abs(times - sorted_times[before]) <= np.abs(times - sorted_times[after])
+    return np.asarray(np.where(is_before, before, after))
 
 
 def _unit_words(unit: float | None, whose: str, as_column: bool) -> str:
-    """What times probably are, and the remedy; "" for seconds or an unknown unit. `unit` : seconds."""
+    """What times probably are, and the remedy; "" for seconds or an unknown unit.
+
+    unit : seconds. whose : the times, as the sentence calls them. as_column : as in `refuse_intervals`.
+    """
     if unit is None or unit == 1.0:
         return ""
     if unit > 1.0:
         return (
             f"; {whose} are probably {unit:.0f} times too small: correct the unit in the header of that file"
         )
-    words = f"; {whose} are probably {UNIT_NAMES[unit]}: divide them by {_FACTORS[unit]}"
+    words = f"; {whose} are probably {UNIT_NAMES[unit]}: divide them by {UNIT_DIVISORS[unit]}"
     if not as_column:
         return words
     header = HEADER_EXAMPLE.replace("[s]", f"[{UNIT_SYMBOLS[unit]}]")
@@ -185,5 +214,5 @@ def _unit_words(unit: float | None, whose: str, as_column: bool) -> str:
 
 
 def _digits(seconds: float) -> str:
-    """A time with the digits that a file in seconds, or in nanoseconds, has."""
+    """A time with up to three decimals, without zeros at the end."""
     return f"{seconds:.3f}".rstrip("0").rstrip(".")

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import math
 import re
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,6 +24,7 @@ from .pose_columns import (
     HEADER_EXAMPLE,
     NANOSECONDS,
     PoseColumns,
+    TimeColumn,
     find_header,
     is_comment,
     read_columns,
@@ -41,7 +43,7 @@ from .pose_times import (
 KITTI_ROW = "12 numbers, the upper 3×4 of a pose, row by row"
 TUM_ROW = "8 numbers, t x y z qx qy qz qw"
 EUROC_ROW = "8 or more numbers separated by commas, t in ns, x y z, qw qx qy qz"
-SMALLEST_ROW = 7  # numbers of a position and a quaternion
+POSE_NUMBERS = 7  # of a position and a quaternion
 SEPARATOR_NAMES = {",": "commas", ";": "semicolons", "\t": "tabulators"}
 _WHOLE_NUMBER = re.compile(r"\s*\d+(\.0*)?\s*,")  # the time in nanoseconds at the beginning of a row
 _DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+(?:[eE][-+]?\d+)?\s*")
@@ -55,7 +57,7 @@ TOO_FAR = f"a position beyond {MAX_COORDINATE_M:g} m"
 
 
 def from_first(T: Array) -> Array:
-    """The trajectory (N, 4, 4) in the axes of its first pose, which becomes the identity."""
+    """The trajectory T_w_c (N, 4, 4) in the axes of its first pose, which becomes the identity."""
     return np.asarray(np.linalg.inv(T[0]) @ T)
 
 
@@ -75,9 +77,15 @@ def read_kitti_poses(path: str | Path) -> Array:
     rows, lines = read_number_rows(path, KITTI_ROW, 12)
     T = np.tile(np.eye(4), (len(rows), 1, 1))
     T[:, :3] = rows.reshape(-1, 3, 4)
-    _refuse(~is_rotation(T[:, :3, :3]), f"the 3×3 part is not a rotation; expected {KITTI_ROW}", path, lines)
-    _refuse(np.abs(T[:, :3, 3]).max(axis=1) > MAX_COORDINATE_M, TOO_FAR, path, lines)
+    not_a_rotation = f"the 3×3 part is not a rotation; expected {KITTI_ROW}"
+    _refuse_rows(~is_rotation(T[:, :3, :3]), not_a_rotation, path, lines)
+    _refuse_rows(_is_too_far(T), TOO_FAR, path, lines)
     return T
+
+
+def _is_too_far(T: Array) -> NDArray[np.bool_]:
+    """Mask (N,) of the poses (N, 4, 4) with a coordinate that is not one on Earth."""
+    return np.asarray(np.abs(T[:, :3, 3]).max(axis=1) > MAX_COORDINATE_M)
 
 
 def read_tum(path: str | Path) -> tuple[Array, Array]:
@@ -87,8 +95,9 @@ def read_tum(path: str | Path) -> tuple[Array, Array]:
     pose, or if the time does not increase.
     """
     rows, lines = read_number_rows(path, TUM_ROW, 8, comment="#")
-    _check_increasing(rows[:, 0], lines, path)
-    return rows[:, 0], _poses(rows[:, 1:], lines, path, TUM_ROW)
+    times = rows[:, 0]
+    _refuse_not_increasing(times, lines, path)
+    return times, _poses(rows[:, 1:], lines, path, TUM_ROW)
 
 
 def read_euroc(path: str | Path) -> tuple[Array, Array]:
@@ -106,8 +115,9 @@ def read_euroc(path: str | Path) -> tuple[Array, Array]:
         return named.times, named.poses
     rows, lines = read_number_rows(path, EUROC_ROW, 8, comment="#", separator=",")
     times = NANOSECONDS * rows[:, 0]
-    _check_increasing(times, lines, path)
-    return times, _poses(rows[:, [1, 2, 3, 5, 6, 7, 4]], lines, path, EUROC_ROW)
+    _refuse_not_increasing(times, lines, path)
+    qw_last = rows[:, [1, 2, 3, 5, 6, 7, 4]]
+    return times, _poses(qw_last, lines, path, EUROC_ROW)
 
 
 class PoseFile(NamedTuple):
@@ -130,36 +140,62 @@ def read_path(path: Path) -> PoseFile:
 
     Without a header, the order of the numbers is known by convention: 12 numbers separated by blanks are
     KITTI's, 8 are TUM's, and a whole number of nanoseconds and 7 or more numbers, separated by commas, are
-    EuRoC's. The size of TUM's times since 1970 tells their unit. Every other file is refused, since its
-    order cannot be known. Times are not checked for their unit otherwise: see
-    `pose_times.refuse_intervals`.
+    EuRoC's. The size of TUM's times since 1970 tells their unit. Times are not checked for their unit
+    otherwise: see `pose_times.refuse_intervals`.
+
+    Raises `DataError` for every other file, since its order cannot be known, and as `read_tum`.
     """
     lines = read_text(path).splitlines()
     header = find_header(lines)
     if header is not None:
         return _read_named(path, header)
-    rows = [(number, line) for number, line in enumerate(lines, start=1) if line.strip()]
-    number, first = next(((n, line) for n, line in rows if not is_comment(line)), (1, ""))
-    separator = separator_of(first)
-    if separator == "," and _WHOLE_NUMBER.match(first) and _count_cells(first) in EUROC_COLUMNS:
+    first = _first_row(lines)
+    separator = separator_of(first.text)
+    columns = len(first.text.split())
+    if separator == "," and _is_euroc_row(first.text):
         times, poses = read_euroc(path)
         _refuse_other_unit(times / NANOSECONDS, path)
         note = f"{path}: no line names the columns; read in EuRoC's order, t in ns, x y z, qw qx qy qz."
         return PoseFile(times, poses, (note,))
-    columns = len(first.split())
-    if separator in (None, "\t") and columns in (0, 12):
+    if separator in (None, "\t") and columns in (0, 12):  # 0 for an empty file, refused as KITTI's
         return PoseFile(None, read_kitti_poses(path))
     if separator in (None, "\t") and columns == 8:
-        numbers, poses = read_tum(path)
-        unit = epoch_unit(numbers)
-        interval = median_interval(numbers)
-        # An hour in nanoseconds has the size of milliseconds since 1970, but not their interval.
-        if unit == 1.0 or (interval is not None and not is_plausible(unit * interval)):
-            return PoseFile(numbers, poses)
-        # Some systems write this order with the times of the images, as ORB-SLAM3 does for EuRoC.
-        note = f"{path}: the times are read as {UNIT_NAMES[unit]} since 1970."
-        return PoseFile(unit * numbers, poses, (note,))
-    raise DataError(_unknown_order(first, separator), path, number)
+        return _with_unit(*read_tum(path), path)
+    raise DataError(_unknown_order(first.text, separator), path, first.line)
+
+
+class _TextRow(NamedTuple):
+    """A line of a file, with its number counted from 1."""
+
+    line: int
+    text: str
+
+
+def _first_row(lines: list[str]) -> _TextRow:
+    """The first line that is neither empty nor a comment; an empty first line if there is none."""
+    for line, text in enumerate(lines, start=1):
+        if text.strip() and not is_comment(text):
+            return _TextRow(line, text)
+    return _TextRow(1, "")
+
+
+def _with_unit(numbers: Array, poses: Array, path: Path) -> PoseFile:
+    """The poses of a TUM file with their times in seconds; the size of `numbers` (N,) tells the unit.
+
+    Some systems write this order with the times of the images, as ORB-SLAM3 does for EuRoC.
+    """
+    unit = epoch_unit(numbers)
+    interval = median_interval(numbers)
+    # An hour in nanoseconds has the size of milliseconds since 1970, but not their interval.
+    if unit == 1.0 or (interval is not None and not is_plausible(unit * interval)):
+        return PoseFile(numbers, poses)
+    note = f"{path}: the times are read as {UNIT_NAMES[unit]} since 1970."
+    return PoseFile(unit * numbers, poses, (note,))
+
+
+def _is_euroc_row(row: str) -> bool:
+    """Whether a row begins with a whole number and has as many cells as EuRoC's rows."""
+    return _WHOLE_NUMBER.match(row) is not None and _count_cells(row) in EUROC_COLUMNS
 
 
 def _count_cells(row: str) -> int:
@@ -184,7 +220,7 @@ def _refuse_other_unit(numbers: Array, path: Path) -> None:
 def _unknown_order(row: str, separator: str | None) -> str:
     """The sentence for a file whose first row has no known order."""
     columns = f"{len(row.split())} columns"
-    if separator is not None and len(row.split(separator)) >= SMALLEST_ROW:
+    if separator is not None and len(row.split(separator)) >= POSE_NUMBERS:
         columns = f"{len(row.split(separator))} columns separated by {SEPARATOR_NAMES[separator]}"
     return (
         f"not a pose file: {columns}; expected {KITTI_ROW} (KITTI), {TUM_ROW} (TUM), {EUROC_ROW} "
@@ -196,119 +232,124 @@ def _read_named(path: str | Path, header: int) -> PoseFile:
     """Poses of a file whose line `header`, counted from 1, names the columns."""
     lines = read_text(path).splitlines()
     rows = [
-        (number, line)
-        for number, line in enumerate(lines[header:], start=header + 1)
-        if line.strip() and not is_comment(line)
+        _TextRow(line, text)
+        for line, text in enumerate(lines[header:], start=header + 1)
+        if text.strip() and not is_comment(text)
     ]
     if not rows:
         raise DataError("no rows below the header", path, header)
-    separator = separator_of(rows[0][1])
+    separator = separator_of(rows[0].text)
     columns = read_columns(lines[header - 1], header, path, separator)
-    table, numbers = _read_table(rows, separator, columns, path)
+    table, pose_lines = _read_table(rows, separator, columns, path)
+    notes = list[str]()
     skipped = len(rows) - len(table)
-    notes = [f"{path}: {skipped} rows without a pose are skipped."] if skipped else []
-    table[:, -7:-4] *= columns.metres
-    expected = f"{' '.join(columns.names[place] for place in columns.quaternion)} of length 1"
-    poses = _poses(table[:, -7:], numbers, path, expected)
-    if columns.time:
-        times, unit_notes = _sum_times(table, columns.time, columns, path)
-    elif columns.frame is not None and epoch_unit(table[:, 0]) != 1.0:
+    if skipped:
+        notes.append(f"{path}: {skipped} rows without a pose are skipped.")
+    numbers = table[:, -POSE_NUMBERS:]
+    numbers[:, :3] *= columns.metres
+    names = " ".join(columns.names[place] for place in columns.quaternion)
+    poses = _poses(numbers, pose_lines, path, f"{names} of length 1")
+    time_columns = columns.time
+    if columns.frame is not None and epoch_unit(table[:, 0]) != 1.0:
         # Some data sets call the time of a frame, in nanoseconds since 1970, its number.
-        times, unit_notes = _sum_times(table, ((columns.places[0], None),), columns, path)
-    else:
-        if columns.frame is not None:
-            _check_frames(table[:, 0], numbers, path)
-        elif skipped:
-            raise DataError("rows without a pose in a file without times", path, header)
-        notes.append(f"{path}: the header names no time, so row k is frame k.")
-        return PoseFile(None, poses, tuple(notes))
-    _check_increasing(times, numbers, path)
-    return PoseFile(times, poses, (*notes, *unit_notes))
+        time_columns = (TimeColumn(columns.frame, factor=None),)
+    if time_columns:
+        times, unit_notes = _sum_times(table, time_columns, columns.names, path)
+        _refuse_not_increasing(times, pose_lines, path)
+        return PoseFile(times, poses, (*notes, *unit_notes))
+    if columns.frame is not None:
+        _refuse_missing_frames(table[:, 0], pose_lines, path)
+    elif skipped:
+        raise DataError("rows without a pose in a file without times", path, header)
+    notes.append(f"{path}: the header names no time, so row k is frame k.")
+    return PoseFile(None, poses, tuple(notes))
 
 
 def _read_table(
-    rows: list[tuple[int, str]], separator: str | None, columns: PoseColumns, path: str | Path
+    rows: list[_TextRow], separator: str | None, columns: PoseColumns, path: str | Path
 ) -> tuple[Array, list[int]]:
     """The numbers (N, M) of the rows with a pose, in the order of `columns.places`, and their line numbers.
 
-    rows : line number and text of each row.
+    So the last `POSE_NUMBERS` columns are the pose, and those before are the time or the frame number.
     """
-    numbers = list[int]()
+    lines = list[int]()
     values = list[list[float]]()
-    for number, line in rows:
-        words = _words_of_pose(line, separator, columns, path, number)
-        if not any(words[-7:]):
+    for row in rows:
+        words = _words_of_pose(row, separator, columns, path)
+        if not any(words[-POSE_NUMBERS:]):
             continue  # a table of several topics has rows without a pose
         try:
             values.append([finite_number(word) for word in words])
         except ValueError as error:
-            raise DataError(f"{error}; the header is in line {columns.line}", path, number) from None
-        numbers.append(number)
+            raise DataError(f"{error}; the header is in line {columns.line}", path, row.line) from None
+        lines.append(row.line)
     if not values:
         raise DataError("no row has a pose", path, columns.line)
-    return np.array(values), numbers
+    return np.array(values), lines
 
 
 def _sum_times(
-    table: Array, time: tuple[tuple[int, float | None], ...], columns: PoseColumns, path: str | Path
+    table: Array, time_columns: tuple[TimeColumn, ...], names: tuple[str, ...], path: str | Path
 ) -> tuple[Array, list[str]]:
     """Times (N,) in seconds from the first columns of a table (N, M), and notes on units that were guessed.
 
-    time : as `PoseColumns.time`.
+    names : of all columns in the header.
     """
     times = np.zeros(len(table))
     notes = list[str]()
-    for column, (place, factor) in enumerate(time):
+    for column, (place, factor) in enumerate(time_columns):
         unit = epoch_unit(table[:, column]) if factor is None else factor
         times += unit * table[:, column]
         if factor is None and unit != 1.0:
-            notes.append(
-                f"{path}: the numbers in {columns.names[place]} are read as {UNIT_NAMES[unit]} since 1970."
-            )
+            notes.append(f"{path}: the numbers in {names[place]} are read as {UNIT_NAMES[unit]} since 1970.")
     return times, notes
 
 
-def _words_of_pose(
-    line: str, separator: str | None, columns: PoseColumns, path: str | Path, number: int
-) -> list[str]:
+def _words_of_pose(row: _TextRow, separator: str | None, columns: PoseColumns, path: str | Path) -> list[str]:
     """The cells of a row in the order of `columns.places`."""
     try:
-        cells = split_cells(line, separator)
+        cells = split_cells(row.text, separator)
     except csv.Error as error:
-        raise DataError(f"is not CSV: {error}", path, number) from None
+        raise DataError(f"is not CSV: {error}", path, row.line) from None
     while len(cells) > len(columns.names) and not cells[-1]:
         cells.pop()  # some programs write a separator after the last number
     if len(cells) > len(columns.names):
         named = f"the header in line {columns.line} names {len(columns.names)}"
-        raise DataError(f"{len(cells)} columns, but {named}", path, number)
+        raise DataError(f"{len(cells)} columns, but {named}", path, row.line)
     last = max(columns.places)
     if len(cells) <= last:
         named = f"the header in line {columns.line} names {columns.names[last]} as column {last + 1}"
-        raise DataError(f"{len(cells)} columns, but {named}", path, number)
+        raise DataError(f"{len(cells)} columns, but {named}", path, row.line)
     return [cells[place] for place in columns.places]
 
 
-def _check_increasing(times: Array, lines: list[int], path: str | Path) -> None:
+def _refuse_not_increasing(times: Array, lines: list[int], path: str | Path) -> None:
     """Raise `DataError` with the line if times (N,) do not increase."""
-    _refuse(times[1:] <= times[:-1], "the time does not increase", path, lines[1:])
+    _refuse_rows(times[1:] <= times[:-1], "the time does not increase", path, lines[1:])
 
 
-def _check_frames(frames: Array, lines: list[int], path: str | Path) -> None:
+def _refuse_missing_frames(frames: Array, lines: list[int], path: str | Path) -> None:
     """Raise `DataError` with the line unless frame numbers (N,) are 0, 1, 2, …"""
-    gaps = frames != np.arange(len(frames))
+    is_other = frames != np.arange(len(frames))
     expected = "expected 0, 1, 2, … for every frame, or a column with times"
-    _refuse(gaps, f"a file without times has other frame numbers: {expected}", path, lines)
+    _refuse_rows(is_other, f"a file without times has other frame numbers: {expected}", path, lines)
 
 
 def _poses(rows: Array, lines: list[int], path: str | Path, expected: str) -> Array:
-    """Checked poses (N, 4, 4) of rows (N, 7): x y z qx qy qz qw."""
+    """Checked poses (N, 4, 4) of rows (N, 7): x y z qx qy qz qw.
+
+    lines : line number of each row. expected : what a row should be, for the message.
+    """
     with np.errstate(over="ignore"):
-        invalid = ~(np.abs(np.linalg.norm(rows[:, 3:], axis=1) - 1.0) < ROTATION_TOLERANCE)
-    _refuse(invalid, f"the quaternion does not have length 1; expected {expected}", path, lines)
+        length = np.linalg.norm(rows[:, 3:], axis=1)
+    # An overflow gives an infinite length, which is refused like any other.
+    has_length_1 = np.abs(length - 1.0) < ROTATION_TOLERANCE
+    not_a_rotation = f"the quaternion does not have length 1; expected {expected}"
+    _refuse_rows(~has_length_1, not_a_rotation, path, lines)
     T = np.tile(np.eye(4), (len(rows), 1, 1))
-    T[:, :3, :3] = [rotation_from_quaternion(q) for q in rows[:, 3:]]
+    T[:, :3, :3] = [rotation_from_quaternion(quaternion) for quaternion in rows[:, 3:]]
     T[:, :3, 3] = rows[:, :3]
-    _refuse(np.abs(T[:, :3, 3]).max(axis=1) > MAX_COORDINATE_M, TOO_FAR, path, lines)
+    _refuse_rows(_is_too_far(T), TOO_FAR, path, lines)
     return T
 
 
@@ -316,21 +357,24 @@ def match_times(
     times_a: Array, times_b: Array, tolerance: float = TIME_TOLERANCE_S
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Indices into two arrays of increasing times, seconds: the pairs of nearest times within `tolerance`."""
-    few, many = (times_a, times_b) if len(times_a) <= len(times_b) else (times_b, times_a)
-    nearest = nearest_indices(many, few)
-    close = np.flatnonzero(np.abs(few - many[nearest]) <= tolerance)
-    # A pose has one partner at most: the nearest.
-    nearest_first = close[np.argsort(np.abs(few - many[nearest])[close], kind="stable")]
-    in_many, first = np.unique(nearest[nearest_first], return_index=True)
-    in_few = nearest_first[first]
-    return (in_few, in_many) if few is times_a else (in_many, in_few)
+    if len(times_a) > len(times_b):
+        in_b, in_a = match_times(times_b, times_a, tolerance)
+        return in_a, in_b
+    nearest = nearest_indices(times_b, times_a)
+    distances = np.abs(times_a - times_b[nearest])
+    close = np.flatnonzero(distances <= tolerance)
+    # A pose has one partner at most, the nearest: of equal indices, `unique` takes the first.
+    nearest_first = close[np.argsort(distances[close], kind="stable")]
+    in_b, first = np.unique(nearest[nearest_first], return_index=True)
+    return nearest_first[first], in_b
 
 
 def format_kitti_poses(T: Array) -> str:
     """Text of poses (N, 4, 4) in KITTI's format, ten significant digits."""
-    row = " ".join(["%.9e"] * 12) + "\n"
+    row_format = " ".join(["%.9e"] * 12) + "\n"
     # Adding zero turns -0 into 0, so that equal poses give equal text.
-    return "".join(row % tuple(values) for values in T[:, :3].reshape(-1, 12) + 0.0)
+    rows = T[:, :3].reshape(-1, 12) + 0.0
+    return "".join(row_format % tuple(row) for row in rows)
 
 
 def write_kitti_poses(path: str | Path, T: Array) -> None:
@@ -340,15 +384,21 @@ def write_kitti_poses(path: str | Path, T: Array) -> None:
 
 def format_tum(times: Array, T: Array) -> str:
     """Text of times (N,), seconds, and poses (N, 4, 4) in TUM's format: t x y z qx qy qz qw."""
-    row = "%.9f" + " %.9e" * 7 + "\n"
-    quaternions = [quaternion_from_rotation(R) for R in T[:, :3, :3]]
-    return "".join(
-        row % (t, *(p + 0.0), *(q + 0.0)) for t, p, q in zip(times, T[:, :3, 3], quaternions, strict=True)
-    )
+    row_format = "%.9f" + " %.9e" * POSE_NUMBERS + "\n"
+    rows = []
+    for time, pose in zip(times, T, strict=True):
+        # Adding zero turns -0 into 0, as in `format_kitti_poses`.
+        position = pose[:3, 3] + 0.0
+        quaternion = quaternion_from_rotation(pose[:3, :3]) + 0.0
+        rows.append(row_format % (time, *position, *quaternion))
+    return "".join(rows)
 
 
-def _refuse(invalid: NDArray[np.bool_], message: str, path: str | Path, lines: list[int]) -> None:
-    """Raise `DataError` with the line of the first invalid row, if there is an invalid row."""
+def _refuse_rows(invalid: NDArray[np.bool_], message: str, path: str | Path, lines: list[int]) -> None:
+    """Raise `DataError` with the line of the first invalid row, if there is an invalid row.
+
+    invalid : mask (N,) of rows. lines : line number of each row.
+    """
     if invalid.any():
         raise DataError(message, path, lines[int(np.argmax(invalid))])
 
@@ -359,34 +409,39 @@ def read_number_rows(
     """Finite numbers of a text table, (N, columns), and the line number of each row, counted from 1.
 
     Without a `separator`, numbers are separated by blanks. With a separator, a row may have further columns.
+
+    Raises `DataError` with the line for another number of columns and for a word that is no finite number;
+    the message ends in what a row should be, `expected`.
     """
     text = read_text(path)
     rows: list[list[float]] = []
-    numbers: list[int] = []
-    for number, line in enumerate(text.rstrip().split("\n"), start=1):
-        words = line.split() if separator is None else line.strip().split(separator)
+    lines: list[int] = []
+    for line_number, line in enumerate(text.rstrip().split("\n"), start=1):
         if comment is not None and line.lstrip().startswith(comment):
             continue
-        if len(words) < columns or (separator is None and len(words) > columns):
-            blank = "an empty line" if text.strip() else "an empty file"
-            content = f"{len(words)} columns" if any(words) else blank
-            raise DataError(f"{content}; expected {expected}", path, number)
+        words = line.split() if separator is None else line.strip().split(separator)
+        has_further = separator is None and len(words) > columns
+        if len(words) < columns or has_further:
+            found = f"{len(words)} columns"
+            if not any(words):
+                found = "an empty line" if text.strip() else "an empty file"
+            raise DataError(f"{found}; expected {expected}", path, line_number)
         try:
             rows.append([finite_number(word) for word in words[:columns]])
         except ValueError as error:
-            raise DataError(f"{error}; expected {expected}", path, number) from None
-        numbers.append(number)
+            raise DataError(f"{error}; expected {expected}", path, line_number) from None
+        lines.append(line_number)
     if not rows:
         raise DataError(f"no rows in the file; expected {expected}", path)
-    return np.array(rows), numbers
+    return np.array(rows), lines
 
 
 def finite_number(word: str) -> float:
-    """The number in a word; `ValueError` for words that other programs read in another way, and for NaN."""
-    try:
-        value = math.nan if "_" in word else float(word)  # Python reads 1_0 as 10, other programs do not
-    except ValueError:
-        value = math.nan
+    """The number in a word; `ValueError` for a word that is none, and for NaN and infinity."""
+    value = math.nan
+    if "_" not in word:  # Python reads 1_0 as 10, other programs do not
+        with suppress(ValueError):
+            value = float(word)
     if not math.isfinite(value):
         comma = ", with a decimal comma instead of a point," if _DECIMAL_COMMA.fullmatch(word) else ""
         raise ValueError(f"{word[:20]!r}{comma} is not a finite number")

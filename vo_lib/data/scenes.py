@@ -113,7 +113,7 @@ SCENES: dict[str, SceneConfig] = {
     ),
     "block": SceneConfig(seed=17, layout="block", length=354.0, parked=0.5, ahead=1, oncoming=1.5),
 }
-# The scenes of tables and of training: streets with two ends.
+# The scenes of tables and of training: streets with two ends, so not the drive around a block.
 TABLE_SCENES = tuple(name for name, scene in SCENES.items() if scene.layout != "block")
 
 

@@ -6,7 +6,6 @@ import dataclasses
 import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -20,23 +19,23 @@ from ..geometry.motion import inverse, rigid
 from ..geometry.types import Array, Image
 from .class_names import no_chosen_box
 from .kitti import (
-    BITS,
     COLOUR,
     EXPECTED_FRAMES,
     GREY,
+    IMAGE_BITS,
     PART,
     bits_note,
-    camera_names,
     grey_bits,
     image_folders,
     left_offset,
     list_frames,
+    projection_names,
     read_calibration,
     read_image,
     read_times,
 )
-from .label_files import count_labels, label_files, read_labels
-from .label_names import is_file_of_names, read_class_names
+from .label_files import count_labels, label_files, label_stems, read_labels
+from .label_names import read_class_names
 from .masks import read_mask
 from .poses import read_kitti_poses
 
@@ -73,7 +72,7 @@ class Sequence:
     masks: Path | None = field(default=None, kw_only=True)
     is_part: bool = field(default=False, kw_only=True)
     sides: tuple[str, str] = field(default=GREY, kw_only=True)
-    bits: int = field(default=BITS[0], kw_only=True)
+    bits: int = field(default=IMAGE_BITS, kw_only=True)
     skips_frames: bool = field(default=False, kw_only=True)
 
     def __len__(self) -> int:
@@ -83,10 +82,11 @@ class Sequence:
     def pieces(self) -> list[range]:
         """Ranges of indices without a gap in the frame numbers; a part of a sequence may have several."""
         starts = [0]
-        for index, (before, frame) in enumerate(itertools.pairwise(self.frames), start=1):
-            if int(frame) != int(before) + 1:
+        for index in range(1, len(self)):
+            if int(self.frames[index]) != int(self.frames[index - 1]) + 1:
                 starts.append(index)
-        return [range(*ends) for ends in itertools.pairwise([*starts, len(self)])]
+        ends = [*starts[1:], len(self)]
+        return [range(start, end) for start, end in zip(starts, ends, strict=True)]
 
     def require_unbroken(self) -> None:
         """Raise `DataError` if frame numbers are missing between the frames: no motion leads across a gap.
@@ -96,11 +96,16 @@ class Sequence:
         pieces = self.pieces
         if len(pieces) < 2 or self.skips_frames:
             return
-        numbers = ", ".join(f"{int(self.frames[p[0]])}:{int(self.frames[p[-1]]) + 1}" for p in pieces)
-        indices = " or ".join(f"--frames {piece.start}:{piece.stop}" for piece in pieces)
+        numbers = []
+        options = []
+        for piece in pieces:
+            first = int(self.frames[piece.start])
+            last = int(self.frames[piece.stop - 1])
+            numbers.append(f"{first}:{last + 1}")
+            options.append(f"--frames {piece.start}:{piece.stop}")
         raise DataError(
-            f"{self.name} has the frames {numbers} with a gap between, and no motion leads across a gap: "
-            f"choose a piece by {indices}"
+            f"{self.name} has the frames {', '.join(numbers)} with a gap between, and no motion leads across "
+            f"a gap: choose a piece by {' or '.join(options)}"
         )
 
     @property
@@ -112,54 +117,63 @@ class Sequence:
 
     def stereo(self, index: int) -> tuple[Image, Image]:
         """Left and right image of a frame, (H, W) uint8; a `DataError` names an unusable image."""
-        return self.left(index), self._image(self.folder / self.sides[1] / f"{self.frames[index]}.png")
+        _, right = self.sides
+        right_file = self.folder / right / f"{self.frames[index]}.png"
+        return self.left(index), self._image(right_file)
 
     def left(self, index: int) -> Image:
         """Left image of a frame, (H, W) uint8; a `DataError` names an unusable image."""
         return self._image(self.left_file(self.frames[index]))
 
     def left_file(self, frame: str) -> Path:
-        """The left image of a frame, by the frame's file stem."""
-        return self.folder / self.sides[0] / f"{frame}.png"
+        """The file of a frame's left image, by the frame's file stem."""
+        left, _ = self.sides
+        return self.folder / left / f"{frame}.png"
 
     def notes(self) -> list[str]:
         """Sentences on images that are not grey images of 8 bits."""
-        words = []
+        notes = []
         if self.sides == COLOUR:
             folders = " and ".join(COLOUR)
-            matrices = " and ".join(camera_names(COLOUR))
+            matrices = " and ".join(projection_names(COLOUR))
             only = "there are only colour images"
-            words.append(f"{only}: {folders} are read as grey, with {matrices} of calib.txt")
-        if self.bits > BITS[0]:
-            words.append(bits_note(self.bits))
-        return words
+            notes.append(f"{only}: {folders} are read as grey, with {matrices} of calib.txt")
+        if self.bits > IMAGE_BITS:
+            notes.append(bits_note(self.bits))
+        return notes
 
     def _image(self, path: Path) -> Image:
+        """An image (H, W) uint8; `DataError` for one of another size."""
         image = read_image(path, self.bits)
-        self._check_size(path, image)
+        self._require_size(path, image)
         return image
 
-    def _check_size(self, path: Path, image: Image) -> None:
-        size = (self.camera.height, self.camera.width)
-        if image.shape != size:
-            actual = f"{image.shape[1]}×{image.shape[0]}"
-            expected = f"{size[1]}×{size[0]}"
-            raise DataError(f"the image is {actual}, expected {expected} as in the first left image", path)
+    def _require_size(self, path: Path, image: Image) -> None:
+        """Raise `DataError` for an image or mask (H, W) of another size than the camera's images."""
+        height, width = image.shape
+        camera = self.camera
+        if (height, width) != (camera.height, camera.width):
+            expected = f"expected {camera.width}×{camera.height} as in the first left image"
+            raise DataError(f"the image is {width}×{height}, {expected}", path)
 
     def mask_files(self) -> list[Path]:
         """The mask of each frame, or one mask for all; empty without masks."""
-        if self.masks is None or not self.masks.is_dir():
-            return [] if self.masks is None else [self.masks]
-        return [self.masks / f"{frame}.png" for frame in self.frames]
+        if self.masks is None:
+            return []
+        if self.masks.is_dir():
+            return [self.masks / f"{frame}.png" for frame in self.frames]
+        return [self.masks]
 
     def mask_images(self) -> Iterator[Image]:
         """The masks of all frames in order, empty without masks; one common mask is repeated endlessly."""
-        images = map(self._mask, self.mask_files())
-        return images if self.masks is None or self.masks.is_dir() else repeat(next(images))
+        if self.masks is None or self.masks.is_dir():
+            return map(self._mask, self.mask_files())
+        return itertools.repeat(self._mask(self.masks))
 
     def _mask(self, path: Path) -> Image:
+        """A mask (H, W) uint8, 0 or 255; `DataError` for one of another size."""
         mask = read_mask(path)
-        self._check_size(path, mask)
+        self._require_size(path, mask)
         return mask
 
     def labelled_boxes(self, index: int) -> Boxes:
@@ -167,7 +181,9 @@ class Sequence:
         if self.labels is None:
             return no_boxes()
         path = self.labels / f"{self.frames[index]}.txt"
-        return read_labels(path, self.camera.width, self.camera.height) if path.exists() else no_boxes()
+        if not path.exists():
+            return no_boxes()
+        return read_labels(path, self.camera.width, self.camera.height)
 
     def boxes(self, index: int, classes: tuple[str, ...] = (VEHICLES,)) -> Boxes:
         """Boxes of the chosen classes in a frame's left image; for many frames, use `boxes_of`."""
@@ -186,7 +202,7 @@ class Sequence:
     def require_boxes(self, classes: tuple[str, ...]) -> None:
         """Raise `ClassesError` if the label folder has boxes, but none of a chosen class and no names.
 
-        Then the numbers are probably not COCO's.
+        Then the numbers are probably not COCO's. Raises also as `ClassNames.choose`.
         """
         if self.labels is None:
             return
@@ -195,12 +211,12 @@ class Sequence:
         if names.names:
             return
         files = label_files(self.labels)
-        for path in files:
+        for path in files:  # mostly, the first file has a chosen box, and the others need not be read
             if choice.kinds.keys() & count_labels([path]).boxes.keys():
                 return
-        found = count_labels(files).boxes
-        if found:
-            raise no_chosen_box(found, choice, self.labels)
+        counts = count_labels(files).boxes
+        if counts:
+            raise no_chosen_box(counts, choice, self.labels)
 
     def part(self, start: int, stop: int) -> Sequence:
         """The frames start … stop - 1; `DataError` unless these are two or more frames of the sequence."""
@@ -216,14 +232,15 @@ class Sequence:
 
 def require_frames(start: int, stop: int, count: int, name: str) -> None:
     """Raise `DataError` unless start … stop - 1 are two or more of the `count` frames of a sequence."""
-    if not 0 <= start < stop - 1 < count:
+    if start < 0 or stop > count or stop - start < 2:
         raise DataError(f"frames {start}:{stop}: expected two or more frames of {name}, which has 0:{count}")
 
 
 def at_pixels(picture: NDArray[Any], uv: Array) -> NDArray[Any]:
-    """Values (N,) of a picture (H, W) at the pixels nearest to uv (N, 2)."""
-    last = np.array(picture.shape[::-1]) - 1
-    column, row = np.rint(np.clip(np.nan_to_num(uv), 0, last)).astype(np.intp).T
+    """Values (N,) of a picture (H, W) at the pixels nearest to uv (N, 2), for NaN at pixel 0."""
+    height, width = picture.shape
+    inside = np.clip(np.nan_to_num(uv), 0, [width - 1, height - 1])
+    column, row = np.rint(inside).astype(np.intp).T
     return np.asarray(picture[row, column])
 
 
@@ -235,58 +252,75 @@ def open_folder(folder: Path, name: str, labels: str | Path | None = None) -> Se
     Raises `DataError` with the file at fault and the expected content.
     """
     frames = list_frames(folder)
-    sides = image_folders(folder)
+    left, right = image_folders(folder)
     if len(frames) < 2:
-        raise DataError(f"expected two or more stereo pairs, found {len(frames)}", folder / sides[0])
-    bits = grey_bits([folder / side / f"{frame}.png" for frame in frames] for side in sides)
-    first = read_image(folder / sides[0] / f"{frames[0]}.png", bits)
-    camera = read_calibration(folder / "calib.txt", first.shape[1], first.shape[0], sides)
-    times = folder / "times.txt"
+        raise DataError(f"expected two or more stereo pairs, found {len(frames)}", folder / left)
+    left_files = [folder / left / f"{frame}.png" for frame in frames]
+    right_files = [folder / right / f"{frame}.png" for frame in frames]
+    bits = grey_bits([left_files, right_files])
+    height, width = read_image(left_files[0], bits).shape
+    camera = read_calibration(folder / "calib.txt", width, height, (left, right))
+    times_file = folder / "times.txt"
     return Sequence(
         name=name,
         folder=folder,
         frames=tuple(frames),
         camera=camera,
-        times=_rows_of_frames(read_times(times), frames, times),
-        truth=_find_truth(folder, frames, sides),
+        times=_rows_of_frames(read_times(times_file), frames, times_file),
+        truth=_find_truth(folder, frames, (left, right)),
         labels=_find_labels(folder, frames, labels),
         is_part=(folder / PART).exists() or len(frames) < EXPECTED_FRAMES.get(folder.name, 0),
-        sides=sides,
+        sides=(left, right),
         bits=bits,
     )
 
 
 def _rows_of_frames(rows: Array, frames: list[str], path: Path) -> Array:
-    """The rows of these frames, from a table of only these frames or of the whole sequence."""
+    """The rows of these frames, from a table of only these frames or of the whole sequence.
+
+    Raises `DataError` if the table has too few rows.
+    """
     if len(rows) == len(frames):
         return rows
-    if len(rows) > int(frames[-1]):
-        return rows[[int(frame) for frame in frames]]
+    numbers = [int(frame) for frame in frames]
+    if len(rows) > numbers[-1]:
+        return rows[numbers]
     raise DataError(f"{len(rows)} rows for {len(frames)} frames: expected one row per frame", path)
 
 
 def _find_truth(folder: Path, frames: list[str], sides: tuple[str, str]) -> Array | None:
-    """True poses of the left camera. KITTI's files have the poses of camera 0, the left grey camera."""
-    kitti_poses = folder.resolve().parent.parent / "poses" / f"{folder.resolve().name}.txt"
-    for path in (folder / "poses.txt", kitti_poses):
-        if path.exists():
-            poses = _rows_of_frames(read_kitti_poses(path), frames, path)
-            if sides == GREY:
-                return poses
-            T_0_left = rigid(np.eye(3), left_offset(folder / "calib.txt", sides))
-            return inverse(T_0_left) @ poses @ T_0_left
-    return None
+    """True poses T_w_c (N, 4, 4) of the left camera, metres; None without a file of poses.
 
-
-def _find_labels(folder: Path, frames: list[str], labels: str | Path | None) -> Path | None:
-    path = folder / "labels" if labels is None else Path(labels)
-    if not path.is_dir():
-        if labels is not None:
-            raise DataError("the label folder is missing", path)
+    The file is poses.txt in the folder, or KITTI's own, poses/00.txt beside `sequences`. KITTI's files have
+    the poses of camera 0, the left grey camera.
+    """
+    sequence = folder.resolve()
+    own_file = folder / "poses.txt"
+    kitti_file = sequence.parent.parent / "poses" / f"{sequence.name}.txt"
+    path = own_file if own_file.exists() else kitti_file
+    if not path.exists():
         return None
-    stems = {p.stem for p in path.glob("*.txt") if not is_file_of_names(p.name)}
-    if stems & set(frames):
-        return path
-    if stems or labels is not None:
+    poses = _rows_of_frames(read_kitti_poses(path), frames, path)
+    if sides == GREY:
+        return poses
+    T_0_left = rigid(np.eye(3), left_offset(folder / "calib.txt", sides))
+    return inverse(T_0_left) @ poses @ T_0_left
+
+
+def _find_labels(folder: Path, frames: list[str], named: str | Path | None) -> Path | None:
+    """The label folder that a person named, or `labels` in the sequence's folder; None if there is none.
+
+    Raises `DataError` if the named folder is missing or has no label of a frame, and if the labels of the
+    default folder are those of other frames.
+    """
+    path = folder / "labels" if named is None else Path(named)
+    if not path.is_dir():
+        if named is None:
+            return None
+        raise DataError("the label folder is missing", path)
+    stems = label_stems(path)
+    if not stems and named is None:
+        return None
+    if stems.isdisjoint(frames):
         raise DataError(f"no label file is named after a frame: expected names such as {frames[0]}.txt", path)
-    return None
+    return path

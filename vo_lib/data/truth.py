@@ -50,13 +50,19 @@ class Truth:
     def vehicle_at(self, frame: int, uv: Array) -> IntArray:
         """Vehicle numbers (N,) at left pixels (N, 2): k + 1 for vehicle k or its shadow, else 0."""
         number = at_pixels(self.instances(frame), uv).astype(np.int64)
-        return np.where(number > 0, (number - 1) % max(self.objects.shape[1], 1) + 1, 0)
+        vehicles = max(self.objects.shape[1], 1)
+        # The numbers 1 to K are vehicles, and K + 1 to 2 K are their shadows in the same order.
+        return np.where(number > 0, (number - 1) % vehicles + 1, 0)
 
     def is_moving(self, frame: int, uv: Array, other: int) -> BoolArray:
-        """Mask (N,) of left pixels (N, 2) on a vehicle that moves between two frames, or on its shadow."""
+        """Mask (N,) of left pixels (N, 2) on a vehicle, or on its shadow, that moves between two frames.
+
+        frame : of the pixels. other : the frame before or after it.
+        """
         step = self.objects[other, :, :3, 3] - self.objects[frame, :, :3, 3]
-        moves = np.append(False, np.linalg.norm(step, axis=1) > MAX_STANDING_STEP_M)
-        return np.asarray(moves[self.vehicle_at(frame, uv)])
+        has_moved = np.linalg.norm(step, axis=1) > MAX_STANDING_STEP_M
+        moves_by_number = np.append(False, has_moved)  # number 0 is no vehicle
+        return np.asarray(moves_by_number[self.vehicle_at(frame, uv)])
 
 
 def matches_on_moving(sequence: Sequence, index: int, matches: StereoMatches) -> BoolArray:
@@ -73,8 +79,9 @@ def matches_on_moving(sequence: Sequence, index: int, matches: StereoMatches) ->
         ) from None
     before = int(sequence.frames[index - 1])
     now = int(sequence.frames[index])
-    previous = truth.is_moving(before, matches.prev_left, now)
-    return np.asarray(previous | truth.is_moving(now, matches.cur_left, before))
+    moves_in_previous = truth.is_moving(before, matches.prev_left, now)
+    moves_in_current = truth.is_moving(now, matches.cur_left, before)
+    return np.asarray(moves_in_previous | moves_in_current)
 
 
 def open_truth(folder: Path | str) -> Truth:
