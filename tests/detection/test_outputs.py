@@ -570,6 +570,7 @@ def test_values_that_are_no_scores_are_refused(tmp_path: Path) -> None:
     for outputs, words in (
         ({"output0": pixels}, "not scores from 0 to 1: keypoints, an angle"),
         ({"output": before_sigmoid}, "not scores from 0 to 1"),
+        ({"boxes": np.full((1, 8400, 4), 300, np.float32)}, "4 columns are too few for a box and its score"),
         ({"dets": boxes, "labels": np.full((1, 300, 91), -4, np.float32)}, "before the last step (sigmoid)?"),
         (
             {"output0": np.tile(np.array([9, 9, 50, 60, 0.7, 0.2], np.float32), (1, 300, 1))},
@@ -599,6 +600,7 @@ def test_results_that_cannot_be_boxes_are_refused(tmp_path: Path) -> None:
         (np.full((300, 6), np.nan), "is not a number for any box: if it calculates with 16 bits"),
         (first(labelled(TRUTH * 64000)), "3 of 3 boxes are outside the image: the output, taken as end2end"),
         (first(np.add(labelled(TRUTH * 640), [0, 0, 0, 0, 0, 5])), "a box has class 7, but the model has 3"),
+        (first(np.add(labelled(TRUTH * 640), [0, 0, 0, 0, 0, np.inf])), "class inf, but the model has 3"),
     ):
         outputs = {"output0": rows.astype(np.float32)[None]}
         described = {**metadata, "end2end": "True"}

@@ -7,6 +7,7 @@ and numbers of the classes; and `images.sha256`, with the hash of the image of e
 from __future__ import annotations
 
 import dataclasses
+import functools
 import glob
 import hashlib
 import json
@@ -16,14 +17,14 @@ import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 
 from ..data.class_names import ClassesError, ClassNames, label_numbers
 from ..data.drawn import cache_folder
 from ..data.image_hashes import image_hashes
-from ..data.kitti import BITS, list_frames, read_image
+from ..data.kitti import COLOUR, GREY, IMAGE_BITS, list_frames, read_image
 from ..data.label_files import label_files, read_label_rows, write_labels
 from ..data.label_names import DETECTOR_RECORD
 from ..data.label_remarks import missing_labels
@@ -38,18 +39,16 @@ from .models import find_model
 from .settings import DetectorConfig
 from .yolo import YoloDetector
 
-RECORD_KEYS = {"model", "sha256", "settings"}  # in every record that the kit has written
+RECORD_KEYS = {"model", "sha256", "settings"}  # in every record that a version of the kit has written
 IMAGE_LIST = "images.sha256"  # a line for each label: the hash of the image, then its name, as of sha256sum
 IMAGE_LINE = re.compile(r"([0-9a-f]{64})  (\d+)\.png")
 EXPECTED_RECORD = "the record of the detector that wrote the labels"
-# A label folder has none of these: each is part of a sequence or of a run.
-FILES_OF_OTHER_FOLDERS = (
-    *("image_0", "image_1", "image_2", "image_3", "calib.txt", "times.txt"),
-    *("poses.txt", "poses_tum.txt", "frames.csv", "metrics.json"),
-)
+FILES_OF_SEQUENCES = ("calib.txt", "times.txt")
+FILES_OF_RUNS = ("poses.txt", "poses_tum.txt", "frames.csv", "metrics.json")
+# A label folder has none of these.
+FILES_OF_OTHER_FOLDERS = (*GREY, *COLOUR, *FILES_OF_SEQUENCES, *FILES_OF_RUNS)
 # A folder with one of these has recordings below it, in the layouts of KITTI, KITTI's raw drives and EuRoC.
 IMAGE_FOLDERS = re.compile(r"image_\d{1,2}|cam\d")
-FILES_OF_SEQUENCES = ("calib.txt", "times.txt")
 IMAGE_ENDINGS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".ppm", ".pgm")
 LEVELS_TO_SEQUENCE = 3  # from a folder of images up to its sequence, as in mav0/cam0/data
 # Threads, one image each: the network works on one image while another is read or its boxes are selected.
@@ -61,13 +60,19 @@ def detection_record(
 ) -> dict[str, Any]:
     """All inputs that determine a detector's labels, apart from the images, for JSON.
 
-    The model and its hash, the settings, the wanted classes (setting filter.classes), and the provider.
+    The model and its hash, the provider, the settings, and the wanted classes (setting filter.classes).
+    Raises `DataError` as `find_model` and `model_sha256`.
     """
     path = find_model(model)
     settings = to_dict(config)
-    del settings["threads"]
-    inputs = {"model": path.name, "sha256": model_sha256(path), "provider": provider, "settings": settings}
-    return inputs | {"classes": list(classes)}
+    del settings["threads"]  # which changes the speed alone
+    return {
+        "model": path.name,
+        "sha256": model_sha256(path),
+        "provider": provider,
+        "settings": settings,
+        "classes": list(classes),
+    }
 
 
 def label_folder(sequence: Sequence, record: dict[str, Any], cache: Path | None = None) -> Path:
@@ -77,30 +82,32 @@ def label_folder(sequence: Sequence, record: dict[str, Any], cache: Path | None 
     in the same place have another folder, and the same images in another place have the same folder.
     """
     root = cache_folder().parent if cache is None else cache
-    images = _digest([sequence.frames, list(_hashes_of_frames(sequence).values())])
-    return root / "labels" / f"{_prefix(record)}-{images}"
+    images = _digest([sequence.frames, list(_image_digests(sequence).values())])
+    return root / "labels" / f"{_folder_prefix(record)}-{images}"
 
 
-def _prefix(record: dict[str, Any]) -> str:
+def _folder_prefix(record: dict[str, Any]) -> str:
     """The beginning of the names of all label folders of a detector in the cache."""
     return f"{Path(record['model']).stem}-{_digest(record)}"
 
 
 def _digest(data: Any) -> str:
+    """Twelve hexadecimal digits of the SHA-256 of data for JSON."""
     return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:12]
 
 
-def _hashes_of_frames(sequence: Sequence) -> dict[str, str]:
+def _image_digests(sequence: Sequence) -> dict[str, str]:
     """SHA-256 of the left image of each frame, by frame.
 
     With grey values of more than 8 bits, it also depends on the bits that the sequence needs: they decide
     which 8 of them the detector sees.
     """
-    names = [f"{sequence.sides[0]}/{frame}.png" for frame in sequence.frames]
-    hashes = list(image_hashes(sequence.folder, names).values())
-    if sequence.bits > BITS[0]:
-        hashes = [hashlib.sha256(f"{digest} {sequence.bits}".encode()).hexdigest() for digest in hashes]
-    return dict(zip(sequence.frames, hashes, strict=True))
+    left, _ = sequence.sides
+    names = [f"{left}/{frame}.png" for frame in sequence.frames]
+    digests = list(image_hashes(sequence.folder, names).values())
+    if sequence.bits > IMAGE_BITS:
+        digests = [hashlib.sha256(f"{digest} {sequence.bits}".encode()).hexdigest() for digest in digests]
+    return dict(zip(sequence.frames, digests, strict=True))
 
 
 def model_classes(detector: YoloDetector) -> tuple[ClassNames, ClassNames]:
@@ -108,39 +115,52 @@ def model_classes(detector: YoloDetector) -> tuple[ClassNames, ClassNames]:
 
     The numbers in label files are those of `label_numbers`; without names, the detector's own.
     """
+    source = str(detector.path)
     if detector.names is None:
-        return ClassNames(source=str(detector.path)), ClassNames(source=str(detector.path))
-    own = ClassNames(dict(enumerate(detector.names)), str(detector.path))
+        return ClassNames(source=source), ClassNames(source=source)
+    own = ClassNames(dict(enumerate(detector.names)), source)
     numbers = label_numbers(detector.names).tolist()
-    return own, ClassNames(dict(zip(numbers, detector.names, strict=True)), str(detector.path))
+    in_labels = ClassNames(dict(zip(numbers, detector.names, strict=True)), source)
+    return own, in_labels
 
 
 def chosen_mask(detector: YoloDetector, classes: tuple[str, ...]) -> BoolArray:
-    """Mask of a detector's classes, by its own numbers, that are chosen by name or number.
+    """Mask (C,) of a detector's classes, by its own numbers, that are chosen by name or number.
 
-    Raises as `ClassNames.choose`, and `ClassesError` for a model without names if no class has the number.
+    For a model without names, the mask ends with the largest chosen number. Raises as `ClassNames.choose`,
+    and `ClassesError` for a model without names if no class has the number.
     """
     own, _ = model_classes(detector)
     if own.names:
-        chosen = list(own.choose(classes).kinds)
-        mask = np.zeros(len(own.names), np.bool_)
-        mask[chosen] = True
-        return mask
-    numbers = [int(word) for word in classes if word.isdecimal()]
-    count = detector.class_count
-    if len(numbers) < len(classes) or (count is not None and max(numbers) >= count):
-        which = "" if count is None or count == 1 else f" from 0 to {count - 1}"
-        problem = f"the model has no class names, so its classes are chosen by number{which}:"
-        if count == 1:
-            raise ClassesError(problem, detector.path, "0", " if its one class is that of the vehicles")
-        raise ClassesError(problem, detector.path, "NUMBER", " with the number of the vehicles")
-    mask = np.zeros(max(numbers) + 1, np.bool_)
+        numbers = list(own.choose(classes).kinds)
+        count = len(own.names)
+    else:
+        numbers = [int(word) for word in classes if word.isdecimal()]
+        if len(numbers) < len(classes) or not _have_numbers(detector, numbers):
+            raise _choose_by_number(detector)
+        count = max(numbers) + 1
+    mask = np.zeros(count, np.bool_)
     mask[numbers] = True
     return mask
 
 
+def _have_numbers(detector: YoloDetector, numbers: list[int]) -> bool:
+    """Whether a detector has classes with all of these numbers, as far as its file tells."""
+    return detector.class_count is None or max(numbers) < detector.class_count
+
+
+def _choose_by_number(detector: YoloDetector) -> ClassesError:
+    """The error for a choice of classes that a model without names does not have."""
+    count = detector.class_count
+    which = "" if count is None or count == 1 else f" from 0 to {count - 1}"
+    problem = f"the model has no class names, so its classes are chosen by number{which}:"
+    if count == 1:
+        return ClassesError(problem, detector.path, "0", " if its one class is that of the vehicles")
+    return ClassesError(problem, detector.path, "NUMBER", " with the number of the vehicles")
+
+
 def with_label_numbers(detector: YoloDetector, boxes: Boxes) -> Boxes:
-    """A detector's boxes with the class numbers of label files."""
+    """A detector's boxes with the class numbers of label files, without boxes of classes beyond the names."""
     if detector.names is None:
         return boxes
     known = boxes[boxes.class_id < len(detector.names)]
@@ -197,57 +217,79 @@ def write_label_folder(
         raise DataError(f"the folder cannot be created: {error.strerror}", folder) from None
     with only_process(folder, waiting):
         _require_replaceable(folder)
-        belongs = _belongs(folder, record, replace)
-        hashes = _hashes_of_frames(sequence)
-        written = read_image_list(folder) if belongs else {}
-        missing = [
-            frame
-            for frame in sequence.frames
-            if written.get(frame) != hashes[frame] or not (folder / f"{frame}.txt").exists()
-        ]
+        is_own = _belongs(folder, record, replace)
+        digests = _image_digests(sequence)
+        missing = _missing_frames(folder, sequence, digests) if is_own else list(sequence.frames)
         if not missing:
             return 0
         detector = YoloDetector(model, config, provider=provider)
         class_mask = chosen_mask(detector, classes)
-        if not belongs:
+        if not is_own:
             _replace_labels(folder, sequence)
         _write_record(folder, record, detector, class_mask)
-        known = _labels_by_image(others)
-
-        copied = [frame for frame in missing if hashes[frame] in known]
-        new = [frame for frame in missing if hashes[frame] not in known]
-
-        def detect_label(frame: str) -> None:
-            _detect_label(sequence, frame, folder / f"{frame}.txt", detector, class_mask)
-
-        done = len(sequence) - len(missing)
-        with open(folder / IMAGE_LIST, "a") as image_list:
-
-            def note_label(frame: str) -> None:
-                nonlocal done
-                image_list.write(f"{hashes[frame]}  {frame}.png\n")
-                image_list.flush()
-                done += 1
-                if progress:
-                    progress(done, len(sequence))
-
+        labels_elsewhere = _labels_by_image(others)
+        copied = [frame for frame in missing if digests[frame] in labels_elsewhere]
+        new = [frame for frame in missing if digests[frame] not in labels_elsewhere]
+        with open(folder / IMAGE_LIST, "a") as file:
+            written = _WrittenLabels(
+                file, digests, count=len(sequence) - len(missing), total=len(sequence), progress=progress
+            )
             for frame in copied:
-                write_atomic(folder / f"{frame}.txt", read_bytes(known[hashes[frame]]))
-                note_label(frame)
+                write_atomic(folder / f"{frame}.txt", read_bytes(labels_elsewhere[digests[frame]]))
+                written.add(frame)
             start = time.perf_counter()
-            _in_threads(detect_label, new, note_label)
+            detect_label = functools.partial(_detect_label, sequence, folder, detector, class_mask)
+            _in_threads(detect_label, new, written.add)
         if detected and new:
             detected(len(new), time.perf_counter() - start)
         return len(missing)
 
 
+def _missing_frames(folder: Path, sequence: Sequence, digests: dict[str, str]) -> list[str]:
+    """The frames without a label of their image in a folder. digests : SHA-256 of each frame's image."""
+    written = read_image_list(folder)
+    missing = []
+    for frame in sequence.frames:
+        if written.get(frame) != digests[frame] or not (folder / f"{frame}.txt").exists():
+            missing.append(frame)
+    return missing
+
+
+@dataclasses.dataclass
+class _WrittenLabels:
+    """The list of images of a label folder while labels are written, and their progress.
+
+    Attributes
+    ----------
+    file : the list of images, open for appending.
+    digests : SHA-256 of each frame's image.
+    count : number of frames whose labels are written. total : number of all frames.
+    progress : called after each label with `count` and `total`.
+    """
+
+    file: TextIO
+    digests: dict[str, str]
+    count: int
+    total: int
+    progress: Progress | None
+
+    def add(self, frame: str) -> None:
+        """List the image of a frame whose label file is complete."""
+        self.file.write(f"{self.digests[frame]}  {frame}.png\n")
+        self.file.flush()
+        self.count += 1
+        if self.progress:
+            self.progress(self.count, self.total)
+
+
 def _detect_label(
-    sequence: Sequence, frame: str, label: Path, detector: YoloDetector, class_mask: BoolArray
+    sequence: Sequence, folder: Path, detector: YoloDetector, class_mask: BoolArray, frame: str
 ) -> None:
-    """Detect the boxes in a frame's left image, and write its label file."""
+    """Detect the boxes in a frame's left image, and write its label file into the folder."""
     image = read_image(sequence.left_file(frame), sequence.bits)
     boxes = with_label_numbers(detector, detector.detect(image, class_mask))
-    write_labels(label, boxes, image.shape[1], image.shape[0])
+    height, width = image.shape
+    write_labels(folder / f"{frame}.txt", boxes, width, height)
 
 
 def _in_threads(work: Callable[[str], None], frames: list[str], finished: Callable[[str], None]) -> None:
@@ -285,7 +327,7 @@ def labelled_sequence(
     record = detection_record(model, config, classes, provider)
     folder = label_folder(sequence, record, cache)
     _delete_damaged_record(folder / DETECTOR_RECORD)
-    others = sorted(folder.parent.glob(f"{glob.escape(_prefix(record))}-*"))
+    of_this_detector = sorted(folder.parent.glob(f"{glob.escape(_folder_prefix(record))}-*"))
     write_label_folder(
         sequence,
         model,
@@ -294,8 +336,8 @@ def labelled_sequence(
         classes=classes,
         provider=provider,
         replace=True,
-        others=[other for other in others if other != folder],
-        waiting=waiting or (lambda _: None),
+        others=[other for other in of_this_detector if other != folder],
+        waiting=waiting or (lambda _: None),  # so that the call waits
         progress=progress,
         detected=detected,
     )
@@ -309,40 +351,54 @@ def with_all_labels(
     cache: Path | None = None,
     progress: Progress | None = None,
 ) -> Sequence:
-    """The sequence with its own labels if every image has a label file, else with those of a detector."""
+    """The sequence with its own labels if every image has a label file, else with those of a detector.
+
+    The detector's labels are stored in the cache folder; see `labelled_sequence`.
+    """
     if not missing_labels(sequence):
         return sequence
     return labelled_sequence(sequence, model, cache=cache, progress=progress)
 
 
 def read_image_list(folder: Path) -> dict[str, str]:
-    """SHA-256 of the image of each label in a detector's folder, by frame; a later line counts."""
+    """SHA-256 of the image of each label in a detector's folder, by frame; of several, the last counts."""
     path = folder / IMAGE_LIST
     if not path.exists():
         return {}
-    matches = (IMAGE_LINE.fullmatch(line) for line in read_text(path).splitlines())
-    return {match[2]: match[1] for match in matches if match is not None}
+    digests: dict[str, str] = {}
+    for line in read_text(path).splitlines():
+        entry = IMAGE_LINE.fullmatch(line)
+        if entry is not None:
+            digest, frame = entry.groups()
+            digests[frame] = digest
+    return digests
 
 
 def _labels_by_image(folders: Iterable[Path]) -> dict[str, Path]:
     """The label files in folders of a detector by the SHA-256 of their image."""
-    known: dict[str, Path] = {}
+    labels: dict[str, Path] = {}
     for folder in folders:
         for frame, digest in read_image_list(folder).items():
-            if (folder / f"{frame}.txt").exists():
-                known[digest] = folder / f"{frame}.txt"
-    return known
+            label = folder / f"{frame}.txt"
+            if label.exists():
+                labels[digest] = label
+    return labels
 
 
-def _write_record(folder: Path, record: dict[str, Any], detector: YoloDetector, mask: BoolArray) -> None:
+def _write_record(
+    folder: Path, record: dict[str, Any], detector: YoloDetector, class_mask: BoolArray
+) -> None:
     """Write the record of a detector, with the names of its classes and the numbers of the written ones."""
-    about: dict[str, Any] = {"written": np.flatnonzero(mask).tolist()}
+    classes: dict[str, Any] = {"written": np.flatnonzero(class_mask).tolist()}
     if detector.names is not None:
         numbers = label_numbers(detector.names)
-        about["written"] = numbers[mask].tolist()
-        about["names"] = dict(zip(map(str, numbers.tolist()), detector.names, strict=True))
-        about["numbers"] = numbers.tolist()  # of the model's classes, in the model's order
-    write_atomic(folder / DETECTOR_RECORD, json.dumps(record | about, indent=1) + "\n")
+        names = {str(number): name for number, name in zip(numbers, detector.names, strict=True)}
+        classes = {
+            "written": numbers[class_mask].tolist(),
+            "names": names,
+            "numbers": numbers.tolist(),  # of the model's classes, in the model's order
+        }
+    write_atomic(folder / DETECTOR_RECORD, json.dumps(record | classes, indent=1) + "\n")
 
 
 def require_label_folder(folder: Path) -> None:
@@ -361,12 +417,12 @@ def _has_images_of_sequence(folder: Path) -> bool:
     """Whether a folder is inside a sequence and has images, or the name of a sequence's image folder."""
     if not folder.is_dir():
         return False
-    # The folder itself, or a folder that a link leads to.
+    # The folder itself and, if it is a link, the folder that it leads to.
     for path in {Path(os.path.abspath(folder)), folder.resolve()}:
         has_images = any(file.suffix.lower() in IMAGE_ENDINGS for file in path.iterdir())
-        is_named = IMAGE_FOLDERS.fullmatch(path.name) is not None
+        is_named_so = IMAGE_FOLDERS.fullmatch(path.name) is not None
         above = list(path.parents)[:LEVELS_TO_SEQUENCE]
-        if (has_images or is_named) and any(map(_is_sequence, above)):
+        if (has_images or is_named_so) and any(_is_sequence(parent) for parent in above):
             return True
     return False
 
@@ -383,22 +439,23 @@ def _is_sequence(folder: Path) -> bool:
 
 def is_current_record(record: dict[str, Any]) -> bool:
     """Whether this version of the kit could have written a record, and thus has a use for its labels."""
-    names = {field.name for field in dataclasses.fields(DetectorConfig)} - {"threads"}
+    names = {field.name for field in dataclasses.fields(DetectorConfig)}
+    names.remove("threads")  # as in `detection_record`
     settings = record.get("settings")
     return isinstance(settings, dict) and settings.keys() == names and "written" in record
 
 
 def _belongs(folder: Path, record: dict[str, Any], replace: bool) -> bool:
-    """Whether the labels in a folder are those of this record; a folder without labels and record has none.
+    """Whether the labels in a folder are those of this record; not so in a folder without a record.
 
     Raises `DataError` for a record of another program, and for other labels unless `replace`.
     """
     path = folder / DETECTOR_RECORD
     if path.exists():
         present = read_mapping(path, EXPECTED_RECORD)
-        if {name: present.get(name) for name in record} == record:
+        if all(present.get(name) == value for name, value in record.items()):
             return True
-        if not present.keys() >= RECORD_KEYS:
+        if not RECORD_KEYS.issubset(present):
             raise DataError(f"expected {EXPECTED_RECORD}: choose another folder for labels", path)
     if label_files(folder) and not replace:
         raise DataError(
@@ -414,9 +471,9 @@ def _require_replaceable(folder: Path) -> None:
 
     A file in the list of images is the kit's own, even if it is damaged.
     """
-    own = read_image_list(folder)
+    own_frames = read_image_list(folder)
     for file in label_files(folder):
-        if file.stem in own:
+        if file.stem in own_frames:
             continue
         try:
             read_label_rows(file)

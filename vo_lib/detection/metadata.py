@@ -49,13 +49,15 @@ def read_metadata(entries: Mapping[str, str]) -> Metadata:
     Raises ValueError for class names that cannot be read.
     """
     arguments = _evaluated(entries.get("args", ""))
-    suppressed = isinstance(arguments, dict) and arguments.get("nms") is True
-    transformer = entries.get("head") == TRANSFORMER_HEAD
+    suppresses = isinstance(arguments, dict) and arguments.get("nms") is True
+    is_end_to_end = entries.get("end2end", "").strip().lower() == "true"
+    has_transformer_head = entries.get("head") == TRANSFORMER_HEAD
+    is_described_so = "rtdetr" in entries.get("description", "").lower()
     return Metadata(
         names=read_names(entries.get("names", "")),
         task=entries.get("task", "").strip().lower(),
-        one_to_one=entries.get("end2end", "").strip().lower() == "true" or suppressed,
-        transformer=transformer or "rtdetr" in entries.get("description", "").lower(),
+        one_to_one=is_end_to_end or suppresses,
+        transformer=has_transformer_head or is_described_so,
         size=read_size(entries.get("imgsz", "")),
     )
 
@@ -67,27 +69,29 @@ def read_names(text: str) -> tuple[str, ...] | None:
     """
     if text.strip() in NO_NAMES:
         return None
-    found = _evaluated(text)
-    if isinstance(found, dict):
-        found = _in_order(found)
-    if not isinstance(found, (list, tuple)) or len(found) > MAX_CLASSES:
+    names = _evaluated(text)
+    if isinstance(names, dict):
+        names = _in_order(names)
+    if not isinstance(names, (list, tuple)) or len(names) > MAX_CLASSES:
         raise ValueError(f"its class names cannot be read: {EXPECTED_NAMES}, found {text.strip()[:60]!r}")
-    if not all(isinstance(name, (str, int)) for name in found):
+    if not all(isinstance(name, (str, int)) for name in names):
         raise ValueError(f"its class names are not all text: {EXPECTED_NAMES}")
-    return tuple(" ".join(str(name).split()) for name in found) or None
+    in_one_line = tuple(" ".join(str(name).split()) for name in names)
+    return in_one_line or None
 
 
 def read_size(text: str) -> int | None:
     """Longer side, in pixels, from a model's metadata such as "[640, 640]" or "640"; None for other text."""
     sides = [int(side) for side in re.findall(r"[0-9]{1,9}", text)]
-    valid = sides and min(sides) >= SMALLEST_INPUT_PX and max(sides) <= MAX_INPUT_PX
-    return max(sides) if valid else None
+    if not sides or min(sides) < SMALLEST_INPUT_PX or max(sides) > MAX_INPUT_PX:
+        return None
+    return max(sides)
 
 
 def _evaluated(text: str) -> Any:
     """The value of JSON, else of a Python literal; None for other text.
 
-    JSON is first: Python would read the two halves of JSON's escaped characters as two characters.
+    JSON is first: it writes a character beyond 16 bits as two escapes, which Python reads as two characters.
     """
     for read in (json.loads, ast.literal_eval):
         try:
@@ -97,13 +101,13 @@ def _evaluated(text: str) -> Any:
     return None
 
 
-def _in_order(found: dict[Any, Any]) -> list[Any]:
+def _in_order(names: dict[Any, Any]) -> list[Any]:
     """The names of a mapping, sorted by number; ValueError unless the numbers are 0, 1, 2 … without a gap."""
     try:
-        by_number = {int(key): name for key, name in found.items()}
+        by_number = {int(key): name for key, name in names.items()}
     except (ValueError, TypeError):
         raise ValueError(f"its class names have no numbers: {EXPECTED_NAMES}") from None
-    if len(by_number) != len(found) or sorted(by_number) != list(range(len(found))):
+    if sorted(by_number) != list(range(len(names))):
         numbers = ", ".join(str(number) for number in sorted(by_number)[:8])
         raise ValueError(f"its class names have the numbers {numbers}: {EXPECTED_NAMES}")
-    return [by_number[number] for number in range(len(found))]
+    return [by_number[number] for number in range(len(names))]

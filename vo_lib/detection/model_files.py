@@ -33,13 +33,18 @@ NESTED: dict[str, dict[int, str]] = {
     "Attribute": {5: "Tensor", 6: "Graph", 10: "Tensor", 11: "Graph", 22: "SparseTensor", 23: "SparseTensor"},
     "SparseTensor": {1: "Tensor", 2: "Tensor"},
 }
-EXTERNAL_DATA = 13  # of a tensor: an entry with a key (field 1) and a value (field 2)
-LOCATION = "location"  # key of the entry with the file's name
+EXTERNAL_DATA = 13  # field of a tensor: an entry about its data in another file
+ENTRY_KEY = 1
+ENTRY_VALUE = 2
+LOCATION = b"location"  # key of the entry with the file's name
 MAX_DEPTH = 60  # of messages in messages
-COPY_BYTES = 1 << 24
+MAX_VARINT_BYTES = 10  # of an integer of 64 bits, 7 bits a byte
+COPY_BYTES = 1 << 24  # that are in memory at a time
 
 
 class _Field(NamedTuple):
+    """A field of a message: its number, its kind, and its bytes without number, kind and length."""
+
     number: int
     kind: int
     value: memoryview
@@ -48,7 +53,7 @@ class _Field(NamedTuple):
 def model_files(path: Path) -> tuple[Path, ...]:
     """The .onnx file, then the files with weights that it refers to, by name.
 
-    Raises `DataError` if one of these files is missing, or is outside the model's folder.
+    Raises `DataError` if one of these files is missing, and as `external_names`.
     """
     parts = [path.parent / name for name in external_names(path)]
     for part in parts:
@@ -62,9 +67,10 @@ def external_names(path: Path) -> list[str]:
 
     Empty for a file that is not ONNX. Raises `DataError` for a name that leads out of the model's folder.
     """
+    model = memoryview(read_bytes(path))
     try:
-        names = {bytes(name).decode() for name in _locations(memoryview(read_bytes(path)), "Model", 0)}
-    except ValueError:  # not ONNX, or not text; ONNX Runtime says so
+        names = {bytes(name).decode() for name in _locations(model, "Model", depth=0)}
+    except ValueError:  # not ONNX, or a name that is not text; ONNX Runtime says so
         return []
     for name in names:
         if not _stays_inside(name) or PurePosixPath(name) == PurePosixPath(path.name):
@@ -77,7 +83,7 @@ def external_names(path: Path) -> list[str]:
 
 
 def model_sha256(path: Path) -> str:
-    """SHA-256 of a model, 64 hexadecimal digits.
+    """SHA-256 of a model, 64 hexadecimal digits; raises as `model_files`.
 
     For a model of one file this is the file's own. For a model of several files it is that of the lines
     "digest  name" of its files, as the program sha256sum prints them, the .onnx file first.
@@ -93,7 +99,8 @@ def copy_model(source: Path, target: Path) -> None:
     """Copy a model of one or several files. The .onnx file gets the name `target`; the others keep theirs.
 
     A model under the same name is removed first and the new .onnx file is written last: there is never a
-    network with the weights of another one.
+    network with the weights of another one. Raises `DataError` as `model_files`, and if a file of weights has
+    the name of the .onnx file.
     """
     target_parts = [target.parent / name for name in external_names(source)]
     source_parts = model_files(source)[1:]
@@ -117,7 +124,10 @@ def _stays_inside(name: str) -> bool:
 
 
 def _locations(message: memoryview, kind: str, depth: int) -> Iterator[memoryview]:
-    """Locations of external data in a message of ONNX and in those nested in it; ValueError if malformed."""
+    """Names of the files of external data in a message of ONNX and in those nested in it, as bytes.
+
+    kind : a key of `NESTED`, or "Tensor". Raises ValueError if the message is malformed.
+    """
     if depth > MAX_DEPTH:
         raise ValueError("nested too deeply")
     nested = NESTED.get(kind, {})
@@ -127,8 +137,8 @@ def _locations(message: memoryview, kind: str, depth: int) -> Iterator[memoryvie
             continue
         if kind == "Tensor" and field.number == EXTERNAL_DATA:
             entry = {part.number: part.value for part in _fields(field.value)}
-            if bytes(entry.get(1, nothing)) == LOCATION.encode():
-                yield entry.get(2, nothing)
+            if bytes(entry.get(ENTRY_KEY, nothing)) == LOCATION:
+                yield entry.get(ENTRY_VALUE, nothing)
         elif field.number in nested:
             yield from _locations(field.value, nested[field.number], depth + 1)
 
@@ -137,28 +147,33 @@ def _fields(message: memoryview) -> Iterator[_Field]:
     """The fields of a message of Protocol Buffers; ValueError if malformed."""
     position = 0
     while position < len(message):
-        tag, position = _varint(message, position)
-        number = tag >> 3
+        tag, start = _varint(message, position)
+        number = tag >> 3  # the lower three bits are the kind
         kind = tag & 7
-        start = position
         if kind == VARINT:
-            _, position = _varint(message, position)
+            _, end = _varint(message, start)
         elif kind == LENGTH_DELIMITED:
-            length, start = _varint(message, position)
-            position = start + length
-        elif kind in (FIXED_4, FIXED_8):
-            position += 4 if kind == FIXED_4 else 8
+            length, start = _varint(message, start)
+            end = start + length
+        elif kind == FIXED_4:
+            end = start + 4
+        elif kind == FIXED_8:
+            end = start + 8
         else:
             raise ValueError(f"a field of the unknown kind {kind}")
-        if number == 0 or position > len(message):
+        if number == 0 or end > len(message):
             raise ValueError("a field is longer than its message")
-        yield _Field(number, kind, message[start:position])
+        yield _Field(number, kind, message[start:end])
+        position = end
 
 
 def _varint(message: memoryview, position: int) -> tuple[int, int]:
-    """An integer of 7 bits a byte, the lowest first, and the position after it."""
+    """The integer that begins at a position of a message, and the position after it; ValueError if malformed.
+
+    A byte has 7 bits of it, the lowest first, and its highest bit says whether another byte follows.
+    """
     value = 0
-    for shift in range(0, 70, 7):
+    for shift in range(0, MAX_VARINT_BYTES * 7, 7):
         if position >= len(message):
             raise ValueError("a number is longer than its message")
         byte = message[position]

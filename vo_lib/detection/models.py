@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from pathlib import Path
 
 import platformdirs
@@ -27,8 +28,10 @@ def list_detectors(folder: Path | None = None) -> dict[str, Path]:
     A model of one file is NAME.onnx; a model of several files has a folder, with NAME/NAME.onnx in it.
     """
     folder = folder or detector_folder()
-    files = [*folder.glob("*.onnx"), *(file for file in folder.glob("*/*.onnx") if is_in_own_folder(file))]
-    return {path.stem: path for path in sorted(files, key=lambda path: path.stem)}
+    files = list(folder.glob("*.onnx"))
+    files += [file for file in folder.glob("*/*.onnx") if is_in_own_folder(file)]
+    files.sort(key=lambda file: file.stem)
+    return {file.stem: file for file in files}
 
 
 def is_in_own_folder(path: Path) -> bool:
@@ -41,27 +44,36 @@ def find_model(name: str | Path, folder: Path | None = None) -> Path:
 
     Raises `DataError` with the available names and the command that downloads models.
     """
-    files = {**list_detectors(folder), **MODELS}
+    files = list_detectors(folder) | MODELS
     path = files.get(str(name), Path(name))
-    if path.is_file():
-        if path.suffix.lower() in PYTORCH:
-            command = f"yolo export model={path.name} format=onnx"
-            raise DataError(f"is a file of PyTorch, expected ONNX; make it with: {command}", path)
-        return path
+    if not path.is_file():
+        raise _not_found(str(name), path, files)
+    if path.suffix.lower() in PYTORCH:
+        command = f"yolo export model={path.name} format=onnx"
+        raise DataError(f"is a file of PyTorch, expected ONNX; make it with: {command}", path)
+    return path
+
+
+def _not_found(name: str, path: Path, files: Collection[str]) -> DataError:
+    """The error for a model that is no file, with what the person probably meant.
+
+    path : what the person typed, as a path. files : names of the detectors on this machine.
+    """
     # A word such as "street" is a name, also beside a folder with this name.
-    if path.exists() and path.parent != Path():
+    is_path = path.parent != Path()
+    if path.exists() and is_path:
         kind = "a folder" if path.is_dir() else "a pipe or a device"
-        raise DataError(f"is {kind}, expected an ONNX file", path)
-    obtainable = path.stem in DOWNLOADABLE or ULTRALYTICS.fullmatch(path.stem)
-    if path.suffix.lower() in (".onnx", *PYTORCH) or path.parent != Path():
-        how = ""
+        return DataError(f"is {kind}, expected an ONNX file", path)
+    is_obtainable = path.stem in DOWNLOADABLE or ULTRALYTICS.fullmatch(path.stem) is not None
+    if is_path or path.suffix.lower() in (".onnx", *PYTORCH):
+        remedy = ""
         if path.stem in files:
-            how = f"; the detector of this name is given as {path.stem}"
-        elif obtainable:
-            how = f"; `vo data get_detector {path.stem}` says how to get this model"
-        raise DataError(f"no such file{how}", path)
-    if obtainable:
-        raise DataError(f"the detector {name} is not on this machine; use: vo data get_detector {name}")
+            remedy = f"; the detector of this name is given as {path.stem}"
+        elif is_obtainable:
+            remedy = f"; `vo data get_detector {path.stem}` says how to get this model"
+        return DataError(f"no such file{remedy}", path)
+    if is_obtainable:
+        return DataError(f"the detector {name} is not on this machine; use: vo data get_detector {name}")
     near = did_you_mean(path.stem, [*files, *DOWNLOADABLE, "yolov8n"])
     expected = f"expected an ONNX file or one of {', '.join(files)}"
-    raise DataError(f"unknown detector {str(name)!r}: {near}{expected}; `vo data get_detector` lists more")
+    return DataError(f"unknown detector {name!r}: {near}{expected}; `vo data get_detector` lists more")

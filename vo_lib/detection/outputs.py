@@ -19,6 +19,7 @@ segmentation model has further columns, the coefficients of its masks, and a sec
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -45,15 +46,16 @@ from .readers import (
     table_of,
 )
 
-# Cell sizes of networks, pixels; the usual ones last.
+# Cell sizes of networks, pixels; the usual ones last, so that they count if two sets give as many rows.
 STRIDE_SETS = ((16, 32), (8, 16), (4, 8, 16, 32, 64), (8, 16, 32, 64), (4, 8, 16, 32), STRIDES)
 ANCHORS = 3  # boxes a cell in networks with anchors: YOLOv5 and v7
 MAX_SELECTED = 3000  # a network that selects its boxes gives at most this many
 MAX_COLUMNS = 1000  # of a table with a row for each box
 FOLLOWS_GRID = 0.8  # correlation of the boxes' centres with their cells, from which they are decoded
-LARGEST_RAW = 7.0  # of YOLOX before decoding: e⁷ strides are wider than any image
+LARGEST_RAW = 7.0  # size in YOLOX's output before decoding, a logarithm: e⁷ strides are wider than any image
 ORDERED = 0.9  # share of the boxes whose first corner is left above the second, if they are corners
-SCORE_SLACK = 0.05  # of scores below 0 and above 1, in quantised models
+SCORE_SLACK = 0.05  # by which scores of quantised models may be below 0 or above 1
+MASK_COEFFICIENTS = 32  # of a box in the segmentation models of Ultralytics
 
 TASKS = {
     "pose": "a pose model",
@@ -73,7 +75,7 @@ class OutputLayout:
     ----------
     name : short name of the layout. reader : see `Reader`.
     classes : number of classes, None if neither the outputs nor the metadata tell.
-    placement : of the image in the network's: "centred" with borders on both sides, in the upper left
+    placement : of the image in the network's image: "centred" with borders on both sides, in the upper left
         "corner", or "stretched" over all of it.
     bytes_in : the input is BGR from 0 to 255, otherwise RGB from 0 to 1.
     one_to_one : the network has selected its boxes; each object has one.
@@ -103,35 +105,44 @@ def recognise(outputs: Sequence[Output], metadata: Metadata, width: int, height:
         what = TASKS.get(metadata.task, f"a model for the task {metadata.task[:20]!r}")
         raise UnusableOutput(f"is {what}, whose boxes the kit does not read; {REMEDY}")
     tables = [k for k, output in enumerate(outputs) if table_of(output.values).ndim <= 2]
-    masks = _mask_count(outputs) if len(tables) == 1 else 0
     if len(tables) == 1 and table_of(outputs[tables[0]].values).ndim == 2:
-        found = _from_table(outputs, tables[0], masks, metadata, width, height)
+        layout = _from_table(outputs, tables[0], metadata, width, height)
     elif len(tables) >= 2:
-        found = _from_separate(outputs, tables, metadata, width, height)
+        layout = _from_separate(outputs, tables, metadata, width, height)
     else:
         raise _refusal(outputs, "these look like the raw maps of a network, before its boxes")
     names = metadata.names
-    if names is not None and found.classes is not None and len(names) != found.classes:
-        raise _refusal(outputs, f"{found.classes} classes, but its metadata names {len(names)}")
-    return found
+    if names is not None and layout.classes is not None and len(names) != layout.classes:
+        raise _refusal(outputs, f"{layout.classes} classes, but its metadata names {len(names)}")
+    return layout
 
 
 def _from_table(
-    outputs: Sequence[Output], index: int, masks: int, metadata: Metadata, width: int, height: int
+    outputs: Sequence[Output], index: int, metadata: Metadata, width: int, height: int
 ) -> OutputLayout:
-    """The layout of a network whose boxes are in one output."""
+    """The layout of a network whose boxes are in one output, that with the number `index`."""
     values = outputs[index].values
     table = table_of(values)
     boxes_a_cell = _boxes_a_cell(width, height)
-    names = metadata.names
-    if masks and names is not None and 4 + len(names) in table.shape:
+    masks = _mask_count(outputs)
+    if metadata.names is not None and 4 + len(metadata.names) in table.shape:
         masks = 0  # a detection model; its maps are of no concern here
-    if table.shape[1] in boxes_a_cell:
-        grid = _Grid(outputs, index, table.T, True, boxes_a_cell[table.shape[1]], masks, metadata)
-        return _from_grid(grid, width, height)
-    if len(table) in boxes_a_cell and not (metadata.one_to_one or metadata.transformer):
-        grid = _Grid(outputs, index, table, False, boxes_a_cell[len(table)], masks, metadata)
-        return _from_grid(grid, width, height)
+    selects_boxes = metadata.one_to_one or metadata.transformer
+    columns_first = table.shape[1] in boxes_a_cell
+    if columns_first or (len(table) in boxes_a_cell and not selects_boxes):
+        rows = np.asarray(table.T if columns_first else table, np.float64)
+        grid = _Grid(
+            outputs=outputs,
+            index=index,
+            rows=rows,
+            columns_first=columns_first,
+            boxes_a_cell=boxes_a_cell[len(rows)],
+            masks=masks,
+            metadata=metadata,
+            width=width,
+            height=height,
+        )
+        return _from_grid(grid)
     batched = values.ndim > 2
     if len(table) <= MAX_SELECTED and not (batched and table.shape[1] > MAX_COLUMNS):
         return _from_selected(outputs, index, np.asarray(table, np.float64), masks, batched, metadata)
@@ -142,71 +153,87 @@ def _from_table(
 
 @dataclass(frozen=True, eq=False)
 class _Grid:
-    """A table with a row for each cell of a network's grids, and all that decides on its layout."""
+    """A table with a row for each cell of a network's grids, and all that decides on its layout.
+
+    Attributes
+    ----------
+    outputs : all outputs of the network. index : number of the output with the table.
+    rows : (N, columns) the table. columns_first : whether the output is (columns, N).
+    boxes_a_cell : number of rows for each cell.
+    masks : number of mask coefficients, the last columns.
+    width, height : size of the network's image, pixels.
+    """
 
     outputs: Sequence[Output]
     index: int
-    rows: NDArray[Any]
+    rows: Array
     columns_first: bool
     boxes_a_cell: int
     masks: int
     metadata: Metadata
+    width: int
+    height: int
+
+    @property
+    def columns(self) -> int:
+        """Number of columns without the mask coefficients."""
+        return int(self.rows.shape[1]) - self.masks
+
+    @property
+    def output_name(self) -> str:
+        """The name of the output."""
+        return self.outputs[self.index].name
+
+    def is_raw(self) -> bool:
+        """Whether the boxes are those of YOLOX before decoding."""
+        return _is_raw(self.rows, self.width, self.height)
 
 
-def _from_grid(grid: _Grid, width: int, height: int) -> OutputLayout:
+def _from_grid(grid: _Grid) -> OutputLayout:
     """The layout of a table with one or three rows for each cell of a grid."""
-    rows = np.asarray(grid.rows, np.float64)
     names = grid.metadata.names
-    if rows.shape[1] == 6 and grid.masks == 0 and _is_labelled(rows, names):
+    if grid.columns == 6 and grid.masks == 0 and _is_labelled(grid.rows, names):
         classes = None if names is None else len(names)
         labelled = LabelColumn(grid.index, "corners", box=0, score=4, label=5, either=False, classes=classes)
         return OutputLayout("deepstream", labelled, classes)
-    objectness = _has_objectness(grid, rows, width, height)
-    class_columns = rows.shape[1] - grid.masks - (5 if objectness else 4)
-    if class_columns < 1:
-        raise _refusal(grid.outputs, f"{rows.shape[1]} columns are too few for a box and its score")
-    scores = rows[:, 4 : rows.shape[1] - grid.masks]
+    too_few = f"{grid.rows.shape[1]} columns are too few for a box and its score"
+    if names is None and grid.columns < 5:
+        raise _refusal(grid.outputs, too_few)
+    objectness = _has_objectness(grid)
+    classes = grid.columns - (5 if objectness else 4)
+    if classes < 1:
+        raise _refusal(grid.outputs, too_few)
+    scores = grid.rows[:, 4 : grid.columns]
     if not is_share(scores[np.isfinite(scores)], SCORE_SLACK).all():
         raise _refusal(grid.outputs, "columns behind the box are not scores from 0 to 1" + _guess(grid))
-    form: BoxForm = "centre"
-    name = "yolov8"
-    yolox = False
-    if objectness and grid.boxes_a_cell == ANCHORS:
-        name = "yolov5"
-    elif objectness and _is_yolov6(rows, grid.outputs[grid.index].name):
-        name = "yolov6"
-    elif objectness:
-        yolox = True
-        form = "cell" if _is_raw(rows, width, height) else "centre"
-        name = "yolox" if form == "cell" else "yolox-decoded"
-    if form == "cell" and len(rows) != yolox_cells(width, height):
+    as_centres = ClassColumns(grid.index, grid.columns_first, "centre", objectness, classes)
+    if not objectness:
+        return OutputLayout("yolov8", as_centres, classes)
+    if grid.boxes_a_cell == ANCHORS:
+        return OutputLayout("yolov5", as_centres, classes)
+    if _is_yolov6(grid.rows, grid.output_name):
+        return OutputLayout("yolov6", as_centres, classes)
+    if not grid.is_raw():
+        return OutputLayout("yolox-decoded", as_centres, classes, "corner", bytes_in=True)
+    if len(grid.rows) != yolox_cells(grid.width, grid.height):
         raise _refusal(grid.outputs, "raw boxes of cells of another size than 8, 16 and 32 px")
-    reader = ClassColumns(grid.index, grid.columns_first, form, objectness, class_columns)
-    return OutputLayout(name, reader, class_columns, "corner" if yolox else "centred", bytes_in=yolox)
+    in_cells = ClassColumns(grid.index, grid.columns_first, "cell", objectness, classes)
+    return OutputLayout("yolox", in_cells, classes, "corner", bytes_in=True)
 
 
-def _has_objectness(grid: _Grid, rows: Array, width: int, height: int) -> bool:
-    """Whether column 4 of a grid's table is the probability of an object, not the score of class 0."""
-    columns = rows.shape[1] - grid.masks
-    names = grid.metadata.names
-    if names is not None:
-        possible = [False, True]
-        if grid.boxes_a_cell == ANCHORS:
-            possible = [True]
-        elif grid.columns_first:
-            # Oriented boxes have 5 + classes columns, too, the last of them an angle.
-            possible = [False]
-        for objectness in possible:
-            if columns == len(names) + (5 if objectness else 4):
-                return objectness
-        form = " or ".join(f"{5 if objectness else 4} + classes" for objectness in possible)
-        words = f"expected {form} columns; the metadata names {len(names)} classes" + _guess(grid)
-        raise _refusal(grid.outputs, words)
+def _has_objectness(grid: _Grid) -> bool:
+    """Whether column 4 of a grid's table is the probability of an object, not the score of class 0.
+
+    Raises `UnusableOutput` if this cannot be told.
+    """
+    columns = grid.columns
+    if grid.metadata.names is not None:
+        return _has_objectness_beside(grid, len(grid.metadata.names))
     if grid.boxes_a_cell == ANCHORS:
         return True
     if grid.columns_first or columns == 4 + len(COCO):
         return False
-    if columns == 5 + len(COCO) or _is_raw(rows, width, height) or np.all(rows[:, 4] == 1.0):
+    if columns == 5 + len(COCO) or grid.is_raw() or np.all(grid.rows[:, 4] == 1.0):
         return True
     words = (
         f"without class names, this may be YOLOX with {columns - 5} classes or YOLOv8 with {columns - 4}: "
@@ -215,85 +242,125 @@ def _has_objectness(grid: _Grid, rows: Array, width: int, height: int) -> bool:
     raise _refusal(grid.outputs, words, remedy="")
 
 
+def _has_objectness_beside(grid: _Grid, classes: int) -> bool:
+    """Whether a table with this number of classes has a column with the probability of an object, too."""
+    without = 4 + classes
+    with_objectness = 5 + classes
+    if grid.boxes_a_cell == ANCHORS:
+        expected = [with_objectness]
+        form = "5 + classes"
+    elif grid.columns_first:
+        # Oriented boxes have 5 + classes columns, too, the last of them an angle.
+        expected = [without]
+        form = "4 + classes"
+    else:
+        expected = [without, with_objectness]
+        form = "4 + classes or 5 + classes"
+    if grid.columns in expected:
+        return grid.columns == with_objectness
+    words = f"expected {form} columns; the metadata names {classes} classes" + _guess(grid)
+    raise _refusal(grid.outputs, words)
+
+
 def _from_selected(
     outputs: Sequence[Output], index: int, rows: Array, masks: int, batched: bool, metadata: Metadata
 ) -> OutputLayout:
     """The layout of a table with a row for each box that the network selected; there may be no row."""
-    names = metadata.names
-    classes = None if names is None else len(names)
+    classes = None if metadata.names is None else len(metadata.names)
     used = rows[np.any(rows != 0, axis=1)]
     columns = rows.shape[1]
     if columns == 7 and not batched and np.all(rows[:, 0] == 0):
-        swapped = "flat" in outputs[index].name  # YOLO-NAS: score, then class
-        score, label = (5, 6) if swapped else (6, 5)
-        reader = LabelColumn(index, "corners", box=1, score=score, label=label, either=True, classes=classes)
+        label_last = "flat" in outputs[index].name  # YOLO-NAS
+        reader = LabelColumn(
+            index,
+            "corners",
+            box=1,
+            score=5 if label_last else 6,
+            label=6 if label_last else 5,
+            either=True,
+            classes=classes,
+        )
         return OutputLayout("yolov7-end2end", reader, classes, one_to_one=True)
     if columns == 6 + masks:
         return _from_six(outputs, index, used, masks, metadata)
     scores = columns - 4 - masks
-    if scores == (len(COCO) if classes is None else classes) and (
-        metadata.transformer or np.abs(used[:, :4]).max(initial=0.0) <= LARGEST_SHARE
-    ):
-        if not is_share(used[:, 4 : 4 + scores], SCORE_SLACK).all():
-            raise _refusal(outputs, "the columns behind the box are not scores from 0 to 1")
-        columns_of_scores = ClassColumns(index, False, "centre", False, scores)
-        return OutputLayout("rtdetr", columns_of_scores, scores, "stretched", one_to_one=True)
-    words = "expected 6 columns (corners, score, class)" + _guess_selected(rows, masks, classes)
-    raise _refusal(outputs, words)
+    expected_scores = len(COCO) if classes is None else classes
+    may_be_shares = metadata.transformer or np.abs(used[:, :4]).max(initial=0.0) <= LARGEST_SHARE
+    if scores != expected_scores or not may_be_shares:
+        words = "expected 6 columns (corners, score, class)" + _guess_selected(rows, masks, classes)
+        raise _refusal(outputs, words)
+    if not is_share(used[:, 4 : 4 + scores], SCORE_SLACK).all():
+        raise _refusal(outputs, "the columns behind the box are not scores from 0 to 1")
+    return _from_class_columns(index, scores)
+
+
+def _from_class_columns(index: int, classes: int) -> OutputLayout:
+    """The layout of RT-DETR's boxes, centre and size, with a score for each class."""
+    reader = ClassColumns(index, columns_first=False, form="centre", objectness=False, classes=classes)
+    return OutputLayout("rtdetr", reader, classes, "stretched", one_to_one=True)
 
 
 def _from_six(
     outputs: Sequence[Output], index: int, used: Array, masks: int, metadata: Metadata
 ) -> OutputLayout:
-    """The layout of selected boxes with a score and a class number each; `used` are the rows with values.
-
-    Rows below the score of an object may have any numbers, so they count only if there are no others.
-    """
+    """The layout of selected boxes with a score and a class number each; `used` are the rows with values."""
     classes = None if metadata.names is None else len(metadata.names)
-    score = 4
-    rows = _with_score(used, [score])
-    if not metadata.one_to_one and not is_score_and_label(rows[:, 4], rows[:, 5]):
+    if metadata.one_to_one or _may_have_score_in(4, used, label=5):
+        score = 4
+        label = 5
+    elif _may_have_score_in(5, used, label=4):
         score = 5
-        rows = _with_score(used, [score])
-        if not is_score_and_label(rows[:, 5], rows[:, 4]):
-            rows = _with_score(used, [4, 5])
-            two_classes = masks == 0 and classes in (None, 2) and is_share(rows[:, 4:6]).all()
-            if not (two_classes and _are_shares(rows)):
-                raise _refusal(outputs, "expected the columns x0, y0, x1, y1, score, class")
-            reader: Reader = ClassColumns(index, False, "centre", False, 2)
-            return OutputLayout("rtdetr", reader, 2, "stretched", one_to_one=True)
+        label = 4
+    else:
+        rows = _with_score(used, [4, 5])
+        two_classes = masks == 0 and classes in (None, 2) and is_share(rows[:, 4:6]).all()
+        if not two_classes or not _are_shares(rows):
+            raise _refusal(outputs, "expected the columns x0, y0, x1, y1, score, class")
+        return _from_class_columns(index, 2)
+    rows = _with_score(used, [score])
     # The metadata go first: a network without training may give corners in any order.
-    corners = not metadata.transformer and (metadata.one_to_one or _are_corners(rows[:, :4]))
-    form: BoxForm = "corners" if corners else "centre"
-    reader = LabelColumn(index, form, box=0, score=score, label=9 - score, either=False, classes=classes)
-    if form == "centre" and (_are_shares(rows) or metadata.transformer):
+    has_corners = not metadata.transformer and (metadata.one_to_one or _are_corners(rows[:, :4]))
+    form: BoxForm = "corners" if has_corners else "centre"
+    reader = LabelColumn(index, form, box=0, score=score, label=label, either=False, classes=classes)
+    if form == "centre" and (metadata.transformer or _are_shares(rows)):
         return OutputLayout("rtdetr", reader, classes, "stretched", one_to_one=True)
     return OutputLayout("end2end", reader, classes, one_to_one=True)
 
 
+def _may_have_score_in(score: int, rows: Array, label: int) -> bool:
+    """Whether the column `score` may be the scores of boxes, and the column `label` their class numbers."""
+    objects = _with_score(rows, [score])
+    return is_score_and_label(objects[:, score], objects[:, label])
+
+
 def _with_score(rows: Array, columns: list[int]) -> Array:
-    """The rows that are objects by one of these columns of scores; all rows if there is none."""
+    """The rows that are objects by one of these columns of scores; all rows if there is none.
+
+    Rows below the score of an object may have any numbers, so they count only if there are no others.
+    """
     objects = rows[(rows[:, columns] >= NO_OBJECT).any(axis=1)]
     return objects if len(objects) else rows
 
 
 def _are_shares(rows: Array) -> bool:
     """Whether there are boxes, and their numbers are shares of the image."""
-    return bool(len(rows)) and bool(np.abs(rows[:, :4]).max() <= LARGEST_SHARE)
+    return len(rows) > 0 and bool(np.abs(rows[:, :4]).max() <= LARGEST_SHARE)
 
 
 def _from_separate(
     outputs: Sequence[Output], tables: Sequence[int], metadata: Metadata, width: int, height: int
 ) -> OutputLayout:
-    """The layout of a network with one output for the boxes and others for scores and classes."""
+    """The layout of a network with one output for the boxes and others for scores and classes.
+
+    tables : numbers of the outputs that are tables or lists.
+    """
     boxes, boxes_first = _boxes_output(outputs, tables)
     table = table_of(outputs[boxes].values)
     rows = np.asarray(table.T if boxes_first else table, np.float64)
     others = [k for k in tables if k != boxes]
-    single = [k for k in others if outputs[k].values.size == 1]
-    number = next((k for k in single if "num" in outputs[k].name.lower()), None)
+    number = _number_output(outputs, others)
     others = [k for k in others if k != number]
-    lists = [k for k in others if outputs[k].values.size == len(rows)]
+    lists = [k for k in others if outputs[k].values.size == len(rows)]  # one value for each box
     wide = [k for k in others if k not in lists]
     classes = None if metadata.names is None else len(metadata.names)
     if rows.shape[1] == 5:
@@ -306,13 +373,13 @@ def _from_separate(
     labels: int | None = None
     name = "boxes-scores"
     if len(wide) == 1 and not lists and number is None:
-        (scores,) = wide
+        scores = wide[0]
         scores_first, classes = _score_table(outputs, scores, len(rows))
     elif not wide and len(lists) == 2:
-        scores, labels = _scores_and_labels(outputs, lists)
+        scores, labels = _scores_and_labels(outputs, lists[0], lists[1])
         name = "boxes-scores-classes"
     elif not wide and len(lists) == 1 and classes in (None, 1):
-        (scores,) = lists
+        scores = lists[0]
         classes = 1
     else:
         words = "expected one output of boxes and one of scores, or boxes, scores and classes"
@@ -321,6 +388,14 @@ def _from_separate(
     reader = SeparateOutputs(boxes, scores, labels, number, boxes_first, scores_first, form, classes)
     on_grid = len(rows) in _boxes_a_cell(width, height)
     return OutputLayout(name, reader, classes, one_to_one=not on_grid)
+
+
+def _number_output(outputs: Sequence[Output], others: Sequence[int]) -> int | None:
+    """The one of `others`, numbers of outputs, that is the count of the boxes; None if there is none."""
+    for k in others:
+        if outputs[k].values.size == 1 and "num" in outputs[k].name.lower():
+            return k
+    return None
 
 
 def _score_table(outputs: Sequence[Output], scores: int, count: int) -> tuple[bool, int]:
@@ -336,55 +411,76 @@ def _score_table(outputs: Sequence[Output], scores: int, count: int) -> tuple[bo
 
 
 def _boxes_output(outputs: Sequence[Output], tables: Sequence[int]) -> tuple[int, bool]:
-    """Number of the output with the boxes, and whether it is (columns, N).
-
-    Names decide if several outputs have four columns, then values: scores are from 0 to 1.
-    """
-    fitting = []
+    """Number of the output with the boxes, and whether it is (columns, N)."""
+    columns_first: dict[int, bool] = {}  # of the outputs that may be boxes
     for k in tables:
         shape = table_of(outputs[k].values).shape
-        if len(shape) == 2 and (shape[1] in (4, 5) or shape[0] == 4):
-            fitting.append((k, shape[1] not in (4, 5)))
-    if len(fitting) > 1:
-        named = [each for each in fitting if re.search("box|det|loc", outputs[each[0]].name.lower())]
-        scores = [each for each in fitting if is_share(np.asarray(outputs[each[0]].values, np.float64)).all()]
-        large = [each for each in fitting if each not in scores]
-        fitting = next((few for few in (named, large) if len(few) == 1), fitting)
-    if len(fitting) != 1:
-        words = "none, or more than one, of the outputs looks like boxes"
-        if not fitting and len({outputs[k].values.shape for k in tables}) == 1:
-            words = (
-                "two heads, as of YOLOv9 with its auxiliary branch: convert the weights to those without it"
-            )
+        if len(shape) != 2:
+            continue
+        if shape[1] in (4, 5):
+            columns_first[k] = False
+        elif shape[0] == 4:
+            columns_first[k] = True
+    if not columns_first and len({outputs[k].values.shape for k in tables}) == 1:
+        words = "two heads, as of YOLOv9 with its auxiliary branch: convert the weights to those without it"
         raise _refusal(outputs, words)
-    return fitting[0]
+    found = _probable_boxes(outputs, list(columns_first))
+    if len(found) != 1:
+        raise _refusal(outputs, "none, or more than one, of the outputs looks like boxes")
+    return found[0], columns_first[found[0]]
 
 
-def _scores_and_labels(outputs: Sequence[Output], pair: Sequence[int]) -> tuple[int, int]:
+def _probable_boxes(outputs: Sequence[Output], numbers: list[int]) -> list[int]:
+    """The one of these numbers of outputs that is boxes by its name or values; all if this does not tell."""
+    named = [k for k in numbers if re.search("box|det|loc", outputs[k].name.lower())]
+    if len(named) == 1:
+        return named
+    # Scores are from 0 to 1, so a single output with other values is the boxes.
+    not_scores = [k for k in numbers if not is_share(np.asarray(outputs[k].values, np.float64)).all()]
+    if len(not_scores) == 1:
+        return not_scores
+    return numbers
+
+
+def _scores_and_labels(outputs: Sequence[Output], first: int, second: int) -> tuple[int, int]:
     """Numbers of the outputs with scores and with class numbers: told by type, else by name or values."""
-    for scores, labels in (tuple(pair), tuple(reversed(pair))):
-        whole = [np.issubdtype(outputs[k].values.dtype, np.integer) for k in (scores, labels)]
-        if whole == [False, True]:
-            return scores, labels
-    for scores, labels in (tuple(pair), tuple(reversed(pair))):
-        if re.search("label|cls|class", outputs[labels].name.lower()) and re.search(
-            "score|conf", outputs[scores].name.lower()
-        ):
-            return scores, labels
-    lists = [np.asarray(outputs[k].values, np.float64).ravel() for k in pair]
-    may_be = [is_score_and_label(lists[0], lists[1]), is_score_and_label(lists[1], lists[0])]
-    if may_be == [True, False]:
-        return pair[0], pair[1]
-    if may_be == [False, True]:
-        return pair[1], pair[0]
-    raise _refusal(outputs, "scores and class numbers cannot be told apart")
+    orders = ((first, second), (second, first))
+    for tells in (_tell_types, _tell_names):
+        for scores, labels in orders:
+            if tells(outputs[scores], outputs[labels]):
+                return scores, labels
+    possible = [order for order in orders if _may_be_values(outputs[order[0]], outputs[order[1]])]
+    if len(possible) != 1:
+        raise _refusal(outputs, "scores and class numbers cannot be told apart")
+    return possible[0]
+
+
+def _tell_types(scores: Output, labels: Output) -> bool:
+    """Whether only the second of two outputs has whole numbers, as those of classes."""
+    whole_scores = np.issubdtype(scores.values.dtype, np.integer)
+    whole_labels = np.issubdtype(labels.values.dtype, np.integer)
+    return bool(whole_labels and not whole_scores)
+
+
+def _tell_names(scores: Output, labels: Output) -> bool:
+    """Whether two outputs are called scores and class numbers."""
+    is_label = re.search("label|cls|class", labels.name.lower()) is not None
+    is_score = re.search("score|conf", scores.name.lower()) is not None
+    return is_label and is_score
+
+
+def _may_be_values(scores: Output, labels: Output) -> bool:
+    """Whether two outputs may be scores and class numbers by their values."""
+    score = np.asarray(scores.values, np.float64).ravel()
+    label = np.asarray(labels.values, np.float64).ravel()
+    return is_score_and_label(score, label)
 
 
 def _boxes_a_cell(width: int, height: int) -> dict[int, int]:
     """Boxes a cell, by the number of rows that a network has for an image of this size."""
-    found = {}
+    found: dict[int, int] = {}
     for strides in STRIDE_SETS:
-        cells = sum(-(-width // stride) * -(-height // stride) for stride in strides)
+        cells = sum(math.ceil(width / stride) * math.ceil(height / stride) for stride in strides)
         for boxes in (ANCHORS, 1):
             found[boxes * cells] = boxes
     return found
@@ -392,15 +488,20 @@ def _boxes_a_cell(width: int, height: int) -> dict[int, int]:
 
 def _mask_count(outputs: Sequence[Output]) -> int:
     """Mask coefficients a box: the maps [1, masks, height, width] of a segmentation model; 0 without maps."""
-    maps = [output.values.shape for output in outputs if output.values.ndim == 4]
-    several = [shape for shape in maps if shape[0] == 1 and min(shape[1:]) > 1]
-    return several[0][1] if len(several) == 1 else 0
+    counts = []
+    for output in outputs:
+        shape = output.values.shape
+        if len(shape) == 4 and shape[0] == 1 and min(shape[1:]) > 1:
+            counts.append(shape[1])
+    return counts[0] if len(counts) == 1 else 0
 
 
 def _is_labelled(rows: Array, names: Sequence[str] | None) -> bool:
     """Whether rows of six columns are corners, score and class number, before suppression (DeepStream)."""
     used = rows[np.any(rows[:, :4] != 0, axis=1)]
-    if not len(used) or not is_score_and_label(used[:, 4], used[:, 5]) or not _are_corners(used[:, :4]):
+    if len(used) == 0:
+        return False
+    if not is_score_and_label(used[:, 4], used[:, 5]) or not _are_corners(used[:, :4]):
         return False
     return names is None or bool(used[:, 5].max() < len(names))
 
@@ -412,54 +513,60 @@ def _are_corners(boxes: Array) -> bool:
     left upper corner of the image.
     """
     used = boxes[np.any(boxes != 0, axis=1) & np.isfinite(boxes).all(axis=1)]
+    if len(used) == 0:
+        return True
     ordered = (used[:, 2:] >= used[:, :2]).all(axis=1)
-    return not len(used) or bool(ordered.mean() >= ORDERED)
+    return bool(ordered.mean() >= ORDERED)
 
 
 def _is_raw(rows: Array, width: int, height: int) -> bool:
     """Whether the boxes in rows (N, 5 + C) are those of YOLOX before decoding: cells and logarithms.
 
-    Sizes are then small numbers, and the centres do not follow the grid.
+    Sizes are then small numbers, and the centres, relative to their cells, do not follow the grid.
     """
     sizes = rows[:, 2:4][np.isfinite(rows[:, 2:4])]
     if np.max(sizes, initial=0.0) > LARGEST_RAW:
         return False
-    columns = [np.tile(np.arange(width // stride), height // stride) * stride for stride in STRIDES]
-    column_px = np.concatenate(columns).astype(np.float64)
+    cell_x = [np.tile(np.arange(width // stride), height // stride) * stride for stride in STRIDES]
+    cell_x_px = np.concatenate(cell_x).astype(np.float64)
     centre_x = rows[:, 0]
-    if len(column_px) != len(rows) or not np.isfinite(centre_x).all() or np.ptp(centre_x) == 0:
+    if len(cell_x_px) != len(rows) or not np.isfinite(centre_x).all() or np.ptp(centre_x) == 0:
         return True
-    return bool(np.corrcoef(column_px, centre_x)[0, 1] < FOLLOWS_GRID)
+    return bool(np.corrcoef(cell_x_px, centre_x)[0, 1] < FOLLOWS_GRID)
 
 
 def _is_yolov6(rows: Array, name: str) -> bool:
-    """Whether the objectness in rows (N, 5 + C) is that of YOLOv6, which has none and writes 1."""
+    """Whether the objectness in rows (N, 5 + C) is that of YOLOv6, which has none and writes 1.
+
+    name : of the output. Under YOLOv6's own name of it, "outputs", it may also be 0.
+    """
     objectness = rows[:, 4]
-    return bool(np.all(objectness == 1.0) or (name == "outputs" and np.isin(objectness, (0.0, 1.0)).all()))
+    if np.all(objectness == 1.0):
+        return True
+    return name == "outputs" and bool(np.isin(objectness, (0.0, 1.0)).all())
 
 
 def _guess(grid: _Grid) -> str:
     """What the columns of a grid's table that do not fit may be, as words."""
     if grid.metadata.names is None:
         return ": keypoints, an angle, mask coefficients, or a network before its last step (sigmoid)?"
-    left = grid.rows.shape[1] - 4 - len(grid.metadata.names)
-    if left == 1:
-        return ": an angle of oriented boxes?"
-    if left == 32:
-        return ": the coefficients of masks, without their maps?"
-    if left > 1 and (left % 3 == 0 or left % 2 == 0):
-        return ": keypoints of a pose model?"
-    return ""
+    return _guess_further(grid.rows.shape[1] - 4 - len(grid.metadata.names), may_be_keypoints=True)
 
 
 def _guess_selected(rows: Array, masks: int, classes: int | None) -> str:
     """What the columns of selected boxes that do not fit may be, as words."""
-    left = rows.shape[1] - 6 - masks
-    if left == 1:
+    further = rows.shape[1] - 6 - masks
+    return _guess_further(further, may_be_keypoints=classes in (None, 1))
+
+
+def _guess_further(columns: int, may_be_keypoints: bool) -> str:
+    """What this number of further columns of a box may be, as words."""
+    if columns == 1:
         return ": an angle of oriented boxes?"
-    if left == 32:
+    if columns == MASK_COEFFICIENTS:
         return ": the coefficients of masks, without their maps?"
-    if left > 1 and (left % 3 == 0 or left % 2 == 0) and classes in (None, 1):
+    # A keypoint has two or three numbers.
+    if may_be_keypoints and columns > 1 and (columns % 3 == 0 or columns % 2 == 0):
         return ": keypoints of a pose model?"
     return ""
 

@@ -56,7 +56,7 @@ class ClassColumns:
     Attributes
     ----------
     index : number of the output. columns_first : the table is (columns, N), otherwise (N, columns).
-    form : what the numbers of a box are.
+    form : what the numbers of a box are; see `BoxForm`.
     objectness : column 4 is the probability of an object, by which the class scores are multiplied.
     classes : number of classes; further columns are mask coefficients.
     """
@@ -74,9 +74,11 @@ class ClassColumns:
         corners = corners_of(rows[:, :4], self.form, width, height)
         first = 5 if self.objectness else 4
         scores = rows[:, first : first + self.classes]
+        if not self.objectness:
+            return Candidates(corners, scores)
         # A network may return numbers that are not finite; `best_boxes` ignores them.
         with np.errstate(invalid="ignore"):
-            return Candidates(corners, scores * rows[:, 4:5] if self.objectness else scores)
+            return Candidates(corners, scores * rows[:, 4:5])
 
 
 @dataclass(frozen=True)
@@ -85,8 +87,8 @@ class LabelColumn:
 
     Attributes
     ----------
-    index : number of the output. form : what the numbers of a box are.
-    box, score, label : first column of the box, columns of score and class number.
+    index : number of the output. form : what the numbers of a box are; see `BoxForm`.
+    box, score, label : first column of the box, column of the score, column of the class number.
     either : score and class number may also be in each other's column; the values tell.
     classes : number of classes, None if unknown.
     """
@@ -118,9 +120,9 @@ class SeparateOutputs:
     Attributes
     ----------
     boxes, scores, labels, number : numbers of the outputs. Without `labels`, the scores are a table with a
-        column for each class. `number` is the count of the rows that are boxes; None: all.
-    boxes_first, scores_first : the table is (columns, N), otherwise (N, columns).
-    form : what the numbers of a box are.
+        column for each class. The output `number` is the count of the rows that are boxes; None: all.
+    boxes_first, scores_first : whether the table is (columns, N), otherwise (N, columns).
+    form : what the numbers of a box are; see `BoxForm`.
     classes : number of classes, None if unknown.
     """
 
@@ -137,13 +139,15 @@ class SeparateOutputs:
         """See `Reader.read`."""
         table = table_of(outputs[self.boxes])
         rows = (table.T if self.boxes_first else table).astype(np.float64)
-        count = len(rows) if self.number is None else min(int(outputs[self.number].ravel()[0]), len(rows))
+        count = len(rows)
+        if self.number is not None:
+            count = min(int(outputs[self.number].ravel()[0]), count)
         corners = corners_of(rows[:count, :4], self.form, width, height)
         if self.labels is None:
-            table = table_of(outputs[self.scores])
-            if table.size == len(rows):  # one class, in a row or in a column
-                table = table.reshape(-1, 1)
-            scores = (table.T if self.scores_first else table).astype(np.float64)
+            score_table = table_of(outputs[self.scores])
+            if score_table.size == len(rows):  # one class, in a row or in a column
+                score_table = score_table.reshape(-1, 1)
+            scores = (score_table.T if self.scores_first else score_table).astype(np.float64)
             return Candidates(corners, scores[:count])
         score = outputs[self.scores].ravel().astype(np.float64)
         label = outputs[self.labels].ravel().astype(np.float64)
@@ -161,8 +165,9 @@ def table_of(output: NDArray[Any]) -> NDArray[Any]:
 def corners_of(
     boxes: Array, form: BoxForm, width: int, height: int, objects: BoolArray | None = None
 ) -> Array:
-    """Corners (N, 4), pixels, of boxes (N, 4) in pixels or as shares of the image.
+    """Corners (N, 4), pixels, of boxes (N, 4) in pixels or as shares of the network's image.
 
+    form : see `BoxForm`. width, height : size of the network's image, pixels.
     objects : mask (N,) of the boxes that decide whether all are shares; None: all boxes.
     """
     if form == "cell":
@@ -170,8 +175,10 @@ def corners_of(
     deciding = boxes if objects is None else boxes[objects]
     largest = np.max(np.abs(deciding), initial=0.0, where=np.isfinite(deciding))
     if largest <= LARGEST_SHARE:
-        boxes = boxes * ((width, height) * 2)
-    return _around(boxes[:, :2], boxes[:, 2:]) if form == "centre" else boxes
+        boxes = boxes * (width, height, width, height)
+    if form == "centre":
+        return _corners_around(boxes[:, :2], boxes[:, 2:])
+    return boxes
 
 
 def scores_by_class(score: Array, label: Array, classes: int | None) -> Array:
@@ -179,27 +186,31 @@ def scores_by_class(score: Array, label: Array, classes: int | None) -> Array:
 
     Raises `UnusableOutput` for a class number that is not a whole number, or is not below `classes`.
     """
-    there = score >= NO_OBJECT
-    if not np.all(label[there] == np.rint(label[there])):
-        wrong = label[there][label[there] != np.rint(label[there])][0]
-        raise UnusableOutput(f"expected the number of a class for each box, found {wrong:g}")
-    largest = int(np.max(label, initial=0.0, where=there))
+    is_object = score >= NO_OBJECT
+    labels = label[is_object]
+    broken = labels[labels != np.rint(labels)]
+    if len(broken):
+        raise UnusableOutput(f"expected the number of a class for each box, found {broken[0]:g}")
+    largest = float(np.max(labels, initial=0.0))
     if largest >= (MAX_CLASSES if classes is None else classes):
-        raise UnusableOutput(f"a box has class {largest}, but the model has {classes or 'fewer'} classes")
-    there &= label >= 0
-    scores = np.zeros((len(score), largest + 1 if classes is None else classes))
-    rows = np.flatnonzero(there)
+        raise UnusableOutput(f"a box has class {largest:g}, but the model has {classes or 'fewer'} classes")
+    scores = np.zeros((len(score), int(largest) + 1 if classes is None else classes))
+    rows = np.flatnonzero(is_object & (label >= 0))  # a negative number marks a row that is no box
     scores[rows, label[rows].astype(np.intp)] = score[rows]
     return scores
 
 
 def is_score_and_label(score: Array, label: Array) -> bool:
-    """Whether these columns (N,) may be the scores, from 0 to 1, and the class numbers of boxes."""
-    return bool(is_share(score).all() and np.all((label == np.rint(label)) & (label >= -1)))
+    """Whether these columns (N,) may be the scores, from 0 to 1, and the class numbers of boxes.
+
+    The class number -1 stands in rows that are no boxes.
+    """
+    is_number = (label == np.rint(label)) & (label >= -1)
+    return bool(is_share(score).all() and is_number.all())
 
 
 def is_share(values: Array, slack: float = 1e-3) -> BoolArray:
-    """Mask of the values from 0 to 1, as scores are, up to `slack`."""
+    """Mask, of the shape of `values`, of those from 0 to 1, as scores are, up to `slack`."""
     return np.asarray((values >= -slack) & (values <= 1 + slack))
 
 
@@ -209,16 +220,19 @@ def _decoded(boxes: Array, width: int, height: int) -> Array:
 
     A centre is relative to its cell, in strides, and a size is the logarithm of a number of strides.
     """
-    cells = []
+    grids = []
     for stride in STRIDES:
         y, x = np.mgrid[: height // stride, : width // stride]
-        cells.append(np.stack([x.ravel(), y.ravel(), np.full(x.size, stride)], axis=1))
-    cell = np.concatenate(cells)
-    stride_of = cell[:, 2:]
-    centre = (boxes[:, :2] + cell[:, :2]) * stride_of
-    return _around(centre, np.exp(np.minimum(boxes[:, 2:], LARGEST_LOG)) * stride_of)
+        grids.append(np.stack([x.ravel(), y.ravel(), np.full(x.size, stride)], axis=1))
+    cells = np.concatenate(grids)  # a row for each box: column and row of its cell, and the cell's size
+    corner = cells[:, :2]
+    stride_px = cells[:, 2:]
+    centre = (boxes[:, :2] + corner) * stride_px
+    size = np.exp(np.minimum(boxes[:, 2:], LARGEST_LOG)) * stride_px
+    return _corners_around(centre, size)
 
 
 @np.errstate(invalid="ignore")
-def _around(centre: Array, size: Array) -> Array:
+def _corners_around(centre: Array, size: Array) -> Array:
+    """Corners (N, 4) of boxes with these centres (N, 2) and sizes (N, 2)."""
     return np.concatenate([centre - size / 2, centre + size / 2], axis=1)

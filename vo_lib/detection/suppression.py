@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 
 from ..geometry.boxes import Boxes, no_boxes
-from ..geometry.types import Array, BoolArray
+from ..geometry.types import Array, BoolArray, Index
 
 ONE_OBJECT_IOU = 0.9  # boxes of different classes with a larger overlap are one object
 MAX_SUPPRESSED_BOXES = 3000  # largest number of boxes in the suppression, the best first
@@ -29,32 +31,38 @@ def best_boxes(
 
     Parameters
     ----------
-    corners : (N, 4) x0, y0, x1, y1. scores : (N, C); `class_id` is the column.
+    corners : (N, 4) x0, y0, x1, y1, pixels. scores : (N, C); the `class_id` of a box is the column.
+    score : smallest score of a box. nms : largest IoU of two boxes of one class.
     class_mask : mask of the wanted classes, by column; classes beyond its end are not wanted. By default all.
     one_to_one : the network already gives each object one box; only boxes of different classes are compared.
     """
     finite = np.isfinite(corners).all(axis=1)
     corners = corners[finite]
     scores = scores[finite]
-    kind = scores.argmax(axis=1)
-    best = scores[np.arange(len(scores)), kind]
+    class_id = scores.argmax(axis=1)
+    best = scores[np.arange(len(scores)), class_id]
     sizes = corners[:, 2:] - corners[:, :2]
     valid = (best >= score) & (sizes > 0).all(axis=1)
     if class_mask is not None:
         wanted = np.zeros(max(scores.shape[1], len(class_mask)), np.bool_)
         wanted[: len(class_mask)] = class_mask
-        valid &= wanted[kind]
-    index = np.flatnonzero(valid)
-    index = index[np.argsort(-best[index], kind="stable")][:MAX_SUPPRESSED_BOXES]
-    if not len(index):
+        valid &= wanted[class_id]
+    kept = np.flatnonzero(valid)
+    kept = kept[np.argsort(-best[kept], kind="stable")][:MAX_SUPPRESSED_BOXES]
+    if len(kept) == 0:
         return no_boxes()
-    boxes = np.concatenate([corners[:, :2], sizes], axis=1)
+    boxes = np.concatenate([corners[:, :2], sizes], axis=1)  # as OpenCV takes them: left, top, width, height
     if not one_to_one:
         rows = cv2.dnn.NMSBoxesBatched(
-            boxes[index].tolist(), best[index].tolist(), kind[index].tolist(), 0.0, float(nms)
+            boxes[kept].tolist(), best[kept].tolist(), class_id[kept].tolist(), 0.0, float(nms)
         )
-        index = index[np.sort(np.asarray(rows, np.intp).ravel())]
+        kept = _rows_in_order(kept, rows)
     # One object may have boxes of two classes: a van is a car and a truck.
-    rows = cv2.dnn.NMSBoxes(boxes[index].tolist(), best[index].tolist(), 0.0, ONE_OBJECT_IOU)
-    index = index[np.sort(np.asarray(rows, np.intp).ravel())]
-    return Boxes(corners[index], kind[index].astype(np.int64), np.clip(best[index], 0.0, 1.0))
+    rows = cv2.dnn.NMSBoxes(boxes[kept].tolist(), best[kept].tolist(), 0.0, ONE_OBJECT_IOU)
+    kept = _rows_in_order(kept, rows)
+    return Boxes(corners[kept], class_id[kept].astype(np.int64), np.clip(best[kept], 0.0, 1.0))
+
+
+def _rows_in_order(indices: Index, rows: Any) -> Index:
+    """The `indices` (K,) in the rows that OpenCV returns, in their own order, the best box first."""
+    return indices[np.sort(np.asarray(rows, np.intp).ravel())]

@@ -31,11 +31,12 @@ from .suppression import best_boxes
 
 PROVIDERS = {"cpu": "CPUExecutionProvider", "cuda": "CUDAExecutionProvider"}
 USUAL_INPUT_PX = 640  # longer side of the training images of most models
-# Of the test image of a network that takes every size: small, but with more cells than the 300 boxes that a
-# network selects.
+# Size of the test image of a network that takes every size, pixels: small, but with more cells than the 300
+# boxes that a network selects.
 TEST_WIDTH = 320
 TEST_HEIGHT = 192
-TEST_SIZES = ((1000, 100), (100, 1000))  # width and height, which show the order that RT-DETR expects
+# Sizes of an original image that show the order in which RT-DETR expects them, each pair in both orders.
+TEST_SIZES = ((1000, 100), (100, 1000))
 INPUT_TYPES = {
     "tensor(float)": np.float32,
     "tensor(float16)": np.float16,
@@ -54,8 +55,9 @@ class NetworkOutput:
 
     Attributes
     ----------
-    letterbox : position of the image in the network's image. width, height : size of the image, pixels.
-    corners : (N, 4) x0, y0, x1, y1 in the network's image, pixels; scores : (N, C) of the classes.
+    letterbox : position of the image in the network's image.
+    corners : (N, 4) x0, y0, x1, y1 in the network's image, pixels. scores : (N, C) of the classes.
+    width, height : size of the image, pixels.
     """
 
     letterbox: Letterbox
@@ -81,15 +83,15 @@ class YoloDetector:
     def __init__(
         self, model: str | Path, config: DetectorConfig | None = None, *, provider: str = "cpu"
     ) -> None:
-        """Load a model (name, or path of an ONNX file) on provider "cpu" or "cuda"; run the model once.
+        """Load a model (name, or path of an ONNX file) on provider "cpu" or "cuda"; run it on black images.
 
         Raises `DataError` for a file that is not a usable model, or a provider that is not installed.
         """
         self.path = find_model(model)
         self.config = config or DetectorConfig()
         self._session = _open_session(self.path, self.config.threads, provider)
-        # What the network takes; a side of the image that the file leaves open is 0.
-        self._input, self._sizes_input = self._check_inputs()
+        # What the network takes; a side of the image that the file leaves open, by a name or None, is 0.
+        self._input, self._sizes_input = self._find_inputs()
         self._type = INPUT_TYPES[self._input.type]
         _, _, height, width = self._input.shape
         self._height = height if isinstance(height, int) else 0
@@ -105,25 +107,31 @@ class YoloDetector:
         # The classes, by the file's own names or by COCO's.
         self.class_count = self._output_layout.classes
         self.named = self._metadata.names is not None
-        default_names = COCO if self.class_count == len(COCO) else None
-        self.names = self._metadata.names or default_names
+        self.names = self._metadata.names
+        if self.names is None and self.class_count == len(COCO):
+            self.names = COCO
 
     def detect(self, image: Image, class_mask: BoolArray | None = None) -> Boxes:
         """Boxes in a uint8 image, grey (H, W) or BGR (H, W, 3), best first; `class_id` is the model's number.
 
-        For a grey image, the network's input has three equal channels. `class_mask` : mask of the wanted
-        classes by number, all by default; boxes of other classes take no part in the suppression.
+        For a grey image, the network's input has three equal channels.
+
+        class_mask : mask (C,) of the wanted classes by number, all by default; boxes of other classes take no
+            part in the suppression.
+
+        Raises `DataError` as `select_boxes`, and if the network cannot be run or its output cannot be read.
         """
         return self.select_boxes(self.candidates(image), self.config.score, self.config.nms, class_mask)
 
     def candidates(self, image: Image) -> NetworkOutput:
         """The network's output for an image, as in `detect`, before the selection of boxes."""
         height, width = image.shape[:2]
-        size = self.input_size(width, height)
-        if self._output_layout.placement == "stretched" or self._sizes_input is not None:
-            letterbox = fit_stretched(width, height, *size)
+        net_width, net_height = self.input_size(width, height)
+        if self._is_stretched:
+            letterbox = fit_stretched(width, height, net_width, net_height)
         else:
-            letterbox = fit_letterbox(width, height, *size, self._output_layout.placement == "centred")
+            centred = self._output_layout.placement == "centred"
+            letterbox = fit_letterbox(width, height, net_width, net_height, centred)
         original_size = (height, width) if self._height_first else (width, height)
         outputs = self._run(self._to_input(letterboxed(image, letterbox)), original_size)
         corners, scores = self._read(outputs, letterbox, width, height)
@@ -152,18 +160,27 @@ class YoloDetector:
         size in the model's metadata, or else 640.
         """
         longer = self.config.size or self._default_size
-        if self._output_layout.placement == "stretched" or self._sizes_input is not None:
-            width = longer
-            height = longer
-        free_width, free_height = fit_size(width, height, longer)
+        if self._is_stretched:
+            free_width, free_height = fit_size(longer, longer, longer)
+        else:
+            free_width, free_height = fit_size(width, height, longer)
         return self._width or free_width, self._height or free_height
 
     @property
     def _default_size(self) -> int:
+        """Longer side of the network's image, pixels, if neither the model nor the settings fix it."""
         return self._metadata.size or USUAL_INPUT_PX
 
+    @property
+    def _is_stretched(self) -> bool:
+        """Whether the network wants the image stretched over its whole input."""
+        return self._output_layout.placement == "stretched" or self._sizes_input is not None
+
     def _to_input(self, image: Image) -> NDArray[Any]:
-        """The network's input (1, 3, H, W): RGB in 0..1, or BGR in 0..255 for YOLOX and inputs of bytes."""
+        """The network's input (1, 3, H, W): RGB in 0..1, or BGR in 0..255 for YOLOX and inputs of bytes.
+
+        image : the network's image, uint8, grey (H, W) or BGR (H, W, 3).
+        """
         in_bytes = self._output_layout.bytes_in or self._type == np.uint8
         if image.ndim == 2:
             planes = np.broadcast_to(image, (3, *image.shape))
@@ -176,7 +193,7 @@ class YoloDetector:
         return np.multiply(planes[None], scale, dtype=np.float32).astype(self._type, copy=False)
 
     def _run(self, images: NDArray[Any], original_size: tuple[int, int]) -> list[NDArray[Any]]:
-        """The outputs for a network's image.
+        """The outputs for a network's input (1, 3, H, W); `DataError` if ONNX Runtime cannot run the model.
 
         original_size : of the original image, pixels, in the order that the network expects, if it asks.
         """
@@ -189,11 +206,16 @@ class YoloDetector:
             raise DataError(f"ONNX Runtime cannot run this model: {_first_line(error)}", self.path) from None
 
     def _read(self, outputs: list[NDArray[Any]], letterbox: Letterbox, width: int, height: int) -> Candidates:
-        """The boxes in a network's outputs, in pixels of its image; width, height : size of the image."""
-        in_image = self._sizes_input is not None
-        unit = (width, height) if in_image else (letterbox.width, letterbox.height)
+        """The boxes in a network's outputs, in pixels of the network's image.
+
+        width, height : size of the original image, pixels. A network that asks for it gives boxes in it.
+        Raises `DataError` if the outputs cannot be read.
+        """
+        asks_for_size = self._sizes_input is not None
+        read_width = width if asks_for_size else letterbox.width
+        read_height = height if asks_for_size else letterbox.height
         try:
-            corners, scores = self._output_layout.reader.read(outputs, *unit)
+            corners, scores = self._output_layout.reader.read(outputs, read_width, read_height)
         except UnusableOutput as error:
             raise DataError(str(error), self.path) from None
         if len(corners) and np.isnan(corners).all():
@@ -202,8 +224,10 @@ class YoloDetector:
                 "with 32 (half=False)",
                 self.path,
             )
-        if in_image:
-            corners = corners * ((letterbox.width / width, letterbox.height / height) * 2)
+        if asks_for_size:
+            scale_x = letterbox.width / width
+            scale_y = letterbox.height / height
+            corners = corners * (scale_x, scale_y, scale_x, scale_y)
         return Candidates(corners, scores)
 
     def _check_boxes(self, boxes: Boxes, letterbox: Letterbox) -> None:
@@ -211,74 +235,94 @@ class YoloDetector:
         size = np.array([letterbox.width, letterbox.height])
         centre = (boxes.xyxy[:, :2] + boxes.xyxy[:, 2:]) / 2
         outside = np.any((centre < -0.5 * size) | (centre > 1.5 * size), axis=1)
-        if 2 * np.count_nonzero(outside) > len(boxes):
+        count = np.count_nonzero(outside)
+        if count > len(boxes) / 2:
             raise DataError(
-                f"{np.count_nonzero(outside)} of {len(boxes)} boxes are outside the image: the output, taken "
-                f"as {self.layout_name}, seems to be of another kind",
+                f"{count} of {len(boxes)} boxes are outside the image: the output, taken as "
+                f"{self.layout_name}, seems to be of another kind",
                 self.path,
             )
 
-    def _check_inputs(self) -> tuple[Any, Any]:
-        """The model's input for the image, and that for the size of the original image or None."""
+    def _find_inputs(self) -> tuple[Any, Any]:
+        """The model's input for the image, and that for the size of the original image or None.
+
+        Raises `DataError` for other inputs.
+        """
         images, *others = self._session.get_inputs()
         sizes = None
         if len(others) == 1 and others[0].name == SIZES_INPUT and others[0].type == "tensor(int64)":
             sizes = others.pop()
-        shape = images.shape
         if others:
-            names = ", ".join(one.name for one in others)
+            names = ", ".join(other.name for other in others)
             raise DataError(
                 f"expected one input [1, 3, height, width], found further ones: {names[:100]}; export the "
                 "model so that it needs the image alone",
                 self.path,
             )
-        if len(shape) != 4 or shape[1] != 3 or shape[0] not in (1, None, str(shape[0])):
-            remedy = ""
-            if len(shape) == 4 and isinstance(shape[0], int) and shape[0] > 1:
-                remedy = ": export it with batch=1"
-            elif len(shape) == 4 and shape[3] == 3:
-                remedy = ": the order of TensorFlow; export it from PyTorch"
-            raise DataError(f"expected one input [1, 3, height, width], found {shape}{remedy}", self.path)
+        self._check_shape(images.shape)
         if images.type not in INPUT_TYPES:
             raise DataError(f"expected an input of floating-point numbers, found {images.type}", self.path)
         return images, sizes
+
+    def _check_shape(self, shape: list[Any]) -> None:
+        """Raise `DataError` for an input that is not one image; a number is fixed, a text or None is open."""
+        remedy = ""
+        if len(shape) == 4:
+            batch, channels, _, last = shape
+            is_fixed = isinstance(batch, int)
+            if channels == 3 and (batch == 1 or not is_fixed):
+                return
+            if is_fixed and batch > 1:
+                remedy = ": export it with batch=1"
+            elif last == 3:
+                remedy = ": the order of TensorFlow; export it from PyTorch"
+        raise DataError(f"expected one input [1, 3, height, width], found {shape}{remedy}", self.path)
 
     def _recognise_outputs(self) -> OutputLayout:
         """The layout of the outputs, from those for a black image.
 
         A network that takes every size gets a small image, and one of its usual size if that does not tell.
+        Raises `DataError` if neither tells.
         """
-        usual = self._default_size
-        sizes = [(self._width or TEST_WIDTH, self._height or TEST_HEIGHT)]
-        if not (self._width and self._height):
-            sizes.append((self._width or usual, self._height or usual))
-        refusals = []
-        names = [output.name for output in self._session.get_outputs()]
-        for width, height in sizes:
-            values = self._run(np.zeros((1, 3, height, width), self._type), (width, height))
-            outputs = [Output(name, array) for name, array in zip(names, values, strict=True)]
+        try:
+            return self._recognise_at(self._width or TEST_WIDTH, self._height or TEST_HEIGHT)
+        except UnusableOutput as error:
+            refusal = str(error)
+        if not self._width or not self._height:
+            usual = self._default_size
             try:
-                return recognise(outputs, self._metadata, width, height)
+                return self._recognise_at(self._width or usual, self._height or usual)
             except UnusableOutput as error:
-                refusals.append(str(error))
-        raise DataError(refusals[-1], self.path)
+                refusal = str(error)
+        raise DataError(refusal, self.path)
+
+    def _recognise_at(self, width: int, height: int) -> OutputLayout:
+        """The layout of the outputs for a black image of this size; raises as `recognise`."""
+        values = self._run(np.zeros((1, 3, height, width), self._type), (width, height))
+        names = [output.name for output in self._session.get_outputs()]
+        outputs = [Output(name, array) for name, array in zip(names, values, strict=True)]
+        return recognise(outputs, self._metadata, width, height)
 
     def _expects_height_first(self) -> bool:
         """Whether a network with the input of sizes expects the height of the image first, not the width.
 
-        The boxes are pixels of the original image, so that their x grow with its width.
+        The boxes are pixels of the original image, so that their x grow with its width: with the number that
+        the network takes for it.
         """
         width = self._width or self._default_size
         height = self._height or self._default_size
         black = np.zeros((1, 3, height, width), self._type)
-        widest = []
-        for size in TEST_SIZES:
-            corners, _ = self._output_layout.reader.read(self._run(black, size), *size)
-            widest.append(np.abs(corners[:, [0, 2]]).max(initial=0.0))
-        return bool(widest[0] < widest[1])
+        largest_x = []
+        for original_width, original_height in TEST_SIZES:
+            outputs = self._run(black, (original_width, original_height))
+            corners, _ = self._output_layout.reader.read(outputs, original_width, original_height)
+            largest_x.append(np.abs(corners[:, [0, 2]]).max(initial=0.0))
+        wide, high = largest_x
+        return bool(wide < high)
 
 
 def _open_session(path: Path, threads: int, provider: str) -> Any:
+    """ONNX Runtime's session for a model; `DataError` for a file or a provider that it cannot use."""
     provider_class = PROVIDERS[provider]
     if provider_class not in onnxruntime.get_available_providers():
         raise DataError(f"provider {provider} is not in this ONNX Runtime: install onnxruntime-gpu instead")
@@ -303,4 +347,5 @@ def _open_session(path: Path, threads: int, provider: str) -> Any:
 
 
 def _first_line(error: Exception) -> str:
+    """The beginning of an error's message."""
     return str(error).strip().partition("\n")[0][:200]
