@@ -17,19 +17,19 @@ COLUMNS = ["first", "second", "similarity", "matches", "inliers", "residual_px",
 
 
 def comparison_key(method: MethodConfig) -> Hashable:
-    """The settings that `find_loops` uses: runs over one sequence with equal keys share their loops."""
+    """The settings of a method that `find_loops` uses: runs over one sequence with equal ones share loops."""
     return (method.seed, method.filter, method.buckets, method.reprojection)
 
 
-def close_accepted(poses: Array, loops: PlacePairs, config: LoopConfig) -> LoopClosure:
-    """The path (N, 4, 4) after the accepted ones of the compared `loops` have been closed."""
-    return close_path(poses, loops[loops.accepted(config)], config)
+def close_accepted(poses: Array, pairs: PlacePairs, config: LoopConfig) -> LoopClosure:
+    """The path T_w_c (N, 4, 4), metres, after the loops among the compared `pairs` have been closed."""
+    return close_path(poses, pairs[pairs.accepted(config)], config)
 
 
 def write_closure(poses_file: Path, loops_file: Path, frames: tuple[str, ...], closure: LoopClosure) -> None:
     """Write the corrected path in KITTI's format, and a CSV row for each closed loop.
 
-    frames : (N) names of the frames, which the rows use.
+    frames : (N) names of the frames, which the rows use. Raises `DataError` if a file cannot be written.
     """
     write_kitti_poses(poses_file, closure.poses)
     loops = closure.loops

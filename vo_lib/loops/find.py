@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,6 +30,8 @@ PAIRS_KEPT = 32  # number of described stereo pairs in memory; neighbouring plac
 class PlacePairs(Rows):
     """N pairs of places that were compared; the accepted ones are loops.
 
+    Attributes
+    ----------
     first, second : (N,) frames of the two places, from 0; similarity : (N,) similarity of their left images.
     matches, inliers : (N,) number of matches between the stereo pairs, and number of inliers of their motion.
     residual : (N,) root mean square of the inliers' reprojection errors, pixels; NaN without a motion.
@@ -55,29 +58,41 @@ def find_loops(
 
     method : only the seed and the settings of box rule, buckets and reprojection are used, not the features.
     progress : called with (steps done, total steps); places are the first half, pairs the second half.
+
+    Raises `DataError` for an unusable image, label or mask of the sequence.
     """
     frames = place_frames(len(sequence), config)
-    similarity = similarities(sequence, method, config, lambda done, of: progress(done, 2 * of))
+    steps = 2 * len(frames)
+    similarity = similarities(sequence, method, config, lambda done, _: progress(done, steps))
     pairs = candidate_pairs(similarity, frames, config)
     match_counts = np.zeros(len(pairs), np.int64)
     inlier_counts = np.zeros(len(pairs), np.int64)
     residual = np.zeros(len(pairs))
     motion = np.zeros((len(pairs), 4, 4))
-    for row, (matches, T_cp, agrees) in enumerate(compare_places(sequence, method, config, frames[pairs])):
-        inliers = matches[agrees]
-        match_counts[row] = len(matches)
+    for row, compared in enumerate(compare_places(sequence, method, config, frames[pairs])):
+        inliers = compared.matches[compared.is_inlier]
+        match_counts[row] = len(compared.matches)
         inlier_counts[row] = len(inliers)
-        residual[row] = reprojection_error(sequence.camera, inliers, T_cp)
-        motion[row] = inverse(T_cp)
-        progress(len(frames) + len(frames) * (row + 1) // len(pairs), 2 * len(frames))
-    first, second = frames[pairs].T
+        residual[row] = reprojection_error(sequence.camera, inliers, compared.T_cp)
+        motion[row] = inverse(compared.T_cp)
+        progress(len(frames) + len(frames) * (row + 1) // len(pairs), steps)
+    first_place, second_place = pairs.T
     return PlacePairs(
-        first, second, similarity[tuple(pairs.T)], match_counts, inlier_counts, residual, motion
+        first=frames[first_place],
+        second=frames[second_place],
+        similarity=similarity[first_place, second_place],
+        matches=match_counts,
+        inliers=inlier_counts,
+        residual=residual,
+        motion=motion,
     )
 
 
 def reprojection_error(camera: StereoCamera, matches: StereoMatches, T_cp: Array) -> float:
-    """Root mean square over matches of the reprojection residual's norm, pixels; NaN without matches."""
+    """Root mean square over matches of the reprojection residual's norm, pixels; NaN without matches.
+
+    T_cp : (4, 4) motion from the previous camera to the current one, metres.
+    """
     if len(matches) == 0:
         return np.nan
     X_p = camera.triangulate(matches.prev_left, matches.prev_right)
@@ -86,13 +101,22 @@ def reprojection_error(camera: StereoCamera, matches: StereoMatches, T_cp: Array
     return float(np.sqrt(np.sum(residuals**2) / len(matches)))
 
 
+class ComparedPlaces(NamedTuple):
+    """Two places: N matches, their motion T_cp (4, 4), metres, and the mask (N,) of its inliers.
+
+    The first place is the previous camera p, the second the current camera c. Without a motion, T_cp is the
+    identity and no match is an inlier.
+    """
+
+    matches: StereoMatches
+    T_cp: Array
+    is_inlier: BoolArray
+
+
 def compare_places(
     sequence: Sequence, method: MethodConfig, config: LoopConfig, pairs: IntArray
-) -> Iterator[tuple[StereoMatches, Array, BoolArray]]:
-    """For each pair of frames in `pairs` (N, 2): matches, their motion T_cp (4, 4), and a mask of inliers.
-
-    Without a motion, T_cp is the identity and no match is an inlier.
-    """
+) -> Iterator[ComparedPlaces]:
+    """Matches and motion for each pair of frames in `pairs` (N, 2); the settings as in `find_loops`."""
     features = FeatureConfig()
     matching = MatchingConfig(search_radius=config.radius)
 
@@ -113,7 +137,7 @@ def compare_places(
         rng = np.random.default_rng([method.seed, first, second])
         solution = ransac_motion(sequence.camera, matches, rng, method.reprojection)
         if solution is None:
-            yield matches, np.eye(4), np.zeros(len(matches), np.bool_)
+            yield ComparedPlaces(matches, np.eye(4), np.zeros(len(matches), np.bool_))
         else:
-            R_cp, t_cp, inliers = solution
-            yield matches, rigid(R_cp, t_cp), inliers
+            R_cp, t_cp, is_inlier = solution
+            yield ComparedPlaces(matches, rigid(R_cp, t_cp), is_inlier)

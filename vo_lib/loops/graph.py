@@ -18,18 +18,22 @@ from .find import PlacePairs
 from .places import place_frames
 from .settings import LoopConfig
 
-MAX_STEPS = 40
+MAX_STEPS = 40  # of Gauss-Newton
 MAX_TURN = 0.2  # largest rotation of a pose in a step, radians; with false loops, longer steps diverge
 LAST_MOVE = 1e-4  # largest move of a pose in the last step, radians and metres
 NARROWING = 0.25  # factor between the scales of the weights in successive steps
-SERIES = ((1, 0.5), (2, 1 / 12), (4, -1 / 720), (6, 1 / 30240))  # powers, factors of x / (1 - exp(-x)) - 1
+# The derivative of log(exp(r) exp(δ)) by δ is x / (1 - exp(-x)), where x is the bracket of the twist r. Its
+# series is 1 + x/2 + x²/12 - x⁴/720 + x⁶/30240 - …: these are the powers and factors behind the 1.
+SERIES = ((1, 0.5), (2, 1 / 12), (4, -1 / 720), (6, 1 / 30240))
 
 
 @dataclass(frozen=True, eq=False)
 class Edges(Rows):
     """N measured motions between poses.
 
-    first, second : (N,) numbers of the poses.
+    Attributes
+    ----------
+    first, second : (N,) indices of the poses.
     motion : (N, 4, 4) pose of the second camera relative to the first.
     sigma : (N, 2) standard deviations of the rotation, radians, and of the translation, metres.
     is_loop : (N,) mask of the edges with a robust weight.
@@ -49,7 +53,8 @@ def linearised(poses: Array, edges: Edges) -> tuple[Array, Array, Array]:
     """
     between = inverse(poses[edges.first]) @ poses[edges.second]
     r = twist_from_motion(inverse(edges.motion) @ between)
-    by_second = np.eye(6) + sum(c * np.linalg.matrix_power(bracket(r), power) for power, c in SERIES)
+    x = bracket(r)
+    by_second = np.eye(6) + sum(factor * np.linalg.matrix_power(x, power) for power, factor in SERIES)
     by_first = -by_second @ adjoint(inverse(between))
     sigma = np.repeat(edges.sigma, 3, axis=1)
     return r / sigma, by_first / sigma[:, :, None], by_second / sigma[:, :, None]
@@ -105,6 +110,8 @@ def gauss_newton_step(
 class LoopClosure:
     """A path with closed loops.
 
+    Attributes
+    ----------
     poses : (N, 4, 4) T_w_c of all frames, the first unchanged.
     loops : the M closed loops.
     weight : (M,) weight of each loop in the pose graph, from 0 to 1.
@@ -118,7 +125,7 @@ class LoopClosure:
 
 
 def close_path(poses: Array, loops: PlacePairs, config: LoopConfig) -> LoopClosure:
-    """The path (N, 4, 4) of a run after all `loops` have been closed; without loops, the unchanged path."""
+    """The path T_w_c (N, 4, 4) of a run after all `loops` have been closed; unchanged without loops."""
     frames = place_frames(len(poses), config)
     if len(loops) == 0:
         return LoopClosure(poses.copy(), loops, np.zeros(0), np.zeros(0))
@@ -126,7 +133,8 @@ def close_path(poses: Array, loops: PlacePairs, config: LoopConfig) -> LoopClosu
     moved_places, _, weight = optimise(poses[frames], edges, config.scale)
     moved = interpolate_corrections(poses, frames, moved_places)
     between = inverse(moved[loops.first]) @ moved[loops.second]
-    gap = np.linalg.norm((inverse(loops.motion) @ between)[:, :3, 3], axis=1)
+    error = inverse(loops.motion) @ between
+    gap = np.linalg.norm(error[:, :3, 3], axis=1)
     return LoopClosure(moved, loops, weight[edges.is_loop], gap)
 
 
@@ -140,11 +148,15 @@ def interpolate_corrections(poses: Array, frames: IntArray, moved: Array) -> Arr
     before = np.floor(position).astype(np.int64)
     after = np.ceil(position).astype(np.int64)
     change = twist_from_motion(inverse(correction[before]) @ correction[after])
-    return np.asarray(correction[before] @ motion_from_twist((position - before)[:, None] * change) @ poses)
+    part_of_change = motion_from_twist((position - before)[:, None] * change)
+    return np.asarray(correction[before] @ part_of_change @ poses)
 
 
 def graph_edges(places: Array, frames: IntArray, loops: PlacePairs, config: LoopConfig) -> Edges:
-    """Edges between successive places (poses (N, 4, 4), frames (N,)), followed by the edges of the loops."""
+    """Edges between successive places, followed by the edges of the loops.
+
+    places : (N, 4, 4) poses T_w_c of the places. frames : (N,) their frames.
+    """
     number = np.arange(len(frames) - 1)
     steps = inverse(places[:-1]) @ places[1:]
     # Errors of frames add up as in a random walk. The default ratio, 0.3 m per degree, is from drawn streets.

@@ -7,6 +7,7 @@ features in vehicle boxes are not counted: parked cars drive away, and the car a
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -25,33 +26,42 @@ LEARNING_ROUNDS = 5
 
 
 def place_frames(count: int, config: LoopConfig) -> IntArray:
-    """The frames that are places: every n-th of `count` frames; n is increased to limit their number."""
-    step = max(config.every, -(-count // config.places))
+    """The frames (N,) that are places: every n-th of `count` frames; n is increased to limit their number."""
+    smallest_step = math.ceil(count / config.places)
+    step = max(config.every, smallest_step)
     return np.arange(0, count, step, dtype=np.int64)
 
 
 def learn_words(images: list[DescribedFeatures], config: LoopConfig, seed: int) -> Array:
-    """The vocabulary (kinds, words, 32) of images, by k-means on a sample of the features of each kind."""
+    """The vocabulary (kinds, words, 32) of images, by k-means on a sample of the features of each kind.
+
+    The centres of the clusters are the words. Nearest is the centre with the largest scalar product.
+    """
     rng = np.random.default_rng(seed)
     words = []
     for kind in range(KINDS):
         of_kind = np.concatenate([image.descriptor[image.kind == kind] for image in images])
         sample = rng.permutation(of_kind)[:SAMPLE_FEATURES]
+        # The first features of the sample, repeated if there are fewer of them than words.
         centres = np.resize(sample, (config.words, sample.shape[1]))
         for _ in range(LEARNING_ROUNDS):
             nearest = (sample @ centres.T).argmax(axis=1)
             sums = np.zeros_like(centres)
             np.add.at(sums, nearest, sample)
             length = np.linalg.norm(sums, axis=1, keepdims=True)
+            # A centre has length 1; one without features stays where it is.
             centres = np.where(length > 0, sums / np.maximum(length, 1e-9), centres)
         words.append(centres)
     return np.array(words)
 
 
 def histogram(image: DescribedFeatures, words: Array, width: int, columns: int) -> Array:
-    """Number of features for each column, kind and word (columns, kinds, words); width : image, pixels."""
-    likeness = (words[image.kind] @ image.descriptor[:, :, None])[..., 0]
-    nearest = likeness.argmax(axis=1)
+    """Number of features for each column, kind and word (columns, kinds, words).
+
+    words : (kinds, words, 32) from `learn_words`. width : of the image, pixels.
+    """
+    products = (words[image.kind] @ image.descriptor[:, :, None])[..., 0]
+    nearest = products.argmax(axis=1)
     column = (image.uv[:, 0] * columns // width).astype(np.int64)
     counts = np.zeros((columns, *words.shape[:2]))
     np.add.at(counts, (column, image.kind, nearest), 1.0)
@@ -59,11 +69,14 @@ def histogram(image: DescribedFeatures, words: Array, width: int, columns: int) 
 
 
 def similarities(sequence: Sequence, method: MethodConfig, config: LoopConfig, progress: Progress) -> Array:
-    """Similarity (N, N) in [-1, 1] of the left images of the N places of a sequence."""
+    """Similarity (N, N) in [-1, 1] of the left images of the N places of a sequence.
+
+    progress : called with the numbers of described places and of all places.
+    """
     frames = place_frames(len(sequence), config)
     images: list[DescribedFeatures] = []
     for frame in frames.tolist():
-        image = describe(sequence.stereo(frame)[0], FeatureConfig())
+        image = describe(sequence.left(frame), FeatureConfig())
         image = image[uncovered(sequence, frame, image.uv, method)]
         # With descriptors of length 1, the histogram does not depend on the exposure.
         length = np.maximum(np.linalg.norm(image.descriptor, axis=1, keepdims=True), 1.0)
@@ -80,11 +93,11 @@ def similarities(sequence: Sequence, method: MethodConfig, config: LoopConfig, p
 
 
 def uncovered(sequence: Sequence, frame: int, uv: Array, method: MethodConfig) -> BoolArray:
-    """Whether pixels (N, 2) of a left image are outside masks and, with a box rule, outside boxes, (N,)."""
+    """Mask (N,) of the pixels (N, 2) of a left image outside masks and, with a box rule, outside boxes."""
     keep = np.ones(len(uv), np.bool_)
     files = sequence.mask_files()
     if files:
-        mask_file = files[frame if len(files) > 1 else 0]
+        mask_file = files[frame] if len(files) > 1 else files[0]
         keep &= at_pixels(read_mask(mask_file), uv) == 0
     if method.filter.rule != "none":
         keep &= ~in_boxes(uv, sequence.boxes(frame, method.filter.classes), method.filter)
@@ -92,8 +105,13 @@ def uncovered(sequence: Sequence, frame: int, uv: Array, method: MethodConfig) -
 
 
 def candidate_pairs(similarity: Array, frames: IntArray, config: LoopConfig) -> IntArray:
-    """Pairs (M, 2) of similar places, the earlier place first, at least `config.gap` frames apart."""
-    allowed = np.where(frames[:, None] - frames >= config.gap, similarity, -np.inf)
+    """Pairs (M, 2) of similar places, the earlier place first, at least `config.gap` frames apart.
+
+    similarity : (N, N) of all places. frames : (N,) their frames. A pair has the indices of two places.
+    """
+    is_earlier = frames[:, None] - frames >= config.gap  # a row for each later place
+    allowed = np.where(is_earlier, similarity, -np.inf)
     best = np.argsort(-allowed, axis=1, kind="stable")[:, : config.candidates]
-    later, rank = np.nonzero(np.take_along_axis(allowed, best, axis=1) >= config.similarity)
+    is_similar = np.take_along_axis(allowed, best, axis=1) >= config.similarity
+    later, rank = np.nonzero(is_similar)
     return np.stack([best[later, rank], later], axis=1)
