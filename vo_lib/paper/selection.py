@@ -124,9 +124,9 @@ def resolve_by_depth(E: Array, x_p: Array, x_c: Array, X_p: Array) -> tuple[Arra
     rotations, t = decompose_essential(E)
     ray = np.concatenate([x_c, np.ones((len(x_c), 1))], axis=1)
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
-    ray_t = ray @ t
+    ray_t = ray @ t  # dot products (N,) have the names of both vectors
     length2 = np.maximum(np.sum(X_p**2, axis=1), 1e-12)
-    best_cosine = -np.inf
+    best_cosine = -np.inf  # of the median angle
     best_R = rotations[0]
     best_t = t
     for R in rotations:

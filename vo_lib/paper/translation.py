@@ -180,6 +180,7 @@ def solve_translation(
         c = np.concatenate([c, c_before], axis=1)
     limit = residual_limit(config.agreement, seen_before)
     M, d = eliminate_points(A, B, c)
+    # Divided by the depth, the rows are errors in the image.
     M = M / depth[near, None, None]
     d = d / depth[near, None]
     # The normal equations H t = g of each feature; those of the stacked rows are their sums.
