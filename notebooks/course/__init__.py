@@ -1,10 +1,19 @@
 """Code of the notebooks: a folder per chapter (panel, figures, exercises), and shared modules.
 
-`panel` has the base class of all panels, and `controls` makes controls from declared settings. `frames` has
-frames and their matches. `drawing` has the style of the pictures. `progress` has threads for work of more
-than a second. `checker` checks answers to exercises, `stored_answers` saves answers that passed, and
+Panels: `panel` has the base class of all panels, and `controls` makes controls from declared settings. `redraws`
+decides when a panel draws, `opening` which sequence it shows, and `progress` runs long work on a thread.
+
+Data: `frames` has frames and their matches, `kept_runs` finished paths, and `memory` keeps both. `lessons`,
+`simulation` and `perturbed_path` make drives without images and paths with known errors.
+
+Pictures: `drawing` has their style, `drawn_matches` draws matches into photos, `view3d` shows shapes that the mouse
+rotates, and `raster` turns figures into pixels.
+
+Exercises: `checker` checks answers, with the comparisons of `results`; `stored_answers` saves those that passed, and
 `own_functions` runs them on frames beside the library's. `records` writes down what the checks said, and `tasks`,
 `submissions`, `grading`, `marks` and `hand_in` are for handing in and marking.
+
+Pages: `pages` writes the executed notebooks as HTML, and `minutes` counts how long a chapter takes.
 """
 
 from .kernel import require_kit

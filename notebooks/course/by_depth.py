@@ -17,9 +17,12 @@ DISTANCES = (1e-3, 100.0)  # metres shown
 def by_depth_figure(
     depth: Array, distance: Array, labels: tuple[str, str], title: str, factor: float | None = None
 ) -> Figure:
-    """Distances (N,) over depths (N,), metres, as dots on logarithmic axes, and the line `factor` · Z²."""
+    """Distances (N,) over depths (N,), metres, as dots on logarithmic axes, and the line `factor` · Z².
+
+    labels : of the dots and of the line. factor : by default, the median of distance / Z² between 5 and 80 m.
+    """
     made, (axis,) = figure(260)
-    if factor is None:  # the line is the median of the distances between 5 and 80 m
+    if factor is None:
         near = (depth > 5) & (depth < 80)
         factor = float(np.median(distance[near] / depth[near] ** 2)) if near.any() else 1e-4
     Z = np.array(DEPTHS)

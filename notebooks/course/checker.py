@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import inspect
+import itertools
 import os
 import warnings
 from collections import defaultdict
@@ -20,18 +21,18 @@ from .results import (
     SHORT,
     Unusable,
     Verdict,
-    compared,
+    as_array,
+    as_text,
+    comparison,
     differ,
     holds,
-    is_list,
-    not_indices,
-    outcome,
-    result,
-    shown,
-    unusable,
+    is_index_list,
+    result_of,
+    why_not_indices,
+    why_unusable,
 )
 from .stored_answers import NAME as STORED
-from .stored_answers import NOT_SAVED, handed_back, is_stub, store_answer
+from .stored_answers import NOT_SAVED, is_stub, library_call_in, store_answer
 
 Case = tuple[Any, ...]  # the inputs of a call
 LONGEST = 80  # maximal length of an input in a message, characters
@@ -54,8 +55,8 @@ class NotRight(AssertionError):
     """A wrong or missing answer, if the checks are strict."""
 
 
-def decided(verdict: Verdict) -> Verdict:
-    """The verdict; if the checks are strict and it is not right, `NotRight` is raised."""
+def raise_if_strict(verdict: Verdict) -> Verdict:
+    """The same verdict; if the checks are strict and it is not right, `NotRight` is raised."""
     if not verdict.passed and os.environ.get(STRICT, "0") not in ("", "0"):
         raise NotRight(repr(verdict))
     return verdict
@@ -73,8 +74,14 @@ def in_order(rows: Array) -> Array:
     return np.sort(rows, axis=0) if rows.ndim else rows
 
 
-def _of_mask(make: Callable[[Array], Any]) -> Callable[[Array], Any]:
-    return lambda right: make(right) if right.ndim and np.isin(right, (0, 1)).all() else None
+def _only_of_masks(make: Callable[[Array], Any]) -> Callable[[Array], Any]:
+    """The function `make` for results that are masks; it returns None for all others."""
+
+    def changed(right: Array) -> Any:
+        is_mask = right.ndim > 0 and np.isin(right, (0, 1)).all()
+        return make(right) if is_mask else None
+
+    return changed
 
 
 # Slips that are possible in any exercise: the message, and the function from right to wrong results.
@@ -97,10 +104,26 @@ SLIPS: dict[str, tuple[str, Callable[[Any], Any]]] = {
     "order": ("these are the right results in another order.", in_order),
     "indices": (
         "these are indices; the task asks for a mask, one True or False for each.",
-        _of_mask(np.flatnonzero),
+        _only_of_masks(np.flatnonzero),
     ),
-    "inverted": ("the mask is inverted: good and bad are exchanged.", _of_mask(lambda right: 1 - right)),
+    "inverted": (
+        "the mask is inverted: good and bad are exchanged.",
+        _only_of_masks(lambda right: 1 - right),
+    ),
 }
+
+
+@dataclass(frozen=True, eq=False)
+class _WrongResult:
+    """The first result of an answer that is not right.
+
+    what : its name in a message. inputs : of its case. got, expected : an array, None or `Unusable`.
+    """
+
+    what: str
+    inputs: Case
+    got: Any
+    expected: Any
 
 
 @dataclass(eq=False, repr=False)
@@ -121,7 +144,7 @@ class Exercise:
     line : the code of a right answer, shown after the third different failure; by default the hint.
     library : functions of the library that an answer must not call.
     mistakes : messages (fields as in `praise`) and their wrong answers. A wrong answer is a function of the
-        inputs, a value or a `When`; for a panel, a function of the facts that returns True for the mistake.
+        inputs, a value or a `Condition`; for a panel, a function of the facts that returns True for the mistake.
     slips : messages by slip, in place of `SLIPS`; if `right` is a value, only these slips are tested.
     parts : names of several results, in the order of the comparison.
     form : function that prepares results for the comparison, such as `in_order`.
@@ -144,11 +167,12 @@ class Exercise:
     rtol: float = 0.0
 
     def __post_init__(self) -> None:
-        self.more = f"In code: `{self.line}`." if self.line else self.hint
-        self.failures = set[str]()  # different failures in a row
-        self._given = ""  # results of the last answer, as text
-        usual = {name: says for name, (says, _) in SLIPS.items()} if self.cases else {}
-        self.slips = {**usual, **self.slips}
+        self.late_hint = f"In code: `{self.line}`." if self.line else self.hint
+        self.failures = set[str]()  # the results of different failures in a row, as text
+        if self.cases:
+            usual = {name: says for name, (says, _) in SLIPS.items()}
+            self.slips = {**usual, **self.slips}
+        # The mistakes by message: those that are wrong answers, and those that are recognised by a test.
         self.answers: dict[str, list[Any]] = {}
         self.tests: dict[str, Callable[..., Any]] = {}
         for says, examples in self.mistakes.items():
@@ -161,23 +185,21 @@ class Exercise:
 
     def __call__(self, answer: Any, *data: Any) -> Verdict:
         if any(each is None or each is ... for each in (answer, *data)) or is_stub(answer):
-            return decided(NO_ANSWER)
-        self._given = ""
-        verdict = self.grade(answer, *data)
-        kept = self._kept(answer) if verdict.passed and self.cases else ""
-        record(self, answer, verdict, kept)
+            return raise_if_strict(NO_ANSWER)
+        verdict, results = self._graded(answer, *data)
+        saved = self._save(answer) if verdict.passed and self.cases else ""
+        record(self, answer, verdict, saved)
         if verdict.passed:
             self.failures.clear()
-            return Verdict(True, verdict.message + kept)
+            return Verdict(True, verdict.message + saved)
         # All answers that cannot be compared count as one.
-        self.failures.add("" if isinstance(verdict, Unusable) else self._given)
-        told_again = len(self.failures) >= TRIES and self.more != verdict.hint
-        return decided(
-            replace(verdict, hint=f"{verdict.hint} {self.more}".strip()) if told_again else verdict
-        )
+        self.failures.add("" if isinstance(verdict, Unusable) else results)
+        if len(self.failures) >= TRIES and self.late_hint != verdict.hint:
+            verdict = replace(verdict, hint=f"{verdict.hint} {self.late_hint}".strip())
+        return raise_if_strict(verdict)
 
-    def _kept(self, answer: Any) -> str:
-        """Save a right function; a sentence that says where it is, or why it is not saved."""
+    def _save(self, answer: Any) -> str:
+        """Save a right function; return a sentence that says where it is, or why it is not saved."""
         if other := answered_by(answer, self):
             name = answer.__name__
             return f" It {NOT_SAVED}: in `{STORED}`, `{name}` is the answer to {other}; give it another name."
@@ -185,21 +207,30 @@ class Exercise:
 
     def grade(self, answer: Any, *data: Any) -> Verdict:
         """The verdict on an answer, without counting failures or saving functions."""
+        verdict, _ = self._graded(answer, *data)
+        return verdict
+
+    def _graded(self, answer: Any, *data: Any) -> tuple[Verdict, str]:
+        """The verdict on an answer, and its results as text, so that different failures can be counted."""
         if self.cases and not callable(answer):
-            return Verdict(False, f"expected a function, got {type(answer).__name__}.")
-        if self.cases and (name := handed_back(answer, self.library)):
+            return Verdict(False, f"expected a function, got {type(answer).__name__}."), ""
+        if self.cases and (name := library_call_in(answer, self.library)):
             hint = "write it yourself, and compare both once yours passes."
-            return Verdict(False, f"this hands the work to `{name}`.", hint)
+            return Verdict(False, f"this hands the work to `{name}`.", hint), ""
+        as_given = ""
         try:
             with warnings.catch_warnings(), np.errstate(all="ignore"):
                 warnings.simplefilter("ignore")
                 if isinstance(self.right, Mapping):
-                    return self._judge_facts(answer)
-                if self.cases is None:
-                    return self._judge(lambda *_: answer, [data])
-                return self._judge(answer, self.cases())
+                    as_given = str(answer)
+                    return self._judge_facts(answer), as_given
+                function = answer if self.cases else _always(answer)
+                cases = self.cases() if self.cases else [data]
+                got, changed = self._results_and_changes(function, cases)
+                as_given = str([each.tolist() if isinstance(each, np.ndarray) else each for each in got])
+                return self._judge(got, cases, changed), as_given
         except Exception as error:
-            return Verdict(False, f"this cannot be judged, {type(error).__name__}: {error}.")
+            return Verdict(False, f"this cannot be judged, {type(error).__name__}: {error}."), as_given
 
     def _judge_facts(self, answer: Any) -> Verdict:
         """The verdict on the facts of a panel: praise or the first mistake. A missing fact is NaN."""
@@ -207,53 +238,73 @@ class Exercise:
             return Verdict(False, f"expected the facts of a panel, got {type(answer).__name__}.")
         if not answer:
             return Verdict(False, "the panel shows no numbers: choose another sequence.")
-        self._given = str(answer)
         facts = defaultdict(lambda: float("nan"), answer)
         for says, test in self.tests.items():
             if test(facts):
                 return Verdict(False, says.format_map(facts))
         return Verdict(True, self.praise.format_map(facts))
 
-    def _judge(self, answer: Callable[..., Any], cases: list[Case]) -> Verdict:
-        changed: list[int] = []
-        got = self._results(answer, cases, changed)
-        self._given = str([each.tolist() if isinstance(each, np.ndarray) else each for each in got])
+    def _judge(self, got: list[Any], cases: list[Case], changed: list[int]) -> Verdict:
+        """The verdict on the results of an answer, compared with the nearest of the right answers.
+
+        changed : positions of the inputs that the answer changed.
+        """
         tables = [self._results(right, cases) for right in (self.right, *self.also)]
         right = max(tables, key=lambda table: self._agreed(got, table))
         first = self._agreed(got, right)
         if first == len(got):
             return self._passed(got, right, len(cases), changed)
-        wrong = got[first]
-        expected = right[first]
-        if isinstance(expected, Unusable):
-            return expected
-        if self.parts and all(map(self._same, got, [*right[len(cases) :], *right[: len(cases)]])):
-            return Verdict(False, f"{' and '.join(self.parts)} are exchanged.")
         part, case = divmod(first, len(cases))
         what = self.parts[part] if self.parts else "the result"
-        lengths = {
-            says: max(self._agreed(got, self._results(each, cases)) for each in answers)
-            for says, answers in self.answers.items()
-        }
-        mistake = max(lengths, key=lengths.__getitem__, default="")
-        if lengths.get(mistake, 0) < (part + 1) * len(cases):  # equal in some cases, perhaps by chance
-            mistake = self._slip(got, right, part, len(cases)) or not_indices(wrong, expected)
+        wrong = _WrongResult(what, cases[case], got[first], right[first])
+        if isinstance(wrong.expected, Unusable):
+            return wrong.expected
+        if self.parts and self._are_exchanged(got, right, len(cases)):
+            return Verdict(False, f"{' and '.join(self.parts)} are exchanged.")
+        mistake = (
+            self._known_mistake(got, cases, part)
+            or self._slip(got, right, part, len(cases))
+            or why_not_indices(wrong.got, wrong.expected)
+        )
         if not mistake:
             # A function that may return None can do so in the wrong case.
-            missing = wrong is None and any(each is None for each in right)
-            if not missing and (reason := unusable(wrong, expected, what, self.hint)):
+            missing = wrong.got is None and any(each is None for each in right)
+            if not missing and (reason := why_unusable(wrong.got, wrong.expected, what, self.hint)):
                 return reason
-            tests = self.tests.items()
-            mistake = next((says for says, test in tests if holds(test, wrong, *cases[case])), "")
+            mistake = self._tested_mistake(wrong)
         if mistake:
-            return Verdict(False, mistake.format_map({"got": wrong, "right": expected, "what": what}))
-        constant = first > 0 and not self.parts and all(self._same(each, got[0]) for each in got)
-        if constant and expected is not None:
+            words = {"got": wrong.got, "right": wrong.expected, "what": what}
+            return Verdict(False, mistake.format_map(words))
+        is_constant = first > 0 and not self.parts and all(self._same(each, got[0]) for each in got)
+        if is_constant and wrong.expected is not None:
             hint = "compute the result from the inputs."
             return Verdict(False, "the result is the same for all inputs.", hint)
-        if wrong is not None and np.isnan(wrong).any():
+        if wrong.got is not None and np.isnan(wrong.got).any():
             return Verdict(False, f"{what} contains NaN.", "is there a division by zero?")
-        return Verdict(False, self._difference(wrong, expected, what, cases[case]), self.hint)
+        return Verdict(False, self._difference(wrong), self.hint)
+
+    def _are_exchanged(self, got: list[Any], right: list[Any], cases: int) -> bool:
+        """Whether the first of the parts has the results of the second, and so on."""
+        exchanged = [*right[cases:], *right[:cases]]
+        return all(map(self._same, got, exchanged))
+
+    def _known_mistake(self, got: list[Any], cases: list[Case], part: int) -> str:
+        """The message of the wrong answer with the same results up to the end of a part; "" if there is none.
+
+        Results that are equal only in some cases of the part may be equal by chance.
+        """
+        lengths = {}
+        for says, answers in self.answers.items():
+            lengths[says] = max(self._agreed(got, self._results(each, cases)) for each in answers)
+        mistake = max(lengths, key=lengths.__getitem__, default="")
+        return mistake if lengths.get(mistake, 0) >= (part + 1) * len(cases) else ""
+
+    def _tested_mistake(self, wrong: _WrongResult) -> str:
+        """The message of the first mistake whose test is true; "" if there is none."""
+        for says, test in self.tests.items():
+            if holds(test, wrong.got, *wrong.inputs):
+                return says
+        return ""
 
     def _slip(self, got: list[Any], right: list[Any], part: int, cases: int) -> str:
         """The message of the slip that explains all results of a part; "" if there is none."""
@@ -262,8 +313,10 @@ class Exercise:
             return ""
         for name, says in self.slips.items():
             make = SLIPS[name][1]
+            slipped = [as_array(result_of(make, (each,))) for each in right[here]]
+            # Results in another order are compared when both are sorted.
             mine = map(make, got[here]) if make is in_order else got[here]
-            if all(map(self._same, mine, [result(outcome(make, (each,))) for each in right[here]])):
+            if all(map(self._same, mine, slipped)):
                 return says
         return ""
 
@@ -273,29 +326,38 @@ class Exercise:
             name = [*inspect.signature(self.right).parameters][changed[0]]
             says = f"the results are right, but the function changes its input `{name}`."
             return Verdict(False, says, "copy the input first.")
-        first = [table[::cases] if self.parts else table[0] for table in (got, right)]
-        return Verdict(True, self.praise.format(got=first[0], right=first[1]))
+        if self.parts:
+            return Verdict(True, self.praise.format(got=got[::cases], right=right[::cases]))
+        return Verdict(True, self.praise.format(got=got[0], right=right[0]))
 
-    def _results(self, answer: Any, cases: list[Case], changed: list[int] | None = None) -> list[Any]:
-        """Results of an answer, ordered by part, then by case: arrays, None or `Unusable`.
+    def _results(self, answer: Any, cases: list[Case]) -> list[Any]:
+        """Results of an answer, ordered by part, then by case: arrays, None or `Unusable`."""
+        results, _ = self._results_and_changes(answer, cases)
+        return results
 
-        Each call gets a copy of the inputs; `changed` collects the positions of inputs that a call changed.
+    def _results_and_changes(self, answer: Any, cases: list[Case]) -> tuple[list[Any], list[int]]:
+        """The results as in `_results`, and the positions of the inputs that a call changed.
+
+        Each call gets a copy of its inputs.
         """
-        rows = []
+        by_case = []
+        changed = []
         for inputs in cases:
             own = copy.deepcopy(inputs) if self.cases else inputs
-            rows.append(self._split(outcome(answer, own)))
-            if changed is not None:
-                changed += [i for i, pair in enumerate(zip(inputs, own, strict=True)) if differ(*pair)]
-        return [row[part] for part in range(len(rows[0])) for row in rows]
+            by_case.append(self._split(result_of(answer, own)))
+            for position, (before, after) in enumerate(zip(inputs, own, strict=True)):
+                if differ(before, after):
+                    changed.append(position)
+        by_part = zip(*by_case, strict=True)
+        return list(itertools.chain.from_iterable(by_part)), changed
 
     def _split(self, data: Any) -> list[Any]:
         """The results of a call: a single result, or a result for each name in `parts`."""
         if not self.parts or data is None or isinstance(data, Unusable):
-            return [result(data)] * max(len(self.parts), 1)
+            return [as_array(data)] * max(len(self.parts), 1)
         results = list(data) if np.iterable(data) else []
         if len(results) == len(self.parts):
-            return [result(each) for each in results]
+            return [as_array(each) for each in results]
         names = ", ".join(self.parts)
         message = f"expected {len(self.parts)} results: {names}."
         return [Unusable(False, message, f"`{names}`, in this order.")] * len(self.parts)
@@ -308,7 +370,7 @@ class Exercise:
     def _same(self, got: Any, expected: Any) -> bool:
         if not (isinstance(got, np.ndarray) and isinstance(expected, np.ndarray)):
             return type(got) is type(expected) and bool(got == expected)
-        if got.shape == expected.shape or is_list(expected):
+        if got.shape == expected.shape or is_index_list(expected):
             got = self.form(got)
             expected = self.form(expected)
         rtol = self.rtol
@@ -318,22 +380,43 @@ class Exercise:
             atol = max(atol, FLOAT32 * float(np.abs(expected).max(initial=0.0, where=np.isfinite(expected))))
         return got.shape == expected.shape and np.allclose(got, expected, rtol, atol, equal_nan=True)
 
-    def _difference(self, got: Any, expected: Any, what: str, inputs: Case) -> str:
+    def _difference(self, wrong: _WrongResult) -> str:
         """Text with the wrong and the expected result, and with the inputs if they are short."""
-        if self.cases is None:
-            return f"{what + ' = ' if self.parts else ''}{shown(got)} is wrong."  # the message hides the right value
-        if is_list(expected) and (expected.size > SHORT or not shown(got)):
-            others = np.setdiff1d(got, expected)
-            example = f" (for example {others[0]:g})" if len(others) else ""
-            size = "" if got.size == expected.size else f"; expected {expected.size} indices"
-            wrong = f"{len(others)} of {got.size} indices wrong{example}"
-            right = f"{got.size} right indices" if size else "the right indices at wrong positions"
-            return f"{what} has {wrong if len(others) else right}{size}."
-        if not (shown(got) and shown(expected)):
-            wrong = ~np.isclose(got, expected, self.rtol, self.atol)
-            place = tuple(np.argwhere(wrong)[0].tolist())
-            numbers = compared(got[place], expected[place])
-            return f"{what} has {wrong.sum()} of {wrong.size} numbers wrong: at {list(place)} it {numbers}."
-        named_inputs = zip(inspect.signature(self.right).parameters, map(shown, inputs), strict=False)
-        text = ", ".join(f"{name} = {value}" for name, value in named_inputs if 0 < len(value) < LONGEST)
-        return f"{what} {compared(got, expected)}{text and f' for {text}'}."
+        what = wrong.what
+        got = wrong.got
+        expected = wrong.expected
+        if self.cases is None:  # the message hides the right value
+            name = f"{what} = " if self.parts else ""
+            return f"{name}{as_text(got)} is wrong."
+        if is_index_list(expected) and (expected.size > SHORT or not as_text(got)):
+            return f"{what} has {_wrong_indices(got, expected)}."
+        if not (as_text(got) and as_text(expected)):
+            differs = ~np.isclose(got, expected, self.rtol, self.atol)
+            place = tuple(np.argwhere(differs)[0].tolist())
+            numbers = comparison(got[place], expected[place])
+            return (
+                f"{what} has {differs.sum()} of {differs.size} numbers wrong: at {list(place)} it {numbers}."
+            )
+        names = inspect.signature(self.right).parameters
+        texts = []
+        for name, value in zip(names, map(as_text, wrong.inputs), strict=False):
+            if 0 < len(value) < LONGEST:
+                texts.append(f"{name} = {value}")
+        inputs = f" for {', '.join(texts)}" if texts else ""
+        return f"{what} {comparison(got, expected)}{inputs}."
+
+
+def _always(value: Any) -> Callable[..., Any]:
+    """The function that returns a value for all inputs."""
+    return lambda *_: value
+
+
+def _wrong_indices(got: Array, expected: Array) -> str:
+    """How a list of indices differs from the expected one, as the end of a sentence."""
+    size = "" if got.size == expected.size else f"; expected {expected.size} indices"
+    others = np.setdiff1d(got, expected)
+    if len(others):
+        return f"{len(others)} of {got.size} indices wrong (for example {others[0]:g}){size}"
+    if size:
+        return f"{got.size} right indices{size}"
+    return "the right indices at wrong positions"

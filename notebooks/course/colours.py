@@ -8,6 +8,6 @@ CYCLE = plots.CYCLE
 DARK = plots.TRUTH_COLOUR
 PALE = "#B0B0B0"
 WHITE = "#FFFFFF"
-MANY = (*CYCLE, DARK, "#7F7F7F", "#8C510A")  # of more things than a picture should have
+MANY = (*CYCLE, DARK, "#7F7F7F", "#8C510A")  # for pictures with more lines than a picture should have
 bgr = plots.bgr
 GOOD, BAD, THIRD, FOURTH, FIFTH = CYCLE[:5]

@@ -35,19 +35,19 @@ BELOW = 43
 FONT_SIZE = 9.5
 TITLE_SIZE = 10.0
 SMALL_SIZE = 8.5  # of numbers and legends: 11.8 pixels
-NAME_ROOM = 20  # pixels of a name above a dot; DOT_ROOM: of a dot
-DOT_ROOM = 6
+NAME_ROOM = 20  # height of a name above a dot, pixels
+DOT_ROOM = 6  # height of a dot, pixels
 CAPTION_SIZE = 0.48  # of words in photos, as a scale of OpenCV's font
-COARSE = (1.0, 2.0, 5.0)  # mantissas of round numbers
+# Round numbers are these numbers times a power of ten.
+COARSE = (1.0, 2.0, 5.0)
 FINE = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)
 
 # Half the time of OpenCV's default; the file is a tenth larger.
 PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_SUB)
 # Same look as PNG in a fifth of the time and half the bytes; without subsampling, coloured lines stay sharp.
-JPEG = (
-    *(cv2.IMWRITE_JPEG_QUALITY, 95),
-    *(cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444),
-)
+JPEG_QUALITY = (cv2.IMWRITE_JPEG_QUALITY, 95)
+JPEG_SAMPLING = (cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444)
+JPEG = JPEG_QUALITY + JPEG_SAMPLING
 
 Place = Literal["best", "upper left", "upper right", "lower left", "lower right", "center", "above", "none"]
 
@@ -110,7 +110,10 @@ def numbers_at(axis: Axis, places: Iterable[float]) -> None:
 
 
 def room(value: float, *, steps: tuple[float, ...] = FINE, least: float = 0.0) -> float:
-    """The smallest round number (steps × 10ⁿ) that is not below a value, for axis limits that seldom change."""
+    """A value (or `least`, if it is smaller) rounded up to a round number, steps × 10ⁿ.
+
+    As the limit of an axis, it seldom changes while a control moves.
+    """
     value = max(value, least, 1e-9)
     whole = 10.0 ** np.floor(np.log10(value))
     rounded = [float(whole * step) for step in (*steps, 10 * steps[0])]
@@ -124,7 +127,7 @@ def round_limits(*sides: Axis) -> None:
         low, high = side.get_data_interval()
         step = room((high - low) / 8, steps=COARSE)
         margin = 0.2 * step
-        ends = step * np.floor((low - margin) / step), step * np.ceil((high + margin) / step)
+        ends = (step * np.floor((low - margin) / step), step * np.ceil((high + margin) / step))
         # As if there were data at the ends, so that an axis with equal scales may still be widened.
         axes = side.axes
         if side is axes.xaxis:
@@ -148,14 +151,14 @@ def photo(image: Image, width: int = WIDTH, height: int | None = None) -> Image:
     if height is not None:
         scale = min(scale, height / colour.shape[0])
     size = (max(round(colour.shape[1] * scale), 1), max(round(colour.shape[0] * scale), 1))
-    way = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
-    small = np.asarray(cv2.resize(colour, size, interpolation=way), np.uint8)
+    interpolation = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+    resized = np.asarray(cv2.resize(colour, size, interpolation=interpolation), np.uint8)
     if height is None:
-        return small
+        return resized
     left = (width - size[0]) // 2
     top = (height - size[1]) // 2
     border = ((top, height - size[1] - top), (left, width - size[0] - left), (0, 0))
-    return np.pad(small, border, constant_values=255)
+    return np.pad(resized, border, constant_values=255)
 
 
 def caption(picture: Image, words: str, named: Array | None = None) -> Image:
@@ -212,7 +215,10 @@ def show(*parts: Image | Figure) -> Shown:
     """Pictures and figures, one below the other, for a notebook cell."""
     whole = _joined(parts, raster)
     png = bytes(cv2.imencode(".png", whole, PNG)[1])
-    titles = [axis.get_title("left") for part in parts if isinstance(part, Figure) for axis in part.axes]
+    titles = []
+    for part in parts:
+        if isinstance(part, Figure):
+            titles += [axis.get_title("left") for axis in part.axes]
     alt = "; ".join(filter(None, titles)) or None  # pages.py describes other pictures by the text above
     return Shown(data=png, width=whole.shape[1], alt=alt)  # type: ignore[no-untyped-call]
 
@@ -229,5 +235,6 @@ def show_source(*things: Any) -> Code:
 
 
 def _joined(parts: Sequence[Image | Figure], pixels_of: Callable[[Figure], Image]) -> Image:
+    """Pictures and figures, one below the other, as BGR; `pixels_of` draws a figure."""
     pictures = [pixels_of(part) if isinstance(part, Figure) else photo(part) for part in parts]
     return np.concatenate(pictures)

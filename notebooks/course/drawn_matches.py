@@ -16,18 +16,24 @@ from .drawing import PHOTO_HEIGHT, WIDTH, caption, photo
 def draw_dots(
     picture: Image, places: Array, colours: Sequence[str], radius: float, names: Sequence[object] = ()
 ) -> None:
-    """Draw discs at positions (N, 2) of a BGR picture, in place; then names in black boxes over the discs."""
-    font = cv2.FONT_HERSHEY_SIMPLEX, 0.55
+    """Draw discs at positions (N, 2) of a BGR picture, in place; then names in black boxes over the discs.
+
+    names : one for each of the first positions; there may be fewer names than positions.
+    """
+    font = cv2.FONT_HERSHEY_SIMPLEX
+    size = 0.55
     white = (255, 255, 255)
+    # OpenCV draws at fractions of a pixel if it gets whole numbers of sixteenths (shift=4).
     sixteenths = np.rint(np.asarray(places) * 16).astype(int).tolist()
     for place, colour in zip(sixteenths, colours, strict=True):
         cv2.circle(picture, place, round(radius * 16), bgr(colour), -1, cv2.LINE_AA, shift=4)
-    for (u, v), name in zip(sixteenths, map(str, names), strict=False):
-        (w, h), _ = cv2.getTextSize(name, *font, 1)
+    for (u, v), each in zip(sixteenths, names, strict=False):
+        name = str(each)
+        (w, h), _ = cv2.getTextSize(name, font, size, 1)
         x = min(u // 16 + 9, picture.shape[1] - w - 3)
         y = max(v // 16 - 6, h + 3)
         cv2.rectangle(picture, (x - 2, y - h - 3), (x + w + 2, y + 3), (0, 0, 0), -1)
-        cv2.putText(picture, name, (x, y), *font, white, 1, cv2.LINE_AA)
+        cv2.putText(picture, name, (x, y), font, size, white, 1, cv2.LINE_AA)
 
 
 def draw_flow(
@@ -54,9 +60,11 @@ def features_picture(
     weight : (N,) in [0, 1] or a mask; blue from ½, orange below ½, grey for NaN. ringed : (N,) mask of rings.
     """
     picture = photo(image, image.shape[1])
-    for place in () if ringed is None else np.rint(16 * end[ringed]).astype(int).tolist():
-        cv2.circle(picture, place, 5 * 16, bgr(FIFTH), 1, cv2.LINE_AA, shift=4)
-    order = np.argsort(np.nan_to_num(-1.0 * weight, nan=-2.0))  # outliers on top
+    if ringed is not None:
+        for place in np.rint(16 * end[ringed]).astype(int).tolist():
+            cv2.circle(picture, place, 5 * 16, bgr(FIFTH), 1, cv2.LINE_AA, shift=4)
+    # What is drawn last is on top: first NaN, then weight 1, and outliers with weight 0 at the end.
+    order = np.argsort(np.nan_to_num(-1.0 * weight, nan=-2.0))
     colours = np.where(np.isnan(weight), PALE, np.where(weight >= 0.5, GOOD, BAD))[order]
     draw_flow(picture, start[order], end[order], colours.tolist(), 2.5)
     return caption(photo(picture, WIDTH, PHOTO_HEIGHT), words)

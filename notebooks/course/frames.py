@@ -111,7 +111,7 @@ class WithBoxes(Sequence):
 
 
 def key_of(sequence: Sequence, frame: int) -> tuple[Hashable, ...]:
-    """Key of a frame of a sequence, or of a part of a sequence."""
+    """Key of a frame in the memories of this module; a part of a sequence has keys of its own."""
     return sequence.folder, sequence.frames[0], frame
 
 
@@ -121,9 +121,13 @@ def stereo(sequence: Sequence, frame: int) -> tuple[Image, Image]:
 
 
 def disparity_map(sequence: Sequence, frame: int, largest: int) -> CoarseDisparity:
-    """Disparity (H/2, W/2) of a frame by block matching, pixels of the full image; negative if unknown."""
-    pair = stereo(sequence, frame)
-    return _disparities.get((*key_of(sequence, frame), largest), lambda: coarse_disparity(*pair, largest))
+    """Disparity (H/2, W/2) of a frame by block matching, pixels of the full image; negative if unknown.
+
+    largest : the largest disparity that is searched for, pixels.
+    """
+    left, right = stereo(sequence, frame)
+    key = (*key_of(sequence, frame), largest)
+    return _disparities.get(key, lambda: coarse_disparity(left, right, largest))
 
 
 def before_step(sequence: Sequence, frame: int, config: MethodConfig) -> tuple[Any, Any]:
@@ -136,10 +140,10 @@ def before_step(sequence: Sequence, frame: int, config: MethodConfig) -> tuple[A
 
     indices = range(max(frame - 2, 0), frame + 1)  # the front end predicts from the motion before
     with ThreadPoolExecutor(max_workers=2) as pool, single_threaded():
-        *earlier, pair = pool.map(prepare, indices)
-        for each in earlier:
-            front_end.step(each)
-    return front_end, pair
+        pairs = list(pool.map(prepare, indices))
+        for earlier in pairs[:-1]:
+            front_end.step(earlier)
+    return front_end, pairs[-1]
 
 
 def frame_matches(sequence: Sequence, frame: int, config: MethodConfig) -> StereoMatches:
@@ -212,8 +216,8 @@ MISSING_DATA: dict[str, tuple[Callable[[Sequence], object | None], str]] = {
 
 def why_missing(sequence: Sequence, what: str = "poses") -> str:
     """A sentence if a sequence lacks the data `what`, a key of `MISSING_DATA`; else ""."""
-    data, words = MISSING_DATA[what]
-    return f"{sequence.name} {words}." if data(sequence) is None else ""
+    data_of, words = MISSING_DATA[what]
+    return f"{sequence.name} {words}." if data_of(sequence) is None else ""
 
 
 def has_data(sequence: Sequence, what: str = "poses") -> bool:
@@ -234,7 +238,7 @@ def real_frame(name: str = "", frame: int = 40) -> tuple[Sequence, int] | None:
     The sequence is `name` ("kitti/drive_0013") if available, else the first sequence of KITTI.
     """
     names = [each for each in available() if each.startswith(KITTI)]
-    if not names:
+    if len(names) == 0:
         print("KITTI is not on this machine: set KITTI_ROOT to its folder to see a real frame in this cell.")
         return None
     sequence = opened(name if name in names else names[0])
@@ -243,8 +247,12 @@ def real_frame(name: str = "", frame: int = 40) -> tuple[Sequence, int] | None:
 
 def real_pair(scene: Sequence, frame: int, name: str = "") -> Shown | None:
     """A drawn and a real left image, side by side; without KITTI, None and a printed sentence."""
-    real = real_frame(name)
-    if real is None:
+    found = real_frame(name)
+    if found is None:
         return None
-    words = f"{scene.name}, frame {frame}", f"{real[0].name}, frame {real[1]}"
-    return show(beside(stereo(scene, frame)[0], stereo(*real)[0], *words))
+    real, real_index = found
+    drawn_left, _ = stereo(scene, frame)
+    real_left, _ = stereo(real, real_index)
+    drawn_words = f"{scene.name}, frame {frame}"
+    real_words = f"{real.name}, frame {real_index}"
+    return show(beside(drawn_left, real_left, drawn_words, real_words))

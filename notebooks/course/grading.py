@@ -66,13 +66,15 @@ class Mark:
 def grade(
     submission: Submission, tasks: Sequence[Task], limit_s: float = LIMIT_S
 ) -> tuple[dict[str, Mark], list[str]]:
-    """The marks of a submission by the number of the exercise, and remarks on its files."""
-    noted = dict[str, dict[str, Any]]()
+    """The marks of a submission by the number of the exercise, and remarks on its files.
+
+    limit_s : longest time of the checks of one function, seconds.
+    """
     code = ""
     remarks = list(submission.remarks)
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name:
         folder = Path(name)
-        # The records are read before a student's function runs.
+        # What the checks wrote down is read before a student's function runs, which could change it.
         (folder / records.NAME).write_bytes(submission.files.get(records.NAME, b""))
         noted = records.read_records(folder / records.NAME)
         (folder / records.NAME).unlink()
@@ -80,7 +82,8 @@ def grade(
         names = {task.number: _names(task, noted) for task in tasks if task.is_function}
         try:
             code, remark = stored_answers.decoded(content, Path(stored_answers.NAME))
-            remarks += [f"{stored_answers.NAME}: {remark}"] if remark else []
+            if remark:
+                remarks.append(f"{stored_answers.NAME}: {remark}")
         except DataError as error:
             remarks.append(str(error))
         (folder / stored_answers.NAME).write_bytes(code.encode())
@@ -90,19 +93,26 @@ def grade(
         if task.number not in marks:
             marks[task.number] = _of_records(task, noted, submission)
         remarks += _remarks_on(task, marks[task.number], noted)
+    remarks += _remarks_on_unknown_names(code, noted)
+    return {task.number: marks[task.number] for task in tasks}, remarks
+
+
+def _remarks_on_unknown_names(code: str, noted: dict[str, dict[str, Any]]) -> list[str]:
+    """A remark on the functions of my_vo.py that answer no exercise, as far as the names say."""
     known = {task.name for task in all_tasks()} | {str(entry.get("function")) for entry in noted.values()}
     unknown = [section for section in stored_answers.SECTION.findall(code) if section not in known]
-    if unknown:
-        why = f"of no exercise in the notebooks, and {records.NAME} does not say whose they are"
-        remarks.append(_plain(f"{stored_answers.NAME}: {', '.join(unknown)}: names {why}"))
-    return {task.number: marks[task.number] for task in tasks}, remarks
+    if not unknown:
+        return []
+    why = f"of no exercise in the notebooks, and {records.NAME} does not say whose they are"
+    return [_plain(f"{stored_answers.NAME}: {', '.join(unknown)}: names {why}")]
 
 
 def _names(task: Task, noted: dict[str, dict[str, Any]]) -> list[str]:
     """The names under which the function of an exercise may be saved, that of the notebook's check first."""
     noted_name = noted.get(records.name_of(task.exercise), {}).get("function")
-    names = [noted_name] if isinstance(noted_name, str) and noted_name.isidentifier() else []
-    return list(dict.fromkeys([*names, task.name]))
+    if isinstance(noted_name, str) and noted_name.isidentifier() and noted_name != task.name:
+        return [noted_name, task.name]
+    return [task.name]
 
 
 def _remarks_on(task: Task, mark: Mark, noted: dict[str, dict[str, Any]]) -> list[str]:
@@ -145,11 +155,10 @@ def _shows_right(task: Task, submission: Submission) -> bool:
         return False
     with suppress(ValueError, LookupError, TypeError, AttributeError):
         for cell in json.loads(content)["cells"]:
-            if f"{task.check}({task.name}" in "".join(cell["source"]):
-                shown = [
-                    output["data"]["text/html"] for output in cell.get("outputs", []) if "data" in output
-                ]
-                return any(f'class="{RIGHT_CLASS}"' in "".join(html) for html in shown)
+            if f"{task.check}({task.name}" not in "".join(cell["source"]):
+                continue
+            pages = [output["data"]["text/html"] for output in cell.get("outputs", []) if "data" in output]
+            return any(f'class="{RIGHT_CLASS}"' in "".join(page) for page in pages)
     return False
 
 
@@ -190,6 +199,7 @@ def _run_functions(
 
 
 def _place(section: object) -> str:
+    """Where a fault of my_vo.py is: the file, and the name of the section if it has one."""
     return _plain(f"{stored_answers.NAME}, {section}") if section else stored_answers.NAME
 
 
@@ -203,9 +213,11 @@ def _run_process(
         word = secrets.token_hex(16)
         task = {"word": word, "results": str(results), "names": names, "skipped": skipped}
         path = os.pathsep.join(filter(None, [str(PACKAGE_FOLDER), os.environ.get("PYTHONPATH", "")]))
-        supervisor = [sys.executable, "-P", supervised.__file__] if os.name == "posix" else []
+        command = [sys.executable, "-m", "course.grading"]
+        if os.name == "posix":
+            command = [sys.executable, "-P", supervised.__file__, *command]
         process = subprocess.Popen(
-            [*supervisor, sys.executable, "-m", "course.grading"],
+            command,
             cwd=folder,
             env={**os.environ, "PYTHONPATH": path, "COURSE_STRICT": "0"},
             stdin=subprocess.PIPE,
@@ -218,13 +230,14 @@ def _run_process(
                 with suppress(BrokenPipeError), process.stdin as pipe:
                     pipe.write(json.dumps(task).encode())
             lines = list[dict[str, Any]]()
-            since = time.monotonic()
+            since = time.monotonic()  # of the last line
             while process.poll() is None:
                 written = _lines(results, word)
                 if len(written) != len(lines):
                     lines = written
                     since = time.monotonic()
-                if time.monotonic() - since > (limit_s if lines else START_S):
+                longest = limit_s if lines else START_S
+                if time.monotonic() - since > longest:
                     return lines, f"did not end within {limit_s:g} s"
                 time.sleep(POLL_S)
         finally:
@@ -299,17 +312,20 @@ def _check_functions(task: dict[str, Any], my_vo: Path) -> None:
 
 
 def _verdict(task: Task, function: Any) -> Verdict:
-    if module := stored_answers.of_the_kit(function):
+    """The verdict of an exercise on a function of my_vo.py, which must not be the kit's own."""
+    if module := stored_answers.kit_module_of(function):
         return Verdict(False, f"it is the kit's own function, of {module}.")
     return task.exercise.grade(function)
 
 
 def _write(file: TextIO, word: str, line: dict[str, Any]) -> None:
+    """Write a line of JSON with the word of this run, so that it is there even if the process ends next."""
     file.write(json.dumps({"word": word, **line}) + "\n")
     file.flush()
 
 
 def _limit_memory() -> None:
+    """Limit the address space of this process, where the system can do so."""
     try:
         import resource
     except ImportError:  # Windows

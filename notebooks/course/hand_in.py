@@ -30,7 +30,8 @@ from .submissions import ANSWERS, CHANGED, MARKS, MAX_MEMBER_BYTES, NOTEBOOK, PO
 from .tasks import all_tasks
 
 DATE = (1980, 1, 1, 0, 0, 0)  # of all members, so that the same files give the same bytes
-WITHOUT = {
+# The files that a hand-in should have, and why one of them may be missing.
+WHY_MISSING = {
     stored_answers.NAME: "no function has passed its check yet",
     records.NAME: "no check was run yet",
     POSES: "the drive of chapter 8 was not run",
@@ -45,30 +46,21 @@ def write_hand_in(folder: Path, target: Path) -> None:
     if not (folder / stored_answers.MARK).is_file():
         raise DataError("contains no course: give the folder of your notebooks with --copy", folder)
     _refuse_foreign(target)
-    files = {name: read_bytes(folder / name) for name in WITHOUT if (folder / name).is_file()}
-    too_large = list[str]()
-    for path in sorted(folder.glob(f"*{NOTEBOOK}")):
-        content = read_bytes(path)
-        if not _was_used(content, path.name):
-            continue
-        if len(content) > MAX_MEMBER_BYTES:
-            too_large.append(path.name)
-            continue
-        files[path.name] = content
+    files, too_large = _files_of(folder)
     marks, remarks = grade(Submission("", files), all_tasks())
     passed = [number for number, mark in marks.items() if mark.checked]
     said = [number for number, mark in marks.items() if mark.cell == SAID]
     times = [(folder / name).stat().st_mtime for name in ANSWERS if name in files]
+    exercises = {}
+    for number, mark in marks.items():
+        exercises[number] = {"passed": mark.passed, "found": mark.found, "says": mark.says}
     summary = {
         "passed": len(passed),
         "said": len(said),
         "of": len(marks),
         CHANGED: max(times, default=None),
         "remarks": remarks,
-        "exercises": {
-            number: {"passed": mark.passed, "found": mark.found, "says": mark.says}
-            for number, mark in marks.items()
-        },
+        "exercises": exercises,
     }
     files[MARKS] = (json.dumps(summary, indent=1) + "\n").encode()
     write_atomic(target, _zipped(files))
@@ -79,12 +71,29 @@ def write_hand_in(folder: Path, target: Path) -> None:
         print_wrapped(
             f"{len(said)} more are right in your notebooks, and cannot be checked again: {' '.join(said)}"
         )
-    print_wrapped(*(f"note: {remark}" for remark in remarks))
-    print_wrapped(*(f"note: {name} is missing: {why}" for name, why in WITHOUT.items() if name not in files))
+    notes = list(remarks)
+    for name, why in WHY_MISSING.items():
+        if name not in files:
+            notes.append(f"{name} is missing: {why}")
+    limit = f"{MAX_MEMBER_BYTES / 1e6:.0f} MB"
     for name in too_large:
-        print_wrapped(
-            f"note: {name} is left out, since it is larger than {MAX_MEMBER_BYTES / 1e6:.0f} MB: clear its outputs"
-        )
+        notes.append(f"{name} is left out, since it is larger than {limit}: clear its outputs")
+    print_wrapped(*(f"note: {note}" for note in notes))
+
+
+def _files_of(folder: Path) -> tuple[dict[str, bytes], list[str]]:
+    """The answers and the used notebooks of a folder, by name; and the notebooks that are too large."""
+    files = {name: read_bytes(folder / name) for name in WHY_MISSING if (folder / name).is_file()}
+    too_large = []
+    for path in sorted(folder.glob(f"*{NOTEBOOK}")):
+        content = read_bytes(path)
+        if not _was_used(content, path.name):
+            continue
+        if len(content) > MAX_MEMBER_BYTES:
+            too_large.append(path.name)
+        else:
+            files[path.name] = content
+    return files, too_large
 
 
 def _was_used(content: bytes, name: str) -> bool:
@@ -98,10 +107,12 @@ def _was_used(content: bytes, name: str) -> bool:
 
 
 def _sources(notebook: dict[str, Any]) -> list[str]:
+    """The code of each cell."""
     return ["".join(cell["source"]) for cell in notebook["cells"] if cell["cell_type"] == "code"]
 
 
 def _zipped(files: dict[str, bytes]) -> bytes:
+    """A zip of files by name; the same files give the same bytes."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in files.items():

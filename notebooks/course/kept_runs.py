@@ -30,15 +30,23 @@ def poses_of(sequence: Sequence, config: MethodConfig, progress: Progress | None
     """Poses (N, 4, 4) of a configuration; the matches are kept on disk, the poses in memory."""
 
     def run() -> Array:
-        return run_methods(sequence, {"": config}, progress, CachedMatches(sequence, config))[""].poses
+        matches = CachedMatches(sequence, config)
+        runs = run_methods(sequence, {"only": config}, progress, matches)
+        return runs["only"].poses
 
     return _poses.get(sequence_key(sequence, config), run)
 
 
 def frames_of(sequence: Sequence, config: MethodConfig) -> list[Frame]:
     """The matches and boxes of the frames of a short sequence, kept in memory: 0.1 MB a frame."""
-    front_end = config.variant, config.features, config.matching
-    key = sequence_key(sequence, *front_end, config.filter.uses_boxes, config.filter.classes)
+    key = sequence_key(
+        sequence,
+        config.variant,
+        config.features,
+        config.matching,
+        config.filter.uses_boxes,
+        config.filter.classes,
+    )
     return _frames.get(key, lambda: list(frames(sequence, config, CachedMatches(sequence, config))))
 
 
@@ -50,30 +58,27 @@ def run_by_frame(
     Yields after each motion a function that returns the poses so far (n, 4, 4), or all stored poses, by name.
     After the last one, `poses_of` has stored the results. All configurations have the same front end and boxes.
     """
-    missing = {
-        config: MethodRun(sequence, config) for config in configs.values() if not has_run(sequence, config)
-    }
-    if not missing:
+    runs: dict[MethodConfig, MethodRun] = {}
+    for config in configs.values():
+        if not has_run(sequence, config):
+            runs[config] = MethodRun(sequence, config)
+    if not runs:
         return
 
     def so_far() -> dict[str, Array]:
-        return {
-            name: missing[config].result().poses if config in missing else poses_of(sequence, config)
-            for name, config in configs.items()
-        }
+        poses = {}
+        for name, config in configs.items():
+            poses[name] = runs[config].result().poses if config in runs else poses_of(sequence, config)
+        return poses
 
-    for frame in frames_of(sequence, next(iter(missing))):
-        for run in missing.values():
+    any_config = next(iter(runs))
+    for frame in frames_of(sequence, any_config):
+        for run in runs.values():
             if frame.index == 0:
                 run.start(frame)
             else:
                 run.step(frame)
         if frame.index > 0:
             yield so_far
-    for config, run in missing.items():
-        _keep(sequence, config, run.result().poses)
-
-
-def _keep(sequence: Sequence, config: MethodConfig, poses: Array) -> None:
-    """Store a result for `poses_of`."""
-    _poses.get(sequence_key(sequence, config), lambda: poses)
+    for config, run in runs.items():
+        _poses.keep(sequence_key(sequence, config), run.result().poses)

@@ -42,9 +42,10 @@ def _kit_python() -> str:
     written = FOLDER / KIT_PYTHON
     if written.is_file():
         return written.read_text(encoding="utf-8").strip()
-    found = [FOLDER / place for place in ENVIRONMENTS if (FOLDER / place).is_file()]
-    return (
-        str(found[0].parent.parent.resolve() / found[0].parent.name / found[0].name)
-        if found
-        else "the kit's environment"
-    )
+    for place in ENVIRONMENTS:
+        python = FOLDER / place
+        if python.is_file():
+            # The program itself may be a link to the system's Python, which is another one: it stays as it is.
+            environment = python.parents[1].resolve()
+            return str(environment / python.parent.name / python.name)
+    return "the kit's environment"

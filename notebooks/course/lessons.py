@@ -1,4 +1,4 @@
-"""Simulated drives, and the rotation errors of solution selection on these drives."""
+"""Drives without images: their matches frame by frame, and the steps of solution selection on them."""
 
 from __future__ import annotations
 
@@ -77,8 +77,11 @@ def winner_of(
     candidates: Candidates, errors: Array, e_prev: Array | None, config: SelectionConfig
 ) -> tuple[int, bool]:
     """Index of the winner among candidates with errors (M,), and whether variant `kit` dropped the prior."""
-    ratio = config.prior_rejection_ratio if isinstance(config, KitSelectionConfig) else np.inf
-    return choose_unless_prior_bad(errors, candidates_near_prior(*candidates, e_prev, config), ratio)
+    ratio = np.inf
+    if isinstance(config, KitSelectionConfig):
+        ratio = config.prior_rejection_ratio
+    near = candidates_near_prior(candidates.E, candidates.set_index, e_prev, config)
+    return choose_unless_prior_bad(errors, near, ratio)
 
 
 def motion_of(
@@ -102,12 +105,13 @@ def consensus_rotation(points: Points | Pair, rng: np.random.Generator, focal: f
     sets = sample_sets(rng, len(points.x_p), config.sets)
     E, _ = five_point(points.x_p[sets], points.x_c[sets])
     winner = E[np.argmin(truncated_errors(E, points.x_p, points.x_c, config.threshold / focal))]
-    return motion_of(winner, points, config, focal)[0]
+    R_cp, _, _ = motion_of(winner, points, config, focal)
+    return R_cp
 
 
 def drive(frames: int) -> Array:
     """Poses (frames + 1, 4, 4) with steps of one metre on gentle bends."""
-    turns = np.zeros((frames, 3))
+    turns = np.zeros((frames, 3))  # rotation vectors of the steps
     turns[:, 1] = np.radians(0.4 * np.sin(np.arange(frames) / 5.0))
     steps = np.tile(rigid(np.eye(3), np.array([0.0, 0.0, 1.0])), (frames, 1, 1))
     steps[:, :3, :3] = rotation_from_vector(turns)
@@ -140,54 +144,69 @@ def angle_between(R: Array, R_other: Array | None) -> float:
 def pair_of(frame: SimulatedFrame) -> Pair:
     """The matches of a simulated frame that have a depth."""
     X_p = CAMERA.triangulate(frame.matches.prev_left, frame.matches.prev_right)
-    matches = frame.matches[np.isfinite(X_p[:, 2])]
+    has_depth = np.isfinite(X_p[:, 2])
+    matches = frame.matches[has_depth]
     x_p = CAMERA.normalise(matches.prev_left)
     x_c = CAMERA.normalise(matches.cur_left)
-    return Pair(x_p, x_c, X_p[np.isfinite(X_p[:, 2])], frame.T_cp[:3, :3])
+    return Pair(x_p, x_c, X_p[has_depth], frame.T_cp[:3, :3])
 
 
 def selection_errors(
-    scene: Scene, ways: Mapping[str, SelectionConfig], frames: int, seed: int
+    scene: Scene, selections: Mapping[str, SelectionConfig], frames: int, seed: int
 ) -> dict[str, Array]:
-    """Rotation error of each frame, degrees, by selection; all selections have the same candidates."""
-    e_prev: dict[str, Array | None] = dict.fromkeys(ways)
-    errors: dict[str, list[float]] = {name: [] for name in ways}
+    """Rotation error of each frame (frames,), degrees, by selection; all selections have the same candidates."""
+    e_prev: dict[str, Array | None] = dict.fromkeys(selections)
+    errors: dict[str, list[float]] = {name: [] for name in selections}
+    thresholds = {config.threshold for config in selections.values()}
     for number, pair in enumerate(frames_of(scene, frames, seed)):
         candidates = candidates_of(pair, SETS, 1000 * seed + number)
-        truncated = {
-            threshold: truncated_errors(candidates.E, pair.x_p, pair.x_c, threshold / CAMERA.f)
-            for threshold in {way.threshold for way in ways.values()}
-        }
-        for name, way in ways.items():
-            winner, _ = winner_of(candidates, truncated[way.threshold], e_prev[name], way)
-            R, e_prev[name], _ = motion_of(candidates.E[winner], pair, way, CAMERA.f)
-            errors[name].append(angle_between(R, pair.R_cp))
+        truncated = {}
+        for threshold in thresholds:
+            limit = threshold / CAMERA.f
+            truncated[threshold] = truncated_errors(candidates.E, pair.x_p, pair.x_c, limit)
+        for name, config in selections.items():
+            winner, _ = winner_of(candidates, truncated[config.threshold], e_prev[name], config)
+            R_cp, e_prev[name], _ = motion_of(candidates.E[winner], pair, config, CAMERA.f)
+            errors[name].append(angle_between(R_cp, pair.R_cp))
     return {name: np.array(values) for name, values in errors.items()}
 
 
 def errors_by_seed(scenes: list[Scene], frames: int, seeds: int, progress: Progress) -> dict[str, Array]:
     """Median rotation error over the frames, degrees: an array (seeds, scenes) for each selection."""
     medians = {name: np.zeros((seeds, len(scenes))) for name in SELECTIONS}
-    for seed, i in np.ndindex(seeds, len(scenes)):
-        progress(seed * len(scenes) + i, seeds * len(scenes))
-        for name, errors in selection_errors(scenes[i], SELECTIONS, frames, seed).items():
-            medians[name][seed, i] = np.median(errors)
+    for seed in range(seeds):
+        for number, scene in enumerate(scenes):
+            progress(seed * len(scenes) + number, seeds * len(scenes))
+            for name, errors in selection_errors(scene, SELECTIONS, frames, seed).items():
+                medians[name][seed, number] = np.median(errors)
     return medians
 
 
 def adaptive_stopping(candidates: Candidates, points: Points, limit: float, orders: int) -> tuple[Array, ...]:
     """Number of sets that adaptive stopping draws, for several orders of the same sets.
 
-    Results after each set, (orders, sets): the number of sets required for one right set with 99 % probability,
-    and the smallest image error so far. The third result is the number of sets at the stop, (orders,).
+    Parameters
+    ----------
+    limit : largest Sampson distance of an inlier, normalised units.
+    orders : number of random orders.
+
+    Returns
+    -------
+    needed : (orders, sets) sets required for one right set with 99 % probability, after each drawn set.
+    best : (orders, sets) smallest image error so far.
+    stop : (orders,) number of sets drawn when no more are required.
     """
     sets, first = np.unique(candidates.set_index, return_index=True)
     order = np.array([np.random.default_rng(seed).permutation(len(sets)) for seed in range(orders)])
 
     def smallest_so_far(of_candidates: Array) -> Array:
-        return np.minimum.accumulate(np.minimum.reduceat(of_candidates, first)[order], axis=1)
+        of_sets = np.minimum.reduceat(of_candidates, first)
+        return np.minimum.accumulate(of_sets[order], axis=1)
 
     share = smallest_so_far(outlier_shares(candidates.E, points.x_p, points.x_c, limit))
     best = smallest_so_far(truncated_errors(candidates.E, points.x_p, points.x_c, limit))
-    needed = np.log(0.01) / np.log1p(-(np.clip(1.0 - share, 1e-3, 1.0 - 1e-9) ** 5))
-    return needed, best, 1 + (needed <= np.arange(1, len(sets) + 1)).argmax(axis=1)
+    right_sets = np.clip(1.0 - share, 1e-3, 1.0 - 1e-9) ** 5
+    needed = np.log(0.01) / np.log1p(-right_sets)
+    is_enough = needed <= np.arange(1, len(sets) + 1)
+    stop = 1 + is_enough.argmax(axis=1)
+    return needed, best, stop

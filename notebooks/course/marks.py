@@ -27,9 +27,8 @@ from vo_lib.files import csv_text, write_atomic
 from .grading import LIMIT_S, SAID, grade
 from .submissions import find_submissions, namesakes, read_submission
 from .tasks import Task, chosen_tasks
-from .tasks import tasks as tasks
 
-WORDS = {"1": "passes", "said": "right, by the student's file alone", "?": "? "}  # by mark
+WORDS = {"1": "passes", "said": "right, by the student's file alone", "?": "? "}  # by `Mark.cell`
 FORMULA = ("=", "+", "-", "@", "\t", "\r")  # beginnings that a spreadsheet takes for a formula
 
 
@@ -39,24 +38,27 @@ def marks(student: str, path: Path, chosen: Sequence[Task], limit_s: float = LIM
     "passed" counts the exercises whose answers were checked now, and "said" those for which there is only what the
     student's file says. Raises `DataError` if the submission cannot be read.
     """
-    of_numbers, remarks = grade(read_submission(student, path), chosen, limit_s)
-    exercises = {
-        task.number: {
+    by_number, remarks = grade(read_submission(student, path), chosen, limit_s)
+    exercises = {}
+    for task in chosen:
+        mark = by_number[task.number]
+        exercises[task.number] = {
             "answer": task.name,
-            "mark": of_numbers[task.number].cell,
-            "passed": of_numbers[task.number].passed,
-            "found": of_numbers[task.number].found,
-            "says": of_numbers[task.number].says,
+            "mark": mark.cell,
+            "passed": mark.passed,
+            "found": mark.found,
+            "says": mark.says,
         }
-        for task in chosen
-    }
-    passed = sum(mark.checked for mark in of_numbers.values())
-    said = sum(mark.cell == SAID for mark in of_numbers.values())
+    passed = sum(mark.checked for mark in by_number.values())
+    said = sum(mark.cell == SAID for mark in by_number.values())
     return {"passed": passed, "said": said, "of": len(exercises), "remarks": remarks, "exercises": exercises}
 
 
 def table(results: dict[str, dict[str, Any]], problems: dict[str, str], chosen: Sequence[Task]) -> str:
-    """The marks of a class as CSV: a row per student, and for each exercise `Mark.cell`."""
+    """The marks of a class as CSV: a row per student, and for each exercise `Mark.cell`.
+
+    results : of `marks`, by student. problems : why the submission of a student cannot be read.
+    """
     numbers = [task.number for task in chosen]
     rows: list[list[object]] = [["student", "passed", "said", "of", *numbers, "remarks"]]
     for student, each in results.items():
@@ -64,7 +66,8 @@ def table(results: dict[str, dict[str, Any]], problems: dict[str, str], chosen: 
         counts = [each["passed"], each["said"], each["of"]]
         rows.append([_cell(student), *counts, *cells, _cell("; ".join(each["remarks"]))])
     for student, problem in problems.items():
-        rows.append([_cell(student), 0, 0, len(numbers), *[0] * len(numbers), _cell(problem)])
+        no_marks = [0] * len(numbers)
+        rows.append([_cell(student), 0, 0, len(numbers), *no_marks, _cell(problem)])
     return csv_text(rows)
 
 
@@ -103,6 +106,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _main(options: argparse.Namespace) -> int:
+    """Grade the submissions and print or write their marks; return 2 if one of them could not be read, else 0."""
     if not 0 < options.limit < 1e6:
         raise DataError(f"--limit {options.limit:g}: expected seconds")
     chosen = chosen_tasks(options.chapters)
@@ -126,9 +130,8 @@ def _main(options: argparse.Namespace) -> int:
         if not options.json:
             print(as_text(student, results[student]), flush=True)
     if options.json:
-        print(
-            json.dumps({**results, **{name: {"not read": why} for name, why in problems.items()}}, indent=1)
-        )
+        unread = {name: {"not read": why} for name, why in problems.items()}
+        print(json.dumps({**results, **unread}, indent=1))
     if options.csv is not None:
         write_atomic(options.csv, table(results, problems, chosen))
         if not options.json:
@@ -149,9 +152,9 @@ def _try_to_write(path: Path) -> None:
 
 def _also_handed_in(students: list[tuple[str, Path]]) -> dict[Path, list[str]]:
     """For each submission, remarks on the others of the same student: which one is the newer."""
-    remarks = dict[Path, list[str]]()
+    remarks = dict[Path, list[str]]()  # by submission
     for group in namesakes(students):
-        times = dict[Path, float | str | None]()
+        times = dict[Path, float | str | None]()  # of the last change, or why it is not known
         for student, path in group:
             try:
                 times[path] = read_submission(student, path).changed
@@ -165,6 +168,7 @@ def _also_handed_in(students: list[tuple[str, Path]]) -> dict[Path, list[str]]:
 
 
 def _comparison(other: Path, own_time: float | str | None, time_of_other: float | str | None) -> str:
+    """A remark on another submission of the same student; a text in place of its time says why it is unknown."""
     if isinstance(time_of_other, str):
         return f"also handed in as {other}, which {time_of_other}"
     if not isinstance(own_time, float) or time_of_other is None or own_time == time_of_other:

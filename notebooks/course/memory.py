@@ -27,11 +27,16 @@ class Memory(Generic[Value]):
             value = self._kept.pop(key, None)
         if value is None:
             value = make()
+        self.keep(key, value)
+        return value
+
+    def keep(self, key: Hashable, value: Value) -> None:
+        """Store a result under `key`, as the one that was used last."""
         with self._lock:
             self._kept[key] = value
+            self._kept.move_to_end(key)
             if len(self._kept) > self.size:
                 self._kept.popitem(last=False)
-        return value
 
     def clear(self) -> None:
         """Forget all results."""

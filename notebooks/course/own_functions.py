@@ -10,7 +10,7 @@ import numpy as np
 
 from vo_lib.geometry.types import Array
 
-from .results import Unusable, outcome, shown
+from .results import Unusable, as_text, result_of
 from .stored_answers import is_stub
 
 EQUAL = 1e-9  # relative difference of results that are called equal
@@ -40,7 +40,7 @@ class OwnFunction:
         self.calls += 1
         right = self.library(*inputs)
         if not self.empty:
-            got = outcome(self.own, copy.deepcopy(inputs))
+            got = result_of(self.own, copy.deepcopy(inputs))
             if isinstance(got, Unusable):
                 self._tell(
                     f"your {self.name} cannot run here, so the library's result is used: {got.message}"
@@ -99,7 +99,7 @@ def apart(own: Any, library: Any, unit: str = "") -> str:
         return "equal"
     if largest <= EQUAL * max(1.0, float(np.abs(theirs).max(initial=0.0))):
         return f"equal, within {largest:.0e}"
-    return f"apart by up to {shown(largest, 3)} {unit}".rstrip()
+    return f"apart by up to {as_text(largest, 3)} {unit}".rstrip()
 
 
 def chosen_apart(own: Any, library: Any) -> str:
@@ -113,10 +113,12 @@ def chosen_apart(own: Any, library: Any) -> str:
 
 
 def _is_list(values: Array) -> bool:
+    """Whether these are integers in one row, such as indices."""
     return values.ndim == 1 and values.dtype.kind in "iu"
 
 
 def _count(values: Array) -> str:
+    """How many results there are, in words."""
     if values.ndim == 0:
         return "one number"
     return "1 result" if len(values) == 1 else f"{len(values)} results"
@@ -131,14 +133,15 @@ def _other_form(got: Any, right: Any) -> str:
     if got is None:
         return "" if right is None else "returns None"
     if isinstance(right, tuple):
-        if (
-            not isinstance(got, (tuple, list, np.ndarray))
-            or (isinstance(got, np.ndarray) and got.ndim == 0)
-            or len(got) != len(right)
-        ):
+        is_number = isinstance(got, np.ndarray) and got.ndim == 0
+        is_several = isinstance(got, (tuple, list, np.ndarray)) and not is_number
+        if not is_several or len(got) != len(right):
             return f"does not return {len(right)} results"
-        faults = [_other_form(*pair) for pair in zip(got, right, strict=True)]
-        return next(filter(None, faults), "")
+        for own_part, right_part in zip(got, right, strict=True):
+            fault = _other_form(own_part, right_part)
+            if fault:
+                return fault
+        return ""
     try:
         mine = np.asarray(got)
     except ValueError:

@@ -108,25 +108,18 @@ def execute(notebook: Any, beside: Path) -> None:
 
 def page(notebook: Any, path: Path) -> str:
     """An executed notebook as a page with embedded pictures; folders of this machine become `.` and `~`."""
-    state = notebook.metadata.pop("widgets", {}).get(WIDGETS, {}).get("state", {})
-    words = ""
+    widgets = notebook.metadata.pop("widgets", {}).get(WIDGETS, {}).get("state", {})
+    description = ""  # of the next picture
     formulas = dict[str, str]()
     for cell in notebook.cells:
         if cell.metadata.get(FOLDED):
             cell.source = OPTIONAL.sub(r"\1 *(optional)*", cell.source, count=1)
         if cell.cell_type == "markdown":
-            words = _announced(cell.source) or words
+            description = _announced(cell.source) or description
             linked = re.sub(r"\]\((?!\w+://)([^)#\s]+)\.(?:ipynb|md)", r"](\1.html", cell.source)
             cell.source = _set_aside(with_mathml(linked), formulas)
         for output in cell.get("outputs", []):
-            data = output.get("data", {})
-            for kind in {"image/png", "image/jpeg"} & set(data):
-                output.metadata[kind] = {"alt": words, **output.metadata.get(kind, {})}
-            if VIEW in data:
-                shown = "".join(_shown(state, data[VIEW]["model_id"]))
-                title = re.search("<b>(.*?)</b>", shown)
-                shown = shown.replace(PANEL_ALT, f'alt="Panel: {title[1] if title else words}"')
-                output["data"] = {"text/html": f'<div class="panel">{shown}</div>' if shown else ""}
+            _describe_pictures(output, description, widgets)
     exporter = HTMLExporter(template_name="basic", embed_images=True, exclude_anchor_links=True)  # type: ignore[no-untyped-call]
     body, _ = exporter.from_notebook_node(notebook, {"metadata": {"path": str(path.parent)}})
     body = re.sub(' id="[^"]*"', lambda found: STAND_IN.sub("", found[0]), body)
@@ -136,6 +129,21 @@ def page(notebook: Any, path: Path) -> str:
     style = HtmlFormatter(style="default").get_style_defs(".highlight")
     dark = HtmlFormatter(style="monokai").get_style_defs(".highlight")
     return PAGE.format(title=html.escape(path.stem), style=style, dark=dark, body=body)
+
+
+def _describe_pictures(output: Any, description: str, widgets: dict[str, Any]) -> None:
+    """Give the pictures of an output their description; a panel becomes its picture and text.
+
+    widgets : state of the notebook's widgets by model.
+    """
+    data = output.get("data", {})
+    for kind in {"image/png", "image/jpeg"} & set(data):
+        output.metadata[kind] = {"alt": description, **output.metadata.get(kind, {})}
+    if VIEW in data:
+        panel = "".join(_picture_and_text(widgets, data[VIEW]["model_id"]))
+        title = re.search("<b>(.*?)</b>", panel)
+        panel = panel.replace(PANEL_ALT, f'alt="Panel: {title[1] if title else description}"')
+        output["data"] = {"text/html": f'<div class="panel">{panel}</div>' if panel else ""}
 
 
 def with_mathml(markdown: str) -> str:
@@ -178,12 +186,13 @@ def _announced(markdown: str) -> str:
     last = plain.split("\n")[-1]
     if last.endswith(":"):
         return last.split(". ")[-1].rstrip(":")
-    return str((re.findall(r"^#+ (.*)", plain, re.MULTILINE) or [""])[-1])
+    headings = re.findall(r"^#+ (.*)", plain, re.MULTILINE)
+    return str(headings[-1]) if headings else ""
 
 
-def _shown(state: dict[str, Any], model: str) -> list[str]:
+def _picture_and_text(widgets: dict[str, Any], model: str) -> list[str]:
     """Pictures and words of a widget and its children, without controls, as HTML."""
-    widget = state.get(model, {"state": {}})
+    widget = widgets.get(model, {"state": {}})
     values = widget["state"]
     name = widget.get("model_name")
     if name == "ImageModel":
@@ -192,9 +201,12 @@ def _shown(state: dict[str, Any], model: str) -> list[str]:
     if name == "HTMLModel":
         return [str(values.get("value", ""))]
     children = [child.removeprefix(REFERENCE) for child in values.get("children", [])]
-    if children and state.get(children[0], {}).get("model_name") not in PARTS:
+    if children and widgets.get(children[0], {}).get("model_name") not in PARTS:
         return []  # a control and its label
-    return [part for child in children for part in _shown(state, child)]
+    parts = []
+    for child in children:
+        parts += _picture_and_text(widgets, child)
+    return parts
 
 
 def main() -> int:

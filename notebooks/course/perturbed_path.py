@@ -18,7 +18,8 @@ def block_tour(rounds: int = 2) -> Array:
     straight = rigid(np.eye(3), np.array([0.0, 0.0, 1.0]))
     bend = rigid(rotation_from_vector(np.array([0.0, 0.5 * np.pi / CORNER, 0.0])), np.array([0.0, 0.0, 1.0]))
     side = [straight] * (SIDE - CORNER) + [bend] * CORNER
-    return np.array([*accumulate(side * 4 * rounds, np.matmul, initial=np.eye(4))])
+    steps = side * 4 * rounds
+    return np.array([*accumulate(steps, np.matmul, initial=np.eye(4))])
 
 
 def straight_road(frames: int = 1600) -> Array:
@@ -45,9 +46,9 @@ def perturbed_path(
     rng = np.random.default_rng(seed)
     # A general inverse: rotations of pose files are orthonormal to 1e-7 only, and the steps must add up.
     T = np.linalg.inv(truth[:-1]) @ truth[1:]
-    way = np.linalg.norm(T[:, :3, 3], axis=1)
+    length = np.linalg.norm(T[:, :3, 3], axis=1)
     turn = np.zeros((len(T), 3))
-    turn[:, 1] = np.radians(yaw) * way / 100.0 + np.radians(jitter) * rng.normal(size=len(T))
+    turn[:, 1] = np.radians(yaw) * length / 100.0 + np.radians(jitter) * rng.normal(size=len(T))
     T[:, :3, 3] = (1.0 + scale / 100.0) * T[:, :3, 3] + 1e-3 * noise * rng.normal(size=(len(T), 3))
     T[:, :3, :3] = T[:, :3, :3] @ rotation_from_vector(turn)
     return np.array([*accumulate(T, np.matmul, initial=truth[0])])

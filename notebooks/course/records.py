@@ -29,8 +29,9 @@ LARGEST = 100  # numbers of an answer that is written down
 def record(exercise: object, answer: Any, verdict: Verdict, kept: str = "") -> None:
     """Write a verdict and its answer down; after a right answer, a wrong one is only a note ("later").
 
-    kept : what `store_answer` said about a right function. In a folder without `00_start_here.ipynb` (of tests
-    or scripts), nothing is written. Never raises.
+    In a folder without `00_start_here.ipynb` (of tests or scripts), nothing is written. Never raises.
+
+    kept : what `store_answer` said about a right function.
     """
     name = name_of(exercise)
     if not name or not Path(MARK).is_file():
@@ -42,14 +43,14 @@ def record(exercise: object, answer: Any, verdict: Verdict, kept: str = "") -> N
         if before.get("passed") is True and not verdict.passed:
             records[name] = {**before, "later": says}
         else:
-            named = (
-                isinstance(answer, FunctionType) and answer.__name__.isidentifier() and NOT_SAVED not in kept
-            )
+            function = ""
+            if isinstance(answer, FunctionType) and answer.__name__.isidentifier() and NOT_SAVED not in kept:
+                function = answer.__name__
             records[name] = {
                 "passed": verdict.passed,
                 "answer": as_json(answer),
                 "says": says,
-                "function": answer.__name__ if named else "",
+                "function": function,
                 "kept": kept.strip(),
             }
         write_atomic(Path(NAME), json.dumps(records, indent=1, sort_keys=True) + "\n")
@@ -57,10 +58,12 @@ def record(exercise: object, answer: Any, verdict: Verdict, kept: str = "") -> N
 
 def answered_by(function: Any, exercise: object) -> str:
     """The other exercise that a function of this name answered in this folder; "" if there is none."""
+    function_name = getattr(function, "__name__", "")
+    if not function_name:
+        return ""
     own = name_of(exercise)
-    called = getattr(function, "__name__", "")
     for name, entry in read_records(Path(NAME)).items():
-        if called and entry.get("function") == called and name != own and entry.get("passed") is True:
+        if entry.get("function") == function_name and name != own and entry.get("passed") is True:
             return name
     return ""
 

@@ -22,7 +22,7 @@ UNANSWERED = "#999999"
 RIGHT_CLASS = "vo-right"
 NOT_YET_CLASS = "vo-not-yet"
 SHORT = 6  # maximal size of an array whose numbers are all shown
-DIGITS = 5, 7, 9  # of two numbers: the first choice that distinguishes the numbers
+DIGITS = (5, 7, 9)  # of two numbers: the first choice that distinguishes the numbers
 COMPLEX = "drop values with an imaginary part and take `.real` of the others; `eigh` and `svd` stay real."
 MASKS = "join masks by `&` and `|`, not by `and`, with brackets round each comparison: `(a < b) & (c < d)`."
 DOMAIN = (
@@ -30,7 +30,8 @@ DOMAIN = (
 )
 # Code comes first: its asterisks are none of the text, and those of a product such as a*b*c neither.
 _MARKS = re.compile(r"`([^`]+)`|(?<![\w*])\*([^\W\d_](?:[\w -]*\w)?)\*(?![\w*])")
-NOT_OWN = str(Path(__file__).parent), str(Path(vo_lib.__path__[0])), "site-packages"
+# Parts of the paths of code that is not the student's.
+NOT_OWN = (str(Path(__file__).parent), str(Path(vo_lib.__path__[0])), "site-packages")
 
 
 @dataclass(frozen=True)
@@ -81,20 +82,27 @@ class Unusable(Verdict):
     __hash__ = None  # type: ignore[assignment]
 
 
-def outcome(answer: Any, inputs: tuple[Any, ...]) -> Any:
+def result_of(answer: Any, inputs: tuple[Any, ...]) -> Any:
     """The result of an answer for the inputs of a case; an answer that is a value is the result itself."""
     if not callable(answer):
         return answer
     try:
         return answer(*inputs)
     except Exception as error:
-        # The innermost line of the student's own code.
-        frames = traceback.extract_tb(error.__traceback__)
-        own = [f.line for f in frames if not any(place in f.filename for place in NOT_OWN)]
-        where = f" in the line `{own[-1]}`" if own else ""
-        hint = hint_for(error)
+        line = _own_line(error)
+        where = f" in the line `{line}`" if line else ""
         stop = "" if isinstance(error, DataError) else f"the code stopped with {type(error).__name__}: "
-        return Unusable(False, f"{stop}{error}{where}.", hint)
+        return Unusable(False, f"{stop}{error}{where}.", hint_for(error))
+
+
+def _own_line(error: Exception) -> str:
+    """The innermost line of the student's own code that led to an error; "" if there is none."""
+    line = ""
+    for step in traceback.extract_tb(error.__traceback__):
+        is_own = not any(place in step.filename for place in NOT_OWN)
+        if is_own:
+            line = step.line or ""
+    return line
 
 
 def hint_for(error: Exception) -> str:
@@ -108,12 +116,12 @@ def hint_for(error: Exception) -> str:
     return ""
 
 
-def result(outcome: Any) -> Any:
+def as_array(result: Any) -> Any:
     """A result as an array, of shape () for a single number; None and `Unusable` do not change."""
-    if outcome is None or isinstance(outcome, Unusable):
-        return outcome
+    if result is None or isinstance(result, Unusable):
+        return result
     try:
-        value = np.asarray(sorted(outcome) if isinstance(outcome, (set, frozenset)) else outcome)
+        value = np.asarray(sorted(result) if isinstance(result, (set, frozenset)) else result)
         if value.dtype.kind == "c":
             return Unusable(False, "expected real numbers, got complex ones.", COMPLEX)
         if value.dtype.kind in "SU":
@@ -121,35 +129,37 @@ def result(outcome: Any) -> Any:
         if value.dtype.kind not in "iu" and value.dtype != np.float32:
             value = value.astype(np.float64)
     except (TypeError, ValueError):
-        got = f"expected numbers, got {type(outcome).__name__}"
+        got = f"expected numbers, got {type(result).__name__}"
         return Unusable(False, f"{got}: `np.asarray` makes no array of numbers from it.")
     return value.reshape(()) if value.size == 1 else value
 
 
-def is_list(expected: Any) -> bool:
+def is_index_list(expected: Any) -> bool:
     """Whether a result is a list of indices, whose length is part of the answer."""
     return isinstance(expected, np.ndarray) and expected.dtype.kind in "iu" and expected.ndim == 1
 
 
-def not_indices(got: Any, expected: Any) -> str:
+def why_not_indices(got: Any, expected: Any) -> str:
     """A sentence about a result that does not have the form of the expected indices; else ""."""
-    if not (is_list(expected) and isinstance(got, np.ndarray) and np.isfinite(got).all()):
+    if not (is_index_list(expected) and isinstance(got, np.ndarray) and np.isfinite(got).all()):
         return ""
     if got.size > 2 and np.isin(got, (0, 1)).all():
         return "this looks like a mask; the task asks for indices."
     if got.ndim == 2 and got.shape[1] == 1:
         return "each index has a row of its own: `np.flatnonzero` gives a flat list, `np.argwhere` does not."
-    return "the task asks for indices, not for values." if got.ndim > 1 or np.mod(got, 1).any() else ""
+    if got.ndim > 1 or np.mod(got, 1).any():
+        return "the task asks for indices, not for values."
+    return ""
 
 
-def unusable(got: Any, expected: Any, what: str, hint: str) -> Unusable | None:
+def why_unusable(got: Any, expected: Any, what: str, hint: str) -> Unusable | None:
     """The reason why a result cannot be compared with the expected result; `hint` is for a wrong size."""
     if isinstance(got, Unusable):
         return got
     if got is None:
         says = f"{what} is missing: the function returns None."
         return Unusable(False, says, "does it end with `return`?")
-    if expected is None or got.shape == expected.shape or is_list(expected):
+    if expected is None or got.shape == expected.shape or is_index_list(expected):
         return None
     if got.size == expected.size:
         transposed = got.shape == expected.shape[::-1] and expected.ndim > 1
@@ -175,21 +185,22 @@ def differ(one: Any, other: Any) -> bool:
     return isinstance(one, dict) and bool(one != other)
 
 
-def shown(value: Any, digits: int = DIGITS[0]) -> str:
+def as_text(value: Any, digits: int = DIGITS[0]) -> str:
     """A number, a short array or a list of indices as text; else ""."""
     if isinstance(value, np.ndarray) and value.ndim:
-        short = value.size <= SHORT or is_list(value)
+        if value.size > SHORT and not is_index_list(value):
+            return ""
         text = np.array2string(value, separator=", ", formatter={"all": f"{{:.{digits - 1}g}}".format})
-        return " ".join(text.split()) if short else ""
+        return " ".join(text.split())
     if isinstance(value, (int, float, np.number, np.ndarray)):
         return f"{value:.{digits}g}"
     return str(value) if value is None or isinstance(value, dict) else ""
 
 
-def compared(got: Any, expected: Any) -> str:
+def comparison(got: Any, expected: Any) -> str:
     """Text of both numbers with enough of `DIGITS` to distinguish them, else text of the difference."""
     for digits in DIGITS:
-        if shown(got, digits) != shown(expected, digits):
-            return f"is {shown(got, digits)}, expected {shown(expected, digits)}"
-    apart = float(np.abs(np.subtract(got, expected)).max())
-    return f"differs by {apart:.1g} from {shown(expected)}: is something rounded on the way?"
+        if as_text(got, digits) != as_text(expected, digits):
+            return f"is {as_text(got, digits)}, expected {as_text(expected, digits)}"
+    largest = float(np.abs(np.subtract(got, expected)).max())
+    return f"differs by {largest:.1g} from {as_text(expected)}: is something rounded on the way?"

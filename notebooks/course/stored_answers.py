@@ -26,14 +26,13 @@ from vo_lib.files import read_bytes, write_atomic
 NAME = "my_vo.py"
 SECTION = re.compile(r"^# ---- (\w+) ----\r?\n", re.MULTILINE)  # before a function and its dependencies
 # Instructions with the name of a function.
-CALLED = "LOAD_GLOBAL", "LOAD_ATTR", "LOAD_METHOD", "IMPORT_FROM"
+CALLED = ("LOAD_GLOBAL", "LOAD_ATTR", "LOAD_METHOD", "IMPORT_FROM")
 MARK = "00_start_here.ipynb"  # a file of the folders of notebooks and of solutions
 LARGEST = 5000  # maximal size of an array that is saved
-KIT = "vo_lib", __package__  # whose functions are nobody's answers
-KIT_FOLDERS = Path(vo_lib.__path__[0]), Path(__file__).parent
-DECLARED = re.compile(
-    rb"^[ \t\f]*#.*?coding[:=][ \t]*([-\w.]+)"
-)  # the encoding of a Python file, in lines 1 and 2
+KIT = ("vo_lib", __package__)  # whose functions are nobody's answers
+KIT_FOLDERS = (Path(vo_lib.__path__[0]), Path(__file__).parent)
+# The encoding of a Python file, in lines 1 and 2.
+DECLARED = re.compile(rb"^[ \t\f]*#.*?coding[:=][ \t]*([-\w.]+)")
 USUAL = "cp1252"  # the encoding of editors on Windows that do not write UTF-8
 NOT_SAVED = "was not saved"  # in the sentences about functions that my_vo.py does not get
 LAYERS = 20  # of wrappers round a function
@@ -50,7 +49,7 @@ def store_answer(function: Any, grade: Callable[[Any], Any] | None = None) -> st
     """
     if not (Path(MARK).is_file() and isinstance(function, FunctionType)):
         return ""
-    if module := of_the_kit(function):
+    if module := kit_module_of(function):
         return f" It {NOT_SAVED} in `{NAME}`: it is the kit's own, of `{module}`."
     try:
         _source(function)
@@ -59,13 +58,17 @@ def store_answer(function: Any, grade: Callable[[Any], Any] | None = None) -> st
     path = Path(NAME)
     name = function.__name__
     try:
-        load(path)  # or say that the file cannot be run
-        text = decoded(read_bytes(path), path)[0] if path.exists() else HEAD
-        head, *parts = SECTION.split(text)
-        sections = {**dict(zip(parts[::2], parts[1::2], strict=True)), name: _section(function)}
-        whole = [head.rstrip(), *(f"# ---- {key} ----\n{part.rstrip()}" for key, part in sections.items())]
-        write_atomic(path, "\n\n\n".join(whole) + "\n")
-        verdict = grade(load(path)[name]) if grade else None
+        load_functions(path)  # or say that the file cannot be run
+        text = HEAD
+        if path.exists():
+            text, _ = decoded(read_bytes(path), path)
+        head, written = _split_sections(text)
+        sections = {**dict(written), name: _section(function)}
+        parts = [head.rstrip()]
+        for section, source in sections.items():
+            parts.append(f"# ---- {section} ----\n{source.rstrip()}")
+        write_atomic(path, "\n\n\n".join(parts) + "\n")
+        verdict = grade(load_functions(path)[name]) if grade else None
     except Exception as error:  # an edited file, or a folder without write permission
         return f" It {NOT_SAVED} in `{NAME}`: {error}."
     if verdict is not None and not verdict.passed:
@@ -73,7 +76,15 @@ def store_answer(function: Any, grade: Callable[[Any], Any] | None = None) -> st
     return f" It is saved in `{NAME}`."
 
 
-def load(path: Path) -> dict[str, Any]:
+def _split_sections(text: str) -> tuple[str, list[tuple[str, str]]]:
+    """The part of a file above its sections, and the name and the source of each section."""
+    head, *others = SECTION.split(text)  # names and sources in turn
+    names = others[::2]
+    sources = others[1::2]
+    return head, list(zip(names, sources, strict=True))
+
+
+def load_functions(path: Path) -> dict[str, Any]:
     """Definitions of a file of saved functions; none without a file. `DataError` if the file cannot be run.
 
     A section can use its own names and the names defined above the first section.
@@ -98,12 +109,14 @@ def load_sections(
     definitions = dict[str, Any]()
     named = dict[str, Any]()
     faults = dict[str, str]()
-    head, *parts = SECTION.split(decoded(read_bytes(path), path)[0])
+    text, _ = decoded(read_bytes(path), path)
+    head, sections = _split_sections(text)
     above = ""  # empty lines in place of the parts before, so that errors have the lines of the file
-    for name, part in [("", head), *zip(parts[::2], parts[1::2], strict=True)]:
+    for name, source in [("", head), *sections]:
         own = dict(common) if name else common
-        code = above + part
-        above += "\n" * (part.count("\n") + 1)
+        code = above + source
+        lines = source.count("\n") + 1  # with the line of the next section's name
+        above += "\n" * lines
         if name in skipped:
             continue
         if begin is not None:
@@ -140,8 +153,12 @@ def decoded(content: bytes, path: Path) -> tuple[str, str]:
     if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         encoding = "utf-16"
     else:
-        declared = [DECLARED.match(each) for each in content.splitlines()[:2]]
-        encoding = next((found[1].decode("ascii") for found in declared if found), USUAL)
+        encoding = USUAL
+        for each in content.splitlines()[:2]:
+            declared = DECLARED.match(each)
+            if declared:
+                encoding = declared[1].decode("ascii")
+                break
     with suppress(LookupError, ValueError):  # an unknown encoding, or bytes that it does not have
         return content.decode(encoding), f"line {line} is not in UTF-8, so the file was read as {encoding}"
     raise DataError("is not text in UTF-8: save the file with the encoding UTF-8", path, line)
@@ -164,16 +181,17 @@ def _section(function: Any) -> str:
     def add(name: str, value: Any) -> None:
         source = _source(value)
         definitions[name] = ""  # so that a recursive function is not added again
-        for used in _names(source):
+        for used in _global_names(source):
             if used not in around or used in definitions:
                 continue
-            if line := _import_of(used, around[used], function.__module__):
+            line = _import_line(used, around[used], function.__module__)
+            if line:
                 imports.add(line)
             elif isinstance(around[used], (FunctionType, type)):
                 add(used, around[used])
             else:
                 imports.add("import numpy as np")
-                definitions[used] = f"{used} = {_written(used, around[used])}"
+                definitions[used] = f"{used} = {_constant_source(used, around[used])}"
         del definitions[name]  # its place is after its dependencies
         definitions[name] = source
 
@@ -181,7 +199,7 @@ def _section(function: Any) -> str:
     return "\n\n\n".join(["\n".join(sorted(imports)), *definitions.values()]).lstrip()
 
 
-def _names(source: str) -> list[str]:
+def _global_names(source: str) -> list[str]:
     """Global names in the source of a function or class: all names except parameters and assigned names."""
     tree = ast.parse(source)
     parameters = {node.arg for node in ast.walk(tree) if isinstance(node, ast.arg)}
@@ -190,7 +208,7 @@ def _names(source: str) -> list[str]:
     return sorted({node.id for node in names} - own)
 
 
-def _import_of(name: str, value: Any, home: str) -> str:
+def _import_line(name: str, value: Any, home: str) -> str:
     """The import line of a module, or of a definition outside the student's module `home`; else ""."""
     if isinstance(value, ModuleType):
         own = value.__name__
@@ -204,7 +222,7 @@ def _import_of(name: str, value: Any, home: str) -> str:
     return line if own == name else f"{line} as {name}"
 
 
-def _written(name: str, value: Any) -> str:
+def _constant_source(name: str, value: Any) -> str:
     """Python source of a constant: an array, numbers or text, also in lists, tuples and dicts."""
     if isinstance(value, np.ndarray) and value.dtype.kind in "biuf" and value.size <= LARGEST:
         return f"np.array({value.tolist()!r}, np.{value.dtype.name})"
@@ -225,7 +243,7 @@ def is_stub(answer: Any) -> bool:
     return any(isinstance(line, ast.Expr) and getattr(line.value, "value", 0) is ... for line in lines)
 
 
-def of_the_kit(answer: Any) -> str:
+def kit_module_of(answer: Any) -> str:
     """The module of the library or of the course from which the code of a function comes; "" for any other.
 
     Looks through `functools.partial`, decorators and methods. A function that only calls one of the kit is not
@@ -257,7 +275,7 @@ def _layers(answer: Any) -> Iterator[Any]:
             return
 
 
-def handed_back(answer: Any, names: Sequence[str]) -> str:
+def library_call_in(answer: Any, names: Sequence[str]) -> str:
     """The first function in `names` that an answer calls, or the answer itself if in `names`; otherwise "".
 
     An answer that is a function of the library or of the course may call any function.
@@ -266,9 +284,7 @@ def handed_back(answer: Any, names: Sequence[str]) -> str:
     if not isinstance(answer, FunctionType) or module.startswith(("vo_lib.", __package__)):
         name = str(getattr(answer, "__name__", ""))
         return name if name in names and not module.startswith(__package__) else ""
-    codes = [answer.__code__]
-    for code in codes:
-        codes += [each for each in code.co_consts if isinstance(each, CodeType)]
+    for code in _codes_of(answer.__code__):
         for step in dis.get_instructions(code):
             value = answer.__globals__.get(step.argval) if step.opname == "LOAD_GLOBAL" else None
             name = str(getattr(value, "__name__", step.argval))
@@ -276,3 +292,11 @@ def handed_back(answer: Any, names: Sequence[str]) -> str:
             if step.opname.startswith(CALLED) and name in names and not own:
                 return name
     return ""
+
+
+def _codes_of(code: CodeType) -> Iterator[CodeType]:
+    """The code of a function, then that of the functions and comprehensions inside it."""
+    yield code
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _codes_of(constant)

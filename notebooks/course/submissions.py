@@ -81,8 +81,11 @@ def find_submissions(paths: list[Path]) -> Found:
             raise DataError("contains neither a zip nor a my_vo.py", path)
         found.students.extend((_student(each, path), each) for _, each in inside.students)
         found.others.extend(inside.others)
-    places = {each.resolve(): (student, each) for student, each in reversed(found.students)}
-    return Found(list(reversed(places.values())), found.others)
+    # A file that is named twice counts once, under its first name.
+    first_names = dict[Path, tuple[str, Path]]()
+    for student, path in found.students:
+        first_names.setdefault(path.resolve(), (student, path))
+    return Found(list(first_names.values()), found.others)
 
 
 def _look_into(folder: Path, found: Found) -> None:
@@ -104,31 +107,38 @@ def _look_into(folder: Path, found: Found) -> None:
 def _look_into_student(folder: Path, found: Found) -> None:
     """Add a folder of the course, the submissions in a folder, or the folder itself if it has none."""
     if (folder / stored_answers.MARK).is_file() or _is_alone(folder):
-        zips = [folder / ZIP] if (folder / ZIP).is_file() else []
-        found.students.extend(("", each) for each in zips)
-        if not zips or _differ(folder, zips[0]):
+        own_zip = folder / ZIP
+        if own_zip.is_file():
+            found.students.append(("", own_zip))
+        if not own_zip.is_file() or _differ(folder, own_zip):
             found.students.append(("", folder))
         return
     inside = Found()
     _look_into(folder, inside)
-    found.students.extend(inside.students or [("", folder)])
-    found.others.extend(inside.others if inside.students else [])
+    if inside.students:
+        found.students.extend(inside.students)
+        found.others.extend(inside.others)
+    else:
+        found.students.append(("", folder))
 
 
 def _is_alone(folder: Path) -> bool:
     """Whether a folder has the files of one student, and no submission but the zip of the same course."""
     names = {each.name for each in folder.iterdir() if each.is_file()}
-    if not names & {*ANSWERS} and not any(name.endswith(NOTEBOOK) for name in names):
+    has_answers = any(name in ANSWERS or name.endswith(NOTEBOOK) for name in names)
+    if not has_answers:
         return False
     inside = Found()
     for each in folder.iterdir():
         if each.is_dir() and not each.is_symlink() and not _is_of_the_system(each.name):
             _look_into_student(each, inside)
-    below = [path for _, path in inside.students if _is_answered(path)]
-    return not below and not any(Path(name).suffix.lower() == ".zip" and name != ZIP for name in names)
+    has_submissions_below = any(_is_answered(path) for _, path in inside.students)
+    has_other_zips = any(Path(name).suffix.lower() == ".zip" and name != ZIP for name in names)
+    return not has_submissions_below and not has_other_zips
 
 
 def _is_answered(path: Path) -> bool:
+    """Whether a submission is a file, or a folder with answers."""
     return not path.is_dir() or any((path / name).is_file() for name in ANSWERS)
 
 
@@ -142,6 +152,7 @@ def _differ(folder: Path, path: Path) -> bool:
 
 
 def _is_of_the_system(name: str) -> bool:
+    """Whether a file or folder was made by the system of a computer, not by a student."""
     return name.startswith(".") or name in OF_THE_SYSTEM
 
 
@@ -164,6 +175,7 @@ def read_submission(student: str, path: Path) -> Submission:
 
 
 def _read_folder(student: str, folder: Path) -> Submission:
+    """The submission in a folder of the course."""
     names = [*FILES, *sorted(each.name for each in folder.glob(f"*{NOTEBOOK}"))]
     present = [name for name in names if (folder / name).is_file()]
     if not present:
@@ -171,14 +183,18 @@ def _read_folder(student: str, folder: Path) -> Submission:
         raise DataError(f"was not read: {EXPECTED}; found {_listed(inside)}", folder)
     files = {name: read_bytes(folder / name) for name in present}
     times = [(folder / name).stat().st_mtime for name in present if name in ANSWERS]
-    missing = () if {*present} & {*ANSWERS} else (f"there is no {' and no '.join(ANSWERS)}",)
-    return Submission(student, files, missing, max(times, default=None))
+    remarks: tuple[str, ...] = ()
+    if not times:
+        remarks = (f"there is no {' and no '.join(ANSWERS)}",)
+    return Submission(student, files, remarks, max(times, default=None))
 
 
 def _listed(names: list[str]) -> str:
     """Some of the names, for a sentence."""
+    if not names:
+        return "nothing"
     more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-    return (", ".join(name[:80] for name in names[:NAMED]) or "nothing") + more
+    return ", ".join(name[:80] for name in names[:NAMED]) + more
 
 
 def namesakes(found: list[tuple[str, Path]]) -> list[list[tuple[str, Path]]]:
@@ -190,16 +206,22 @@ def namesakes(found: list[tuple[str, Path]]) -> list[list[tuple[str, Path]]]:
 
 
 def _student(path: Path, above: Path) -> str:
-    """The name of a student: of the zip, or of the folder if the file has its usual name."""
+    """The name of a student: of the zip, or of the folder if the file has its usual name.
+
+    above : folder of the class; the name has the folders below it.
+    """
     if COPY.sub("", path.stem) + path.suffix.lower() in (ZIP, stored_answers.NAME):
         path = path.resolve().parent
         above = above.resolve()
     elif path.suffix.lower() in HANDED_IN:
         path = path.with_suffix("")
-    return path.relative_to(above).as_posix() if path.is_relative_to(above) and path != above else path.name
+    if path.is_relative_to(above) and path != above:
+        return path.relative_to(above).as_posix()
+    return path.name
 
 
 def _read_zip(student: str, path: Path) -> Submission:
+    """The submission in a zip of `vo lab --hand-in`, or in a zip of the folder of the course."""
     files = dict[str, bytes]()
     total = 0
     try:
@@ -209,8 +231,10 @@ def _read_zip(student: str, path: Path) -> Submission:
                 raise DataError(f"has {len(members)} files, expected at most {MAX_MEMBERS}", path)
             places = [(_safe_place(member, path), member) for member in members]
             folder = _folder_of_answers([place for place, _ in places], path)
-            chosen = [(place.name, member) for place, member in places if place.parent == folder]
-            chosen = [(name, member) for name, member in chosen if name in FILES or name.endswith(NOTEBOOK)]
+            chosen = []
+            for place, member in places:
+                if place.parent == folder and (place.name in FILES or place.name.endswith(NOTEBOOK)):
+                    chosen.append((place.name, member))
             for name, member in chosen:
                 with archive.open(member) as file:
                     # The size in the list of members may be wrong, so it is not trusted.
@@ -228,6 +252,7 @@ def _read_zip(student: str, path: Path) -> Submission:
 
 
 def _time_of(member: zipfile.ZipInfo) -> float:
+    """When a member was written, in seconds since 1970; 0 if its date is none."""
     with suppress(ValueError, OverflowError):
         return time.mktime((*member.date_time, 0, 0, -1))
     return 0.0

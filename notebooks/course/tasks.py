@@ -46,7 +46,10 @@ class Task:
 @functools.cache
 def all_tasks() -> tuple[Task, ...]:
     """All exercises, in the order of the notebooks, the appendix last."""
-    return tuple(task for path in sorted(NOTEBOOKS.glob("*.ipynb")) for task in _tasks_of(path))
+    tasks_in_order = list[Task]()
+    for path in sorted(NOTEBOOKS.glob("*.ipynb")):
+        tasks_in_order += _tasks_of(path)
+    return tuple(tasks_in_order)
 
 
 @functools.cache
@@ -66,18 +69,23 @@ def chosen_tasks(chapters: str | None) -> tuple[Task, ...]:
     known = list(dict.fromkeys(task.chapter for task in every))
     wanted = set[str]()
     for word in chapters.split(","):
-        first, dash, last = word.strip().partition("-")
-        names = (
-            known[known.index(first) : known.index(last) + 1]
-            if dash and {first, last} <= {*known}
-            else [first]
-        )
-        if not names or not {*names} <= {*known}:
+        names = _chapters_of(word.strip(), known)
+        if not names:
             raise DataError(
                 f"--chapters {chapters!r}: expected chapters such as 0,3,5,8, from {', '.join(known)}"
             )
-        wanted |= {*names}
+        wanted |= set(names)
     return tuple(task for task in every if task.chapter in wanted)
+
+
+def _chapters_of(word: str, known: list[str]) -> list[str]:
+    """The known chapters that a word such as "3" or "0-3" names; none if it names an unknown one."""
+    if word in known:
+        return [word]
+    first, _, last = word.partition("-")
+    if first not in known or last not in known:
+        return []
+    return known[known.index(first) : known.index(last) + 1]
 
 
 def _tasks_of(path: Path) -> Iterator[Task]:
@@ -92,24 +100,30 @@ def _tasks_of(path: Path) -> Iterator[Task]:
             exercise, measures = _exercise(chapter, check)
             if exercise is None or not number:
                 continue
-            is_function = f"def {name}(" in text and exercise.cases is not None
             yield Task(
-                number,
-                number.partition(".")[0],
-                path.name,
-                f"{chapter}.{check}",
-                name,
-                is_function,
-                bool(data) and exercise.cases is None and not measures,
-                exercise,
+                number=number,
+                chapter=number.partition(".")[0],
+                notebook=path.name,
+                check=f"{chapter}.{check}",
+                name=name,
+                is_function=f"def {name}(" in text and exercise.cases is not None,
+                has_data=bool(data) and exercise.cases is None and not measures,
+                exercise=exercise,
             )
 
 
 def _exercise(chapter: str, check: str) -> tuple[Exercise | None, bool]:
-    """The check with a name; of a function that measures first and then asks a check, the latter, and True."""
+    """The exercise that a notebook checks, and whether the check measures first.
+
+    Such a check (`ch08.better`) is a function, and its exercise is the one that it calls. None if there is none.
+    """
     module = importlib.import_module(f"course.{chapter}.exercises")
     found = getattr(module, check, None)
+    if isinstance(found, Exercise):
+        return found, False
     if isinstance(found, FunctionType):
-        called = [getattr(module, name, None) for name in found.__code__.co_names]
-        return next((each for each in called if isinstance(each, Exercise)), None), True
-    return (found if isinstance(found, Exercise) else None), False
+        for name in found.__code__.co_names:
+            called = getattr(module, name, None)
+            if isinstance(called, Exercise):
+                return called, True
+    return None, False

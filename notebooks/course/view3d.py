@@ -1,6 +1,6 @@
 """Shapes in three dimensions, rotated with the mouse, in a cell or a page, without an internet connection.
 
-    View(camera(np.eye(4), "left camera"), Shape(points, GOOD, name="path"), Shape(corners, BAD, "area"))
+    View(camera_shape(np.eye(4), "left camera"), Shape(points, GOOD, name="path"), Shape(corners, BAD, "area"))
 
 A cell whose last expression is a `View` shows the shapes; without JavaScript, the cell shows a still picture.
 """
@@ -12,7 +12,7 @@ import html
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from jinja2 import Environment, FileSystemLoader
@@ -60,11 +60,14 @@ class Shape:
     in_legend: bool = False
 
 
-def camera(T_w_c: Array, name: str = "", colour: str = DARK, size: float = 0.3) -> Shape:
+def camera_shape(T_w_c: Array, name: str = "", colour: str = DARK, size: float = 0.3) -> Shape:
     """A camera at a pose (4, 4): the pyramid of its view, `size` metres deep."""
     corners = size * np.array([[-1, -0.6, 1], [1, -0.6, 1], [1, 0.6, 1], [-1, 0.6, 1]])
-    edges = [each for corner in corners for each in (np.zeros(3), corner)]
-    return Shape(transform(T_w_c, np.array([*edges, *corners])), colour, name=name, width=1.2)
+    line = []  # from the centre to a corner and back, for each corner; then round the corners
+    for corner in corners:
+        line += [np.zeros(3), corner]
+    line += list(corners)
+    return Shape(transform(T_w_c, np.array(line)), colour, name=name, width=1.2)
 
 
 class View:
@@ -95,8 +98,9 @@ class View:
             u = np.cos(YAW) * x - np.sin(YAW) * z
             v = np.cos(TILT) * y - np.sin(TILT) * (np.sin(YAW) * x + np.cos(YAW) * z)
             if shape.kind == "dots":
-                one = isinstance(shape.colour, str)
-                colour = shape.colour if one else [f"{min(grey, PALEST) / 255:.2f}" for grey in shape.colour]
+                colour = shape.colour
+                if not isinstance(colour, str):
+                    colour = [f"{min(grey, PALEST) / 255:.2f}" for grey in colour]  # grey levels of the dots
                 axis.scatter(u, v, s=shape.width**2, c=colour, linewidths=0)
             elif shape.kind == "area":
                 axis.fill(u, v, color=shape.colour, alpha=0.25)
@@ -105,8 +109,10 @@ class View:
             if shape.in_legend:
                 axis.plot([], [], color=shape.colour, linewidth=shape.width, label=shape.name)
                 continue
-            k = 0 if shape.first is None else -1
-            axis.annotate(shape.name, (u[k], v[k]), (4, -12), textcoords="offset points", fontsize=FONT_SIZE)
+            named = 0 if shape.first is None else -1  # a path is named at its end
+            axis.annotate(
+                shape.name, (u[named], v[named]), (4, -12), textcoords="offset points", fontsize=FONT_SIZE
+            )
         if any(shape.in_legend for shape in self.shapes):
             axis.legend(loc="upper left", fontsize=FONT_SIZE, frameon=False)
         axis.set_aspect("equal", adjustable="datalim")
@@ -127,8 +133,10 @@ def view_of_run(run: Run) -> View:
     sequence = run.sequence
     points = points_of(run)
     frames = np.arange(len(run.poses))
-    grey, first = np.array([each[1:] for each in points], int).reshape(-1, 2).T
-    shapes = [Shape(np.array([X for X, _, _ in points]).reshape(-1, 3), grey, "dots", width=1.5, first=first)]
+    places = np.array([point.X_w for point in points]).reshape(-1, 3)
+    grey = np.array([point.grey for point in points], int)
+    first = np.array([point.frame for point in points], int)
+    shapes = [Shape(places, grey, "dots", width=1.5, first=first)]
     shapes.append(Shape(run.poses[:, :3, 3], GOOD, name="path", first=frames, width=3.0, in_legend=True))
     if sequence.truth is not None:
         true = from_first(sequence.truth)[:, :3, 3]
@@ -137,18 +145,30 @@ def view_of_run(run: Run) -> View:
     return View(*shapes, height=480, times=sequence.times - sequence.times[0], title=title)
 
 
-def points_of(run: Run) -> list[tuple[Array, int, int]]:
-    """Place (3,), metres, grey level and frame of the last observation of each point outside all boxes."""
+class SeenPoint(NamedTuple):
+    """A point of a run: place X_w (3,), metres, with the grey level and the frame of its last observation."""
+
+    X_w: Array
+    grey: int
+    frame: int
+
+
+def points_of(run: Run) -> list[SeenPoint]:
+    """The points of a run outside all boxes, at most about `MAX_POINTS`."""
     sequence = run.sequence
-    camera = run.sequence.camera
-    points: dict[int, tuple[Array, int, int]] = {}
+    camera = sequence.camera
+    points: dict[int, SeenPoint] = {}  # by the number of the feature
     boxes_of = sequence.boxes_of(run.config.filter.classes)
     for index, (matches, _) in enumerate(CachedMatches(sequence, run.config)):
         X_c = camera.triangulate(matches.cur_left, matches.cur_right)
         near = (X_c[:, 2] > 0) & (X_c[:, 2] < MAX_DEPTH_BASELINES * camera.baseline)
         near &= ~in_boxes(matches.cur_left, boxes_of(index), run.config.filter)
-        u, v = np.clip(np.rint(matches.cur_left[near].T), 0, np.array([camera.size]).T - 1).astype(int)
-        grey = sequence.stereo(index)[0][v, u].tolist()
-        observations = zip(transform(run.poses[index], X_c[near]), grey, [index] * len(grey), strict=True)
-        points |= dict(zip(matches.id[near].tolist(), observations, strict=True))
-    return list(points.values())[:: 1 + len(points) // MAX_POINTS]
+        left, _ = sequence.stereo(index)
+        last_pixel = np.array(camera.size) - 1
+        pixels = np.clip(np.rint(matches.cur_left[near]), 0, last_pixel).astype(int)
+        grey = left[pixels[:, 1], pixels[:, 0]].tolist()
+        X_w = transform(run.poses[index], X_c[near])
+        for number, place, level in zip(matches.id[near].tolist(), X_w, grey, strict=True):
+            points[number] = SeenPoint(place, level, index)
+    every = 1 + len(points) // MAX_POINTS
+    return list(points.values())[::every]

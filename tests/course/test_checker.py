@@ -12,7 +12,7 @@ import pytest
 from course.ch02 import exercises as ch02
 from course.checker import SLIPS, Condition, Exercise, in_order
 from course.results import NOT_YET, NOT_YET_CLASS
-from course.stored_answers import HEAD, handed_back, load, store_answer
+from course.stored_answers import HEAD, library_call_in, load_functions, store_answer
 from vo_lib.paper.five_point import null_space as other_name
 
 
@@ -169,7 +169,7 @@ def test_slips_are_told_where_they_explain_every_result(name: str) -> None:
 
 
 def test_a_library_function_under_another_name_is_recognised() -> None:
-    assert handed_back(lambda rows: other_name(rows), ["null_space"]) == "null_space"
+    assert library_call_in(lambda rows: other_name(rows), ["null_space"]) == "null_space"
 
 
 @pytest.fixture
@@ -220,7 +220,7 @@ def test_stored_function_replaces_only_its_own_section(folder: Path) -> None:
     for _ in range(2):
         assert store_answer(null_basis) == " It is saved in `my_vo.py`."
         assert path.read_bytes().decode() == f"{before}{OWN}{after}"
-    assert load(path)["null_basis"](np.eye(9)).shape == (4, 9)
+    assert load_functions(path)["null_basis"](np.eye(9)).shape == (4, 9)
     path.write_bytes(b"def half(:\n")
     assert "was not saved" in store_answer(null_basis)
     assert path.read_bytes() == b"def half(:\n"
@@ -232,8 +232,8 @@ def test_each_kept_function_has_its_own_helpers(folder: Path) -> None:
         notebook.write_text(
             f"def helper(x): return {factor} * x\n\n\ndef times_{factor}(x):\n    return helper(x)\n"
         )
-        store_answer(load(notebook)[f"times_{factor}"])
-    saved = load(folder / "my_vo.py")
+        store_answer(load_functions(notebook)[f"times_{factor}"])
+    saved = load_functions(folder / "my_vo.py")
     assert (saved["times_2"](1), saved["times_3"](1)) == (2, 3)
     with pytest.raises(TypeError) as error:
         saved["times_3"](None)

@@ -81,11 +81,11 @@ def test_the_right_answers_pass(name: str) -> None:
 @pytest.mark.parametrize(
     ("name", "answer"),
     [
-        ("ch01.loop_closes", lambda *case: set(ch01.which(*case).tolist())),
+        ("ch01.loop_closes", lambda *case: set(ch01.closed_loops(*case).tolist())),
         ("ch01.buckets", lambda *case: set(ch01.kept(*case).tolist())),
         ("ch01.maxima", lambda *case: ch01.largest_in_squares(*case)[::-1].astype(int).tolist()),
         ("ch01.corner_strength", lambda *g: ch01.strength(*(each.astype(np.float32) for each in g))),
-        ("ch02.essential_constraints", lambda E: [2 * np.linalg.det(E), *ch02.ten(E)[:9]]),
+        ("ch02.essential_constraints", lambda E: [2 * np.linalg.det(E), *ch02.ten_constraints(E)[:9]]),
     ],
 )
 def test_an_answer_in_another_form_is_right(name: str, answer: Any) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import nbformat
 import pytest
 
-from course.ch01.front_ends import ABLATION, PAPERS, SEEDS, front_end_lines, front_ends, saved_ms
+from course.ch01.front_end_table import ABLATION, PAPERS, SEEDS, front_end_lines, front_ends, saved_ms
 
 NOTEBOOK = next((Path(__file__).resolve().parents[2] / "notebooks").glob("01_*.ipynb"))
 HEAD = "idea,method,sequence,seeds,te,te_sd,re,re_sd,end,end_sd,length,length_sd,lost,lost_sd,ms\n"

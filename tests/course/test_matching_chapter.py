@@ -15,7 +15,7 @@ from course.ch01.errors import (
     GROSS,
     RIGHT,
     RISE,
-    Measure,
+    ErrorMeasure,
     count_line,
     measure_of,
     strongest_wrong,
@@ -57,7 +57,7 @@ def pairs(street: Sequence) -> Pairs:
 
 
 @pytest.fixture(scope="module")
-def measure(street: Sequence) -> Measure:
+def measure(street: Sequence) -> ErrorMeasure:
     return measure_of(street, FRAME)
 
 
@@ -67,7 +67,7 @@ def whole(pairs: Pairs) -> StereoMatches:
 
 
 def test_an_open_loop_is_wrong_and_a_closed_loop_often(
-    pairs: Pairs, measure: Measure, whole: StereoMatches
+    pairs: Pairs, measure: ErrorMeasure, whole: StereoMatches
 ) -> None:
     astray, ends = open_loops(*pairs, PAPER.matching.search_radius)
     assert not np.isin(astray.id, whole.id).any()
@@ -83,7 +83,9 @@ def test_an_open_loop_is_wrong_and_a_closed_loop_often(
     assert share(error, GROSS) > 1 / 4
 
 
-def test_lucas_kanade_removes_most_gross_errors(pairs: Pairs, measure: Measure, whole: StereoMatches) -> None:
+def test_lucas_kanade_removes_most_gross_errors(
+    pairs: Pairs, measure: ErrorMeasure, whole: StereoMatches
+) -> None:
     refined = subpixel_matches(*pairs, whole, PAPER.matching)
     removed = whole[~np.isin(whole.id, refined.id)]
     before, after = numbers(r"share falls from (\d+) % of the closed loops to (\d+) % of the kept matches")
@@ -94,7 +96,7 @@ def test_lucas_kanade_removes_most_gross_errors(pairs: Pairs, measure: Measure, 
     assert np.nanmedian(measure(refined)) < 0.5 * np.nanmedian(measure(whole[~np.isin(whole.id, removed.id)]))
 
 
-def test_survivors_are_more_often_at_outlines(street: Sequence, measure: Measure) -> None:
+def test_survivors_are_more_often_at_outlines(street: Sequence, measure: ErrorMeasure) -> None:
     kept = trace(street, FRAME, PAPER).chosen
     error = measure(kept)
     outline = measure.on_outline(kept)
@@ -114,7 +116,7 @@ def test_survivors_are_more_often_at_outlines(street: Sequence, measure: Measure
     assert error[worst] > GROSS
 
 
-def test_matches_that_are_not_found_again_have_places(street: Sequence, measure: Measure) -> None:
+def test_matches_that_are_not_found_again_have_places(street: Sequence, measure: ErrorMeasure) -> None:
     traced = trace(street, FRAME, PAPER)
     assert len(traced.lost) == np.count_nonzero(traced.fate == LOST) > 100
     assert share(measure(traced.lost), RIGHT) > 0.9
@@ -122,7 +124,7 @@ def test_matches_that_are_not_found_again_have_places(street: Sequence, measure:
 
 
 def test_epipolar_lines_show_a_part_of_the_errors(
-    street: Sequence, measure: Measure, whole: StereoMatches
+    street: Sequence, measure: ErrorMeasure, whole: StereoMatches
 ) -> None:
     unknown = replace(measure, known=None)
     error = measure(whole)
@@ -160,7 +162,7 @@ def test_no_match_is_wrong_where_all_errors_are_small(whole: StereoMatches) -> N
 
 
 def test_without_truth_a_match_is_called_wrong_only_if_it_is(
-    street: Sequence, measure: Measure, whole: StereoMatches
+    street: Sequence, measure: ErrorMeasure, whole: StereoMatches
 ) -> None:
     """Right matches on the moving cars of the street leave their lines; none of them may be called wrong."""
     unknown = replace(measure, known=None)
@@ -174,7 +176,9 @@ def test_without_truth_a_match_is_called_wrong_only_if_it_is(
     assert "it is wrong" in words
 
 
-def test_a_right_match_on_a_moving_thing_is_not_called_wrong(measure: Measure, whole: StereoMatches) -> None:
+def test_a_right_match_on_a_moving_thing_is_not_called_wrong(
+    measure: ErrorMeasure, whole: StereoMatches
+) -> None:
     # Points that move by 0.6 m to the side and 0.4 m away, all the others stand still.
     right = whole[(measure(whole) <= RIGHT) & (whole.prev_left[:, 0] - whole.prev_right[:, 0] > 15)]
     camera = measure.sequence.camera

@@ -139,7 +139,7 @@ def test_a_run_becomes_a_page_in_three_dimensions(bands: Path) -> None:
 
 def test_a_view_needs_no_network_and_is_a_picture_where_no_script_runs() -> None:
     plane = view3d.Shape(np.eye(3), "#D55E00", "area", name="a plane <i>")
-    shown = view3d.View(plane, view3d.camera(np.eye(4), "left"), title="One plane")._repr_mimebundle_()
+    shown = view3d.View(plane, view3d.camera_shape(np.eye(4), "left"), title="One plane")._repr_mimebundle_()
     assert set(re.findall(r"https?://", shown["text/html"])) == set()
     assert 'title="One plane"' in shown["text/html"]
     assert "<i>" not in shown["text/html"]

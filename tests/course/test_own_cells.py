@@ -118,7 +118,7 @@ def test_a_call_of_a_solution_is_found() -> None:
     for source in (
         "basis = right.null_space(right.rows(x_p, x_c))",
         "from course.ch02 import exercises as right",
-        "values = [right.ten(E) for E in matrices]",
+        "values = [right.ten_constraints(E) for E in matrices]",
     ):
         assert SOLUTION.search(source), source
     for source in ("right.plot(depth, measured)", "right = library.rows(x_p, x_c)", "upright.rows(x)"):

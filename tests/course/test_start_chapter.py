@@ -32,7 +32,7 @@ TEACHING = (NOTEBOOKS / "teaching.md").read_text(encoding="utf-8")
 def test_the_jam_drifts_less_with_each_vehicle_removed() -> None:
     jam = load_part("synthetic/jam", 60, 89)
     kinds = {"all": (), "truck": (1,), "van": (4,)}
-    sequences = {name: draw.watched(jam, *vehicles) for name, vehicles in kinds.items()}
+    sequences = {name: draw.with_boxes_of_vehicles(jam, *vehicles) for name, vehicles in kinds.items()}
     poses = {name: run(each, preset("feature_selection")).poses for name, each in sequences.items()}
     poses["boxes"] = run(jam, preset("feature_selection")).poses
     assert jam.truth is not None
@@ -115,4 +115,4 @@ def test_points_that_differ_from_the_librarys_are_marked() -> None:
 
 def test_boxes_of_vehicles_need_a_drawn_scene(street: Sequence) -> None:
     with pytest.raises(DataError, match="it has no truth of vehicles"):
-        draw.watched(replace(street, folder=Path("nowhere")), 1)
+        draw.with_boxes_of_vehicles(replace(street, folder=Path("nowhere")), 1)

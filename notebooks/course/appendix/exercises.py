@@ -25,9 +25,13 @@ def step_seen(Z: Array, e: float, fb: float) -> Array:
 
 
 def fitted_roll(x: Array, y: Array, rows: Array, terms: tuple[int, ...] = (0, 1, 2)) -> float:
-    """Roll in pixels, from a least-squares fit of roll, offset and focal length to row differences (N,)."""
+    """Roll in pixels, from a least-squares fit of roll, offset and focal length to row differences (N,).
+
+    terms : what is fitted (0: roll, 1: offset, 2: focal length); the result is the coefficient of the first one.
+    """
     A = np.column_stack([-x, np.ones_like(x), y])
-    return float(np.linalg.lstsq(A[:, terms], rows, rcond=None)[0][0])
+    coefficients = np.linalg.lstsq(A[:, terms], rows, rcond=None)[0]
+    return float(coefficients[0])
 
 
 def rolled() -> list[Case]:
@@ -35,8 +39,16 @@ def rolled() -> list[Case]:
     rng = np.random.default_rng(3)
     x = rng.uniform(-0.5, 0.9, 60)
     y = rng.uniform(-0.2, 0.3, 60) + 0.4 * x
-    sizes = (0.8, 0.0, 0.0, 0.0), (-0.3, 0.5, 0.0, 0.0), (0.4, -0.2, 0.7, 0.0), (0.4, -0.2, 0.7, 0.1)
-    return [(x, y, a + c * y - roll * x + noise * rng.normal(size=60)) for roll, a, c, noise in sizes]
+    cases: list[Case] = []
+    for roll, offset, focal, noise in (
+        (0.8, 0.0, 0.0, 0.0),
+        (-0.3, 0.5, 0.0, 0.0),
+        (0.4, -0.2, 0.7, 0.0),
+        (0.4, -0.2, 0.7, 0.1),
+    ):
+        rows = offset + focal * y - roll * x + noise * rng.normal(size=60)
+        cases.append((x, y, rows))
+    return cases
 
 
 def fitted_terms(k: Array, d_p: Array, d_c: Array, q_p: Array, q_c: Array) -> Array:
@@ -45,8 +57,8 @@ def fitted_terms(k: Array, d_p: Array, d_c: Array, q_p: Array, q_c: Array) -> Ar
     return np.asarray(np.linalg.lstsq(A, k * d_p - d_c, rcond=None)[0])
 
 
-def one_term(k: Array, d_p: Array, d_c: Array, *_: Array) -> Array:
-    """The mean of the shifts that the single features give, and no second term."""
+def one_term(k: Array, d_p: Array, d_c: Array, q_p: Array, q_c: Array) -> Array:
+    """Wrong answer: the mean of the shifts that the single features give, and no second term."""
     return np.array([np.mean((k * d_p - d_c) / (k - 1.0)), 0.0])
 
 
@@ -67,9 +79,17 @@ def measured_ratios() -> list[Case]:
 
 
 def shrunk(estimate: Array, covariance: Array, spare: float = 0.0) -> Array:
-    """An estimate (k,) times the share of its squared norm that noise does not explain."""
-    squared = float(estimate @ np.linalg.solve(covariance, estimate))
+    """An estimate (k,) times the share of its squared norm that noise does not explain.
+
+    covariance : (k, k) of its noise. spare : noise is expected to explain k - `spare`.
+    """
+    squared = squared_norm(estimate, covariance)
     return np.asarray(estimate * max(0.0, 1.0 - (len(estimate) - spare) / squared))
+
+
+def squared_norm(estimate: Array, covariance: Array) -> float:
+    """The square s of an estimate (k,) in standard deviations."""
+    return float(estimate @ np.linalg.solve(covariance, estimate))
 
 
 def estimates() -> list[Case]:
@@ -78,8 +98,14 @@ def estimates() -> list[Case]:
     different = np.diag([0.01, 0.04, 0.09, 0.25])
     clear = np.array([1.0, -0.5, 0.3, 0.2])
     doubtful = np.array([0.2, -0.5, 0.3, 0.2])
-    two = clear[:2], alike[:2, :2]
-    return [(clear, alike), (doubtful, different), (doubtful, 0.02 + different), (0.3 * doubtful, alike), two]
+    correlated = 0.02 + different
+    return [
+        (clear, alike),
+        (doubtful, different),
+        (doubtful, correlated),
+        (0.3 * doubtful, alike),
+        (clear[:2], alike[:2, :2]),
+    ]
 
 
 SEEN = float(depth_seen(40.0, E))
@@ -105,11 +131,13 @@ step = Exercise(
     hint="the measured depth before the step minus the measured depth after the step.",
     line="fb / (fb / Z + e) - fb / (fb / (Z - 1) + e)",
     mistakes={
-        "this step is backwards: after a step ahead, the points are at Z - 1.": lambda Z, *rig: step_seen(
-            Z + 1, *rig
+        "this step is backwards: after a step ahead, the points are at Z - 1.": lambda Z, e, fb: step_seen(
+            Z + 1, e, fb
         ),
         "this is only the depth before the step.": depth_seen,
-        "this is the error of the length: return the measured length.": lambda *x: step_seen(*x) - 1.0,
+        "this is the error of the length: return the measured length.": lambda Z, e, fb: (
+            step_seen(Z, e, fb) - 1.0
+        ),
         "these disparities are too small by e: add e to the true disparity.": lambda Z, e, fb: step_seen(
             Z, -e, fb
         ),
@@ -178,7 +206,7 @@ shrink = Exercise(
     also=(partial(shrunk, spare=2.0),),  # the factor of James and Stein
     mistakes={
         "the factor of an estimate within its noise is negative: a factor below 0 counts as 0.": lambda e, C: (
-            e * (1.0 - len(e) / (e @ np.linalg.solve(C, e)))
+            e * (1.0 - len(e) / squared_norm(e, C))
         ),
         "measure the square in standard deviations: use the inverse of the covariance.": (
             lambda e, C: shrunk(e, np.eye(len(e))),
@@ -191,10 +219,10 @@ shrink = Exercise(
             shrunk(e, np.diag(np.diag(C)))
         ),
         "this is the share that noise explains: return the rest of the estimate.": lambda e, C: (
-            e * len(e) / (e @ np.linalg.solve(C, e))
+            e * len(e) / squared_norm(e, C)
         ),
         "the share of the noise is 1 / s here: noise in k errors has s = k on average.": lambda e, C: (
-            e * max(0.0, 1.0 - 1.0 / (e @ np.linalg.solve(C, e)))
+            e * max(0.0, 1.0 - 1.0 / squared_norm(e, C))
         ),
     },
 )

@@ -16,13 +16,17 @@ MOST_DOTS = 1500  # rows drawn of a sequence
 
 
 def steps_figure(Z: Array, seen: Mapping[str, Array]) -> Figure:
-    """Measured length of a step of 1 m by the depth of the point Z (N,), metres, by the disparity error."""
+    """Measured length of a step of 1 m by the depth of the point Z (N,), metres.
+
+    seen : the measured lengths (N,), metres, by the words for the disparity error.
+    """
     made, (axis,) = figure(210)
     axis.axhline(1.0, color=DARK, linewidth=1, linestyle=":", label="true")
     for (name, values), colour in zip(seen.items(), (GOOD, BAD), strict=False):
         axis.plot(Z, values, ".", color=colour, markersize=5, label=f"disparities {name}")
-    axis.set_xlim(0, float(np.quantile(Z, 0.97)))
-    within = np.concatenate([values[np.quantile(Z, 0.97) >= Z] for values in seen.values()])
+    farthest = float(np.quantile(Z, 0.97))
+    axis.set_xlim(0, farthest)
+    within = np.concatenate([values[farthest >= Z] for values in seen.values()])
     middle = float(np.median(within))
     spread = max(1.1 * float(np.abs(within - middle).max()), 0.05)
     axis.set_ylim(middle - spread, middle + spread)

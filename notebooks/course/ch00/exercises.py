@@ -17,15 +17,27 @@ CAMERA = StereoCamera(f=700.0, cx=600.0, cy=180.0, baseline=0.54, width=1241, he
 
 
 def point(u: float, v: float, d: float, camera: StereoCamera) -> Array:
-    """The point (3,) of a pixel and its disparity."""
+    """The point (3,), metres, of a pixel (u, v) with the disparity d, pixels."""
     return np.asarray(camera.back_project(np.array([[u, v]]), np.array([d]))[0])
+
+
+def point_of_unit_depth(u: float, v: float, d: float, camera: StereoCamera) -> Array:
+    """Wrong answer: X and Y of the ray's point at depth 1, with the right Z."""
+    X, Y, Z = point(u, v, d, camera)
+    return np.array([X / Z, Y / Z, Z])
+
+
+def with_floor_division(u: float, v: float, d: float, camera: StereoCamera) -> Array:
+    """Wrong answer: the depth is rounded down to whole metres."""
+    Z = camera.f * camera.baseline // d
+    return point(u, v, camera.f * camera.baseline / Z, camera)
 
 
 def motions() -> list[Case]:
     """Cases with one, two and three motions (4, 4); the rotation angles increase."""
     turn = np.array([0.0, 0.3, 0.0])
-    T = [rigid(rotation_from_vector(k * turn), np.array([0.1 * k, 0.0, -1.0])) for k in (1, 2, 3)]
-    return [(T[:count],) for count in (1, 2, 3)]
+    T_cp = [rigid(rotation_from_vector(k * turn), np.array([0.1 * k, 0.0, -1.0])) for k in (1, 2, 3)]
+    return [(T_cp[:1],), (T_cp[:2],), (T_cp,)]
 
 
 def appended(step: Callable[[Array], Array], before: bool = False) -> Callable[..., list[Array]]:
@@ -34,22 +46,30 @@ def appended(step: Callable[[Array], Array], before: bool = False) -> Callable[.
     def chained(motions: list[Array]) -> list[Array]:
         path = [np.eye(4)]
         for T_cp in motions:
-            path.append(step(T_cp) @ path[-1] if before else path[-1] @ step(T_cp))
+            pose = step(T_cp) @ path[-1] if before else path[-1] @ step(T_cp)
+            path.append(pose)
         return path
 
     return chained
 
 
-def apart(T: Array, turned: bool = True) -> Array:
-    """Wrong inverse of a motion T (4, 4), with translation -t. The rotation is Rᵀ if `turned`, else R."""
-    return rigid(T[:3, :3].T if turned else T[:3, :3], -T[:3, 3])
+def only_t_negated(T: Array) -> Array:
+    """Wrong inverse of a motion (4, 4): the rotation R, and the translation -t."""
+    return rigid(T[:3, :3], -T[:3, 3])
+
+
+def inverted_separately(T: Array) -> Array:
+    """Wrong inverse of a motion (4, 4): the rotation Rᵀ, and the translation -t."""
+    return rigid(T[:3, :3].T, -T[:3, 3])
 
 
 def paths() -> list[Case]:
     """Cases with poses (N, 4, 4) of a turning camera on a rising, widening spiral, with one or more steps."""
     turn = np.array([0.0, 0.5, 0.0])
-    places = [(np.cos(k / 2), -0.4, np.sin(k / 2)) for k in range(6)]
-    path = [rigid(rotation_from_vector(k * turn), k * np.array(places[k])) for k in range(6)]
+    path = []
+    for k in range(6):
+        place = k * np.array([np.cos(k / 2), -0.4, np.sin(k / 2)])
+        path.append(rigid(rotation_from_vector(k * turn), place))
     return [(np.array(path[:2]),), (np.array(path),)]
 
 
@@ -95,17 +115,15 @@ back_project = Exercise(
         "X and Y are measured from the corner of the image, not from the axis at (cx, cy).": (
             lambda u, v, d, camera: point(u + camera.cx, v + camera.cy, d, camera)
         ),
-        "Y runs upwards: the camera's y axis points down.": lambda *x: point(*x) * (1, -1, 1),
-        "X runs to the left: the camera's x axis points right.": lambda *x: point(*x) * (-1, 1, 1),
-        "u and v are swapped: u is the column and gives X.": lambda u, v, *more: point(v, u, *more),
+        "Y runs upwards: the camera's y axis points down.": lambda *case: np.array([1, -1, 1]) * point(*case),
+        "X runs to the left: the camera's x axis points right.": (
+            lambda *case: np.array([-1, 1, 1]) * point(*case)
+        ),
+        "u and v are swapped: u is the column and gives X.": lambda u, v, d, camera: point(v, u, d, camera),
         "X and Y belong to the point at depth 1 on the ray: how far along the ray is the point?": (
-            lambda *x: point(*x) / [point(*x)[2], point(*x)[2], 1.0],
+            point_of_unit_depth
         ),
-        "`//` rounds the quotient down to a whole number: divide by `/`.": (
-            lambda u, v, d, camera: point(
-                u, v, camera.f * camera.baseline / (camera.f * camera.baseline // d), camera
-            )
-        ),
+        "`//` rounds the quotient down to a whole number: divide by `/`.": (with_floor_division),
         "Z is {got[2]:.3f} m, expected {right[2]:.3f} m: which depth follows from the disparity?": Condition(
             lambda X, *case: abs(X[2] - point(*case)[2]) > 1e-9
         ),
@@ -129,20 +147,22 @@ chain = Exercise(
     hint="the first pose is the identity; each motion gives one more pose, from the pose before.",
     line="poses.append(poses[-1] @ inverse(T_cp))",
     mistakes={
-        "each pose contains only one motion.": lambda all_T: [np.eye(4), *map(inverse, all_T)],
+        "each pose contains only one motion.": lambda motions: [np.eye(4), *map(inverse, motions)],
         "the car drives backwards: T_cp takes points into the new camera, a pose takes them back.": (
             appended(lambda T_cp: T_cp),
             appended(lambda T_cp: T_cp, before=True),
         ),
         "pose 1 is right, pose 2 is not: the order is reversed.": appended(inverse, before=True),
-        "R with -t is not the inverse: R must be inverted, too.": appended(lambda T: apart(T, False)),
-        "R is inverted, but -t is not rotated: the inverse has -Rᵀ t.": appended(apart),
+        "R with -t is not the inverse: R must be inverted, too.": appended(only_t_negated),
+        "R is inverted, but -t is not rotated: the inverse has -Rᵀ t.": appended(inverted_separately),
         "a motion's inverse is not its transpose: that holds for rotations.": appended(np.transpose),
-        "`*` multiplies entry by entry: use `@`.": lambda m: np.cumprod([np.eye(4), *map(inverse, m)], 0),
-        "all poses are the same array: append a new one each time.": lambda m: (
-            right_chain(m)[-1:] * (len(m) + 1)
+        "`*` multiplies entry by entry: use `@`.": lambda motions: np.cumprod(
+            [np.eye(4), *map(inverse, motions)], axis=0
         ),
-        "the first pose, the identity, is missing.": lambda m: right_chain(m)[1:],
+        "all poses are the same array: append a new one each time.": lambda motions: (
+            [right_chain(motions)[-1]] * (len(motions) + 1)
+        ),
+        "the first pose, the identity, is missing.": lambda motions: right_chain(motions)[1:],
         "a motion is missing.": (
             lambda motions: right_chain(motions)[:-1],
             lambda motions: right_chain(motions[1:]),
@@ -163,7 +183,7 @@ path_length = Exercise(
         "the steps are not added: sum them.": lambda poses: np.linalg.norm(steps(poses), axis=1),
         "compute the norm of each step, along axis 1.": lambda poses: np.linalg.norm(steps(poses)),
         "this adds squared lengths: the root is missing.": lambda poses: (steps(poses) ** 2).sum(),
-        "the height y is left out.": lambda p: np.linalg.norm(steps(p)[:, ::2], axis=1).sum(),
+        "the height y is left out.": lambda poses: np.linalg.norm(steps(poses)[:, [0, 2]], axis=1).sum(),
     },
 )
 

@@ -26,11 +26,11 @@ from vo_lib.report.plots import match_image
 
 from ..by_depth import by_depth_figure
 from ..colours import BAD, CYCLE, DARK, GOOD, PALE, THIRD
+from ..drawing import PHOTO_HEIGHT, WIDTH, caption, figure, finish, photo, room
 from ..drawing import RIGHT as RIGHT_MARGIN
-from ..drawing import WIDTH, caption, figure, finish, photo, room
 from ..drawn_matches import draw_dots, draw_flow, features_picture
 from ..frames import WithBoxes, frame_matches, frame_points, stereo, true_poses, truth
-from ..view3d import Shape, View, camera
+from ..view3d import Shape, View, camera_shape
 
 JAM_LEFT = 76  # margin of the figure of the jam, for numbers such as -0.5 and the name of the axis, pixels
 RAYS = 14  # number
@@ -40,7 +40,7 @@ AGREES_M = 0.3  # largest difference from the translation of a near point that a
 SAME_M = 0.01  # largest distance of a point from the library's that is called equal, metres
 
 
-def watched(sequence: Sequence, *vehicles: int) -> WithBoxes:
+def with_boxes_of_vehicles(sequence: Sequence, *vehicles: int) -> WithBoxes:
     """A drawn sequence with boxes of only those vehicles whose numbers in the truth are `vehicles`."""
     ground_truth = truth(sequence)
     if ground_truth is None:
@@ -49,7 +49,8 @@ def watched(sequence: Sequence, *vehicles: int) -> WithBoxes:
     for index, frame in enumerate(sequence.frames):
         boxes = sequence.boxes(index)
         corners = np.rint(boxes.xyxy).astype(int)
-        at_middle = ground_truth.vehicle_at(int(frame), (corners[:, :2] + corners[:, 2:]) / 2)
+        middles = (corners[:, :2] + corners[:, 2:]) / 2
+        at_middle = ground_truth.vehicle_at(int(frame), middles)
         given.append(boxes[np.isin(at_middle, vehicles)])
     return WithBoxes(**vars(sequence), given=given)
 
@@ -72,7 +73,7 @@ def rays_view(sequence: Sequence, frame: int) -> View:
     right[0, 3] = sequence.camera.baseline
     near = points.X_p[(points.X_p[:, 2] > 0) & (points.X_p[:, 2] < RAYS_END)]
     some = near[np.linspace(0, len(near) - 1, min(len(near), RAYS)).astype(int)]
-    shapes = [camera(np.eye(4), "left camera"), camera(right)]
+    shapes = [camera_shape(np.eye(4), "left camera"), camera_shape(right)]
     for centre, colour in ((np.zeros(3), GOOD), (right[:3, 3], THIRD)):
         shapes += [Shape(np.array([centre, X]), colour, width=1.0) for X in some]
     shapes.append(Shape(some, BAD, "dots", width=5.0))
@@ -82,7 +83,7 @@ def rays_view(sequence: Sequence, frame: int) -> View:
 def poses_view(sequence: Sequence, every: int = 20) -> View:
     """The path of the true poses in three dimensions, with a camera at some poses."""
     poses = from_first(true_poses(sequence))
-    cameras = [camera(poses[k], str(k), size=2.0) for k in range(0, len(poses), every)]
+    cameras = [camera_shape(poses[k], str(k), size=2.0) for k in range(0, len(poses), every)]
     path = Shape(poses[:, :3, 3], GOOD)
     return View(path, *cameras, title=f"{sequence.name}: every {every}th pose, with the number of its frame")
 
@@ -97,17 +98,17 @@ def depth_figure(camera: StereoCamera, measured: Array, true: Array) -> Figure:
     true = true[good]
     fb = camera.f * camera.baseline
     sigma = DEVIATION_OVER_MEDIAN * float(np.median(np.abs(fb / measured - fb / true)))
-    labels = f"{len(true)} matches", f"Z² / (f b) · {sigma:.2f} px"
+    labels = (f"{len(true)} matches", f"Z² / (f b) · {sigma:.2f} px")
     return by_depth_figure(true, np.abs(measured - true), labels, "error of the depth", sigma / fb)
 
 
 def road_axis(axis: Axes, ahead: tuple[float, float], height: int) -> None:
-    """Make a plane from above of an axis as wide as the picture: forward is to the right, right is down.
+    """Let an axis show the road from above, with one scale: forward is to the right, right is down.
 
-    ahead : first and last metre forward; both axes have the same scale. height : of the axis, pixels.
+    ahead : first and last metre forward. height : of the axis, pixels; its figure is `WIDTH` pixels wide.
     """
-    a_metre = axis.get_position().width * WIDTH / (ahead[1] - ahead[0])
-    half = height / a_metre / 2
+    pixels_per_metre = axis.get_position().width * WIDTH / (ahead[1] - ahead[0])
+    half = height / pixels_per_metre / 2
     axis.set(xlim=ahead, ylim=(half, -half))
 
 
@@ -120,16 +121,16 @@ def jam_figure(jam: Sequence, runs: Mapping[str, Array]) -> Figure:
     width = (WIDTH - JAM_LEFT - RIGHT_MARGIN) / WIDTH
     above = made.add_axes((JAM_LEFT / WIDTH, 0.66, width, 0.26))
     below = made.add_axes((JAM_LEFT / WIDTH, 0.11, width, 0.38))
-    far = 0.0
+    largest = 0.0
     for (name, poses), colour in zip(runs.items(), (BAD, THIRD, CYCLE[3], GOOD), strict=False):
         places = poses[:, :3, 3]
         away = 100 * np.linalg.norm(places - true, axis=1)
-        far = max(far, float(away.max()))
+        largest = max(largest, float(away.max()))
         above.plot(places[:, 2], places[:, 0], color=colour, linewidth=2, label=name)
         below.plot(frames, away, color=colour, linewidth=2, label=f"{name}: {away[-1]:.1f} cm at the end")
     above.plot(true[:, 2], true[:, 0], color=DARK, linewidth=1, label="truth")
     road_axis(above, (-0.2, length + 0.6), round(0.26 * 430))
-    below.set_ylim(0, room(1.05 * far))
+    below.set_ylim(0, room(1.05 * largest))
     finish(above, "paths from above", "z, forward [m]", "x, right [m]", "above")
     finish(below, "distance from the true path [cm]", "frame", "", "upper left")
     return made
@@ -150,35 +151,41 @@ def stage_pictures(sequence: Sequence, frame: int) -> dict[str, Image | Figure]:
     if t_cp is None:
         raise DataError(f"frame {frame}: no feature is near enough for a translation; choose another frame")
 
-    image = stereo(sequence, frame)[0]
-    places = matches.prev_left, matches.cur_left
+    image, _ = stereo(sequence, frame)
+    start = matches.prev_left
+    end = matches.cur_left
     count = len(matches)
     words = f"{count} matches: each line leads from where the point was to where it is"
+    five = sets[0]
+    motions = int(np.count_nonzero(set_index == 0))
     agree = rotation.inliers
     best = f"the best of {len(E)} candidates: {np.count_nonzero(agree)} of {count} matches agree (blue)"
     X_c = sequence.camera.triangulate(matches.cur_left, matches.cur_right)
     return {
-        "matches": features_picture(image, *places, np.ones(count), words),
-        "five": five_picture(
-            image, places[0][sets[0]], places[1][sets[0]], int(np.count_nonzero(set_index == 0))
-        ),
-        "winner": features_picture(image, *places, agree, best),
+        "matches": features_picture(image, start, end, np.ones(count), words),
+        "five": five_picture(image, start[five], end[five], motions),
+        "winner": features_picture(image, start, end, agree, best),
         "translation": translation_figure(points.X_p @ rotation.R_cp.T, X_c, t_cp),
     }
 
 
 def five_picture(image: Image, start: Array, end: Array, motions: int) -> Image:
-    """Five matches (5, 2) of one set in an image, numbered."""
+    """The five matches of one set in an image, numbered, with lines from their starts to their ends (5, 2).
+
+    motions : how many motions fit them exactly.
+    """
     picture = photo(image, image.shape[1])
     draw_flow(picture, start, end, [BAD] * len(start), 3, 2)
     draw_dots(picture, end, [BAD] * len(end), 5, range(1, len(end) + 1))
-    return caption(
-        photo(picture, WIDTH, 298), f"one set of five matches, and {motions} motions that fit it exactly"
-    )
+    words = f"one set of five matches, and {motions} motions that fit it exactly"
+    return caption(photo(picture, WIDTH, PHOTO_HEIGHT), words)
 
 
 def translation_figure(turned: Array, now: Array, t_cp: Array) -> Figure:
-    """Near points from above: a line from each point after the rotation (N, 3) to its place now (N, 3), metres."""
+    """Near points from above: a line from each point after the rotation (N, 3) to its place now (N, 3), metres.
+
+    t_cp : (3,) the translation, with which blue points agree.
+    """
     height = 280
     made, (axis,) = figure(height + 68)
     road_axis(axis, (3.0, 25.0), height)
@@ -220,9 +227,8 @@ def motions_of(sequence: Sequence) -> tuple[list[Array], str]:
         poses = sequence.truth
         words = "true motions"
     else:
-        poses = run(
-            sequence.part(0, min(FIRST_FRAMES + 1, len(sequence))), preset("solution_selection")
-        ).poses
+        first_frames = sequence.part(0, min(FIRST_FRAMES + 1, len(sequence)))
+        poses = run(first_frames, preset("solution_selection")).poses
         words = "motions estimated by the paper's method (there is no truth)"
     return [inverse(now) @ before for before, now in itertools.pairwise(poses)], words
 

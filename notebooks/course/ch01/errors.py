@@ -28,7 +28,7 @@ OUTLINE_RATIO = 1.2  # of the largest and the smallest depth in this window
 
 
 @dataclass(frozen=True, eq=False)
-class Measure:
+class ErrorMeasure:
     """The error of matches between a frame and the frame before, pixels; a call returns the errors (N,).
 
     In a drawn scene: the largest of the distances from the true places in the other three images; NaN where
@@ -112,15 +112,14 @@ class Measure:
         return np.array(mask, np.bool_)
 
 
-def measure_of(sequence: Sequence, frame: int) -> Measure:
+def measure_of(sequence: Sequence, frame: int) -> ErrorMeasure:
     """The measure of errors for a frame >= 1."""
     config = preset("solution_selection")
     points = frame_points(sequence, frame, config)
     E = candidates_of(points, SETS, 0).E
     limit = config.selection.threshold / sequence.camera.f
-    return Measure(
-        sequence, frame, E[np.argmin(truncated_errors(E, points.x_p, points.x_c, limit))], truth(sequence)
-    )
+    winner = E[np.argmin(truncated_errors(E, points.x_p, points.x_c, limit))]
+    return ErrorMeasure(sequence, frame, winner, truth(sequence))
 
 
 def count_line(name: str, error: Array) -> str:
@@ -128,12 +127,13 @@ def count_line(name: str, error: Array) -> str:
     known = error[np.isfinite(error)]
     wrong = np.count_nonzero(known > RIGHT)
     gross = np.count_nonzero(known > GROSS)
-    share = f" = {gross / len(known):.1%}" if len(known) else ""
+    line = f"{name}: {len(known)} matches, {wrong} above {RIGHT:g} px, {gross} above {GROSS:g} px"
+    if len(known):
+        line += f" = {gross / len(known):.1%}"
     unknown = len(error) - len(known)
-    rest = f"; {unknown} more have no known error" if unknown else ""
-    return (
-        f"{name}: {len(known)} matches, {wrong} above {RIGHT:g} px, {gross} above {GROSS:g} px{share}{rest}"
-    )
+    if unknown:
+        line += f"; {unknown} more have no known error"
+    return line
 
 
 def strongest_wrong(
@@ -143,15 +143,17 @@ def strongest_wrong(
 
     None if no match is wrong.
     """
+    if len(error) == 0:
+        return None
     known = np.nan_to_num(error, nan=0.0)
     shown = np.flatnonzero((known > least) & (known < most))
     if len(shown):
         return int(shown[np.argmax(matches.strength[shown])])
-    largest = int(np.argmax(known)) if len(known) else 0
-    return largest if len(known) and known[largest] > RIGHT else None
+    largest = int(np.argmax(known))
+    return largest if known[largest] > RIGHT else None
 
 
-def wrong_example(measure: Measure, matches: StereoMatches) -> tuple[int | None, str]:
+def wrong_example(measure: ErrorMeasure, matches: StereoMatches) -> tuple[int | None, str]:
     """A match that is shown as wrong, or None if there is none; and what may be said about it.
 
     With truth: `strongest_wrong`. Without it, a match far from its line may be right on a moving thing. It is shown

@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from vo_lib.geometry.types import Array, BoolArray, Index
+from vo_lib.geometry.types import Array, BoolArray, Index, IntArray
 from vo_lib.paper.buckets import select_by_bucket
 from vo_lib.paper.settings import BucketConfig
 
 from ..checker import Case, Condition, Exercise, in_order
 
 SEED = 2  # of descriptors whose best match depends on the measure
-E = 1e-9  # distance from a limit, in cases just outside of it
+TINY = 1e-9  # moves a limit, so that a value exactly at the limit is on its other side
 
 
 def sorted_rows(rows: Array) -> Array:
@@ -33,7 +33,8 @@ def responses() -> list[Case]:
     small[5, 2] = 50.0  # equal to the limit
     small[4, 4] = 70.0  # a neighbour of a larger response
     twins = rng.integers(-99, 60, (14, 20)).astype(float)
-    twins[6, 3] = twins[6, 5] = 95.0
+    twins[6, 3] = 95.0
+    twins[6, 5] = 95.0
     large = rng.normal(size=(16, 24)) * 60.0
     large[0, 7] = 400.0
     large[15, 23] = 300.0
@@ -236,7 +237,7 @@ def follow(*steps: Index) -> tuple[Index, Any]:
     return at, complete
 
 
-def which(*steps: Index) -> Index:
+def closed_loops(*steps: Index) -> Index:
     """Indices of the features whose chain returns to its start."""
     at, complete = follow(*steps)
     return np.flatnonzero(complete & returns(at))
@@ -245,6 +246,15 @@ def which(*steps: Index) -> Index:
 def returns(end: Index) -> BoolArray:
     """Whether each feature's chain ends where it began."""
     return np.asarray(end == np.arange(len(end)))
+
+
+def missing_at_the_start(*steps: Index) -> list[int]:
+    """Wrong answer: closed loops of the features whose own number has a match in each list."""
+    loops = []
+    for i in closed_loops(*steps):
+        if min(step[i] for step in steps) >= 0:
+            loops.append(int(i))
+    return loops
 
 
 def positive_only(*steps: Index) -> Index:
@@ -260,58 +270,104 @@ def positive_only(*steps: Index) -> Index:
 def crowd() -> list[Case]:
     """80 features with ages and strengths, and two grids of buckets; some squares have few features."""
     rng = np.random.default_rng(11)
-    features = rng.uniform(0, 1, (80, 2)) * (300.0, 150.0), rng.integers(1, 4, 80), rng.uniform(1, 9, 80)
-    return [(*features, 50, 3), (*features, 70, 1)]
+    uv = rng.uniform(0, 1, (80, 2)) * np.array([300.0, 150.0])
+    age = rng.integers(1, 4, 80)
+    strength = rng.uniform(1, 9, 80)
+    return [(uv, age, strength, 50, 3), (uv, age, strength, 70, 1)]
 
 
-def judged(
+def stereo_check(
     row: Callable[..., Any] = np.abs,
     disparity: Callable[..., Any] = np.positive,
-    limits: Callable[..., tuple[float, float]] = lambda *limits: limits,
+    limits: Callable[..., tuple[float, float]] = lambda most, least: (most, least),
 ) -> Callable[..., Any]:
-    """Answer for the stereo check from functions of the row difference, the disparity and the limits."""
+    """Answer for the stereo check, which compares functions of the row difference and of the disparity.
+
+    limits : the limits (most, least) that the answer uses, from those that it is given.
+    """
 
     def check(left: Array, right: Array, row_tolerance: float, min_disparity: float) -> Any:
         most, least = limits(row_tolerance, min_disparity)
-        return (row((left - right)[:, 1]) <= most) & (disparity((left - right)[:, 0]) >= least)
+        difference = left - right
+        return (row(difference[:, 1]) <= most) & (disparity(difference[:, 0]) >= least)
 
     return check
 
 
-good = judged()
+is_good = stereo_check()
 
 
-def top(left: float, middle: float, right: float) -> float:
+def one_condition_is_enough(
+    left: Array, right: Array, row_tolerance: float, min_disparity: float
+) -> BoolArray:
+    """Wrong answer: equal rows or a sufficient disparity."""
+    difference = left - right
+    return np.asarray((np.abs(difference[:, 1]) <= row_tolerance) | (difference[:, 0] >= min_disparity))
+
+
+def parabolas() -> list[Case]:
+    """Cases with the values of a parabola at -1, 0 and 1; its top is between them."""
+    cases = []
+    for place, height, curve in ((0.3, 5.0, -2.0), (-0.45, 1.0, -0.5), (0.0, 2.0, -1.0)):
+        cases.append(tuple(height + curve * (x - place) ** 2 for x in (-1.0, 0.0, 1.0)))
+    return cases
+
+
+def place_of_top(left: float, middle: float, right: float) -> float:
     """The position of the maximum of the parabola through three values."""
     return (left - right) / 2 / (left - 2 * middle + right)
 
 
-def chosen(by_age: int = 1, by_strength: int = 1) -> Callable[..., Index]:
-    """Answer for the buckets; the factors `by_age` and `by_strength` set the signs of ages and strengths."""
-    return lambda uv, age, strength, size, count: select_by_bucket(
-        uv, by_age * age, by_strength * strength, BucketConfig(size=size, features=count)
-    )
+def height_of_top(left: float, middle: float, right: float) -> float:
+    """Wrong answer: the height of the maximum, not its position."""
+    return middle - (left - right) / 4 * place_of_top(left, middle, right)
 
 
-kept = chosen()
+def best_of_buckets(age_factor: int = 1, strength_factor: int = 1) -> Callable[..., Index]:
+    """Answer for the buckets, with ages and strengths times a factor: -1 prefers small ones, 0 ignores them."""
+
+    def best(uv: Array, age: IntArray, strength: Array, size: int, count: int) -> Index:
+        config = BucketConfig(size=size, features=count)
+        return select_by_bucket(uv, age_factor * age, strength_factor * strength, config)
+
+    return best
 
 
-def in_sorted_list(uv: Array, age: Array, strength: Array, *more: int) -> Index:
+kept = best_of_buckets()
+
+
+def in_columns(uv: Array, age: Array, strength: Array, size: int, count: int) -> Index:
+    """Wrong answer: the buckets are whole columns of the image."""
+    u_alone = np.stack([uv[:, 0], np.zeros(len(uv))], axis=1)
+    return kept(u_alone, age, strength, size, count)
+
+
+def in_rows(uv: Array, age: Array, strength: Array, size: int, count: int) -> Index:
+    """Wrong answer: the buckets are whole rows of the image."""
+    v_alone = np.stack([np.zeros(len(uv)), uv[:, 1]], axis=1)
+    return kept(v_alone, age, strength, size, count)
+
+
+def in_sorted_list(uv: Array, age: Array, strength: Array, size: int, count: int) -> Index:
     """Wrong answer: positions of the selected features in the sorted list, not their indices."""
     order = np.lexsort((-strength, -age))
-    return np.flatnonzero(np.isin(order, kept(uv, age, strength, *more)))
+    return np.flatnonzero(np.isin(order, kept(uv, age, strength, size, count)))
 
 
 def in_full_squares(uv: Array, age: Array, strength: Array, size: int, count: int) -> Index:
     """Wrong answer: squares with fewer than `count` features keep none."""
     index = kept(uv, age, strength, size, count)
     squares = uv[index] // size
-    return index[[np.sum(np.all(squares == each, axis=1)) == count for each in squares]]
+    same_square = (squares[:, None] == squares).all(axis=2)
+    is_full = same_square.sum(axis=1) == count
+    return np.asarray(index[is_full])
 
 
-def overfull(kept: Array, uv: Array, age: Array, strength: Array, size: int, count: int) -> bool:
-    """Whether a bucket keeps more than `count` features."""
-    return bool(np.unique(uv[kept.astype(int)] // size, axis=0, return_counts=True)[1].max() > count)
+def overfull(got: Array, uv: Array, age: Array, strength: Array, size: int, count: int) -> bool:
+    """Whether a square has more than `count` of the features that an answer keeps."""
+    squares = uv[got.astype(int)] // size
+    _, counts = np.unique(squares, axis=0, return_counts=True)
+    return bool(counts.max() > count)
 
 
 maxima = Exercise(
@@ -329,7 +385,7 @@ maxima = Exercise(
         ),
         "responses of at most `least` are included.": (
             lambda response, cell, least: largest_in_squares(response, cell, -np.inf),
-            lambda response, cell, least: largest_in_squares(response, cell, least - E),
+            lambda response, cell, least: largest_in_squares(response, cell, least - TINY),
         ),
         "these are the minima of the response.": lambda response, cell, least: largest_in_squares(
             -response, cell, least
@@ -468,42 +524,41 @@ corner_strength = Exercise(
 )
 
 is_stereo = Exercise(
-    good,
+    is_good,
     stereo_pairs,
     praise="every good match has equal rows and a sufficient disparity.",
     hint="each match has two conditions, one on its rows and one on its columns; the mask is True where both hold.",
     line="(np.abs(left[:, 1] - right[:, 1]) <= row_tolerance) & (left[:, 0] - right[:, 0] >= min_disparity)",
     mistakes={
         "rows and columns are exchanged: a point is (u, v), its column first.": (
-            lambda left, right, *limits: good(left[:, ::-1], right[:, ::-1], *limits)
+            lambda left, right, *limits: is_good(left[:, ::-1], right[:, ::-1], *limits)
         ),
-        "one of the two conditions is enough here; join both masks by `&`.": lambda left, right, *limits: (
-            judged(disparity=lambda d: d + np.inf)(left, right, *limits)
-            | judged(row=np.zeros_like)(left, right, *limits)
+        "one of the two conditions is enough here; join both masks by `&`.": one_condition_is_enough,
+        "the two limits are exchanged.": stereo_check(limits=lambda most, least: (least, most)),
+        "1 and 0.5 are hard-coded: use the limits given.": stereo_check(
+            limits=lambda most, least: (1.0, 0.5)
         ),
-        "the two limits are exchanged.": judged(limits=lambda most, least: (least, most)),
-        "1 and 0.5 are hard-coded: use the limits given.": judged(limits=lambda *_: (1.0, 0.5)),
         "a match exactly at a limit is good: use <= and >=.": (
-            judged(limits=lambda most, least: (most - E, least + E)),
-            judged(limits=lambda most, least: (most - E, least)),
-            judged(limits=lambda most, least: (most, least + E)),
+            stereo_check(limits=lambda most, least: (most - TINY, least + TINY)),
+            stereo_check(limits=lambda most, least: (most - TINY, least)),
+            stereo_check(limits=lambda most, least: (most, least + TINY)),
         ),
         "the match whose rows differ by two is judged good.": (
-            judged(row=np.zeros_like),
-            judged(row=np.zeros_like, disparity=np.abs),
+            stereo_check(row=np.zeros_like),
+            stereo_check(row=np.zeros_like, disparity=np.abs),
         ),
-        "a disparity of 0.2 px is judged good.": judged(limits=lambda most, least: (most, -99.0)),
-        "the match with a negative disparity is judged good.": judged(disparity=np.abs),
-        "the row difference needs an absolute value.": (judged(np.positive), judged(np.negative)),
-        "the disparity is left column minus right column.": judged(disparity=np.negative),
-        "matches with a small disparity are judged good, and matches with a sufficient disparity bad.": judged(
+        "a disparity of 0.2 px is judged good.": stereo_check(limits=lambda most, least: (most, -np.inf)),
+        "the match with a negative disparity is judged good.": stereo_check(disparity=np.abs),
+        "the row difference needs an absolute value.": (stereo_check(np.positive), stereo_check(np.negative)),
+        "the disparity is left column minus right column.": stereo_check(disparity=np.negative),
+        "matches with a small disparity are judged good, and matches with a sufficient disparity bad.": stereo_check(
             disparity=np.negative, limits=lambda most, least: (most, -least)
         ),
     },
 )
 
 loop_closes = Exercise(
-    lambda pl_pr, pr_cr, cr_cl, cl_pl: which(pl_pr, pr_cr, cr_cl, cl_pl),
+    lambda pl_pr, pr_cr, cr_cl, cl_pl: closed_loops(pl_pr, pr_cr, cr_cl, cl_pl),
     chains,
     form=in_order,
     praise="the loop has four matches and one condition, and few wrong matches pass.",
@@ -511,46 +566,43 @@ loop_closes = Exercise(
     line="at = step[at]; alive &= at >= 0",
     mistakes={
         "a match of -1 was followed: to numpy, index -1 is the last element.": Condition(
-            lambda got, *chain: set(which(*chain)) < set(got) and len(got) < len(chain[0])
+            lambda got, *chain: set(closed_loops(*chain)) < set(got) and len(got) < len(chain[0])
         ),
         "these reach the current left image; the loop has to end at its first feature.": lambda *chain: (
             np.flatnonzero(follow(*chain[:3])[1])
         ),
         "this tests for -1 at i in each list, but the feature's number changes with every step.": (
-            lambda *chain: [i for i in which(*chain) if min(step[i] for step in chain) >= 0],
+            missing_at_the_start,
             lambda *chain: np.flatnonzero(np.min(chain, axis=0) >= 0),
             lambda *chain: np.flatnonzero((np.min(chain, axis=0) >= 0) & returns(follow(*chain)[0])),
         ),
-        "the four lists are applied in the reverse order.": lambda *chain: which(*chain[::-1]),
+        "the four lists are applied in the reverse order.": lambda *chain: closed_loops(*chain[::-1]),
         "loops through a feature 0 are missing: 0 is the number of a feature, and only -1 marks a missing match.": (
-            lambda *chain: [i for i in which(*chain) if i > 0],
+            lambda *chain: [i for i in closed_loops(*chain) if i > 0],
             positive_only,
         ),
         "a search is left out: the loop has four steps, and each result is the index into the next list.": (
-            lambda pl_pr, pr_cr, cr_cl, cl_pl: which(pl_pr, pr_cr, cl_pl),
-            lambda pl_pr, pr_cr, cr_cl, cl_pl: which(pl_pr, cr_cl, cl_pl),
-            lambda pl_pr, pr_cr, cr_cl, cl_pl: which(pr_cr, cr_cl, cl_pl),
-            lambda pl_pr, pr_cr, cr_cl, cl_pl: which(pl_pr, pr_cr, cr_cl),
+            lambda pl_pr, pr_cr, cr_cl, cl_pl: closed_loops(pl_pr, pr_cr, cl_pl),
+            lambda pl_pr, pr_cr, cr_cl, cl_pl: closed_loops(pl_pr, cr_cl, cl_pl),
+            lambda pl_pr, pr_cr, cr_cl, cl_pl: closed_loops(pr_cr, cr_cl, cl_pl),
+            lambda pl_pr, pr_cr, cr_cl, cl_pl: closed_loops(pl_pr, pr_cr, cr_cl),
             lambda pl_pr, pr_cr, cr_cl, cl_pl: np.flatnonzero(returns(cl_pl[pr_cr[pl_pr]])),
             lambda pl_pr, pr_cr, cr_cl, cl_pl: np.flatnonzero(returns(cl_pl[cr_cl[pl_pr]])),
             lambda pl_pr, pr_cr, cr_cl, cl_pl: np.flatnonzero(returns(cl_pl[cr_cl[pr_cr]])),
             lambda pl_pr, pr_cr, cr_cl, cl_pl: np.flatnonzero(returns(cr_cl[pr_cr[pl_pr]])),
         ),
-        "these are indices into the previous right image.": lambda *chain: chain[0][which(*chain)],
+        "these are indices into the previous right image.": lambda *chain: chain[0][closed_loops(*chain)],
     },
 )
 
 peak = Exercise(
-    top,
-    lambda: [
-        tuple(height + curve * (x - top) ** 2 for x in (-1.0, 0.0, 1.0))
-        for top, height, curve in ((0.3, 5.0, -2.0), (-0.45, 1.0, -0.5), (0.0, 2.0, -1.0))
-    ],
+    place_of_top,
+    parabolas,
     praise="three values determine a parabola; its top is between the pixels.",
     hint="put x = -1 and x = 1 into f(x) = middle + b x + a x² and solve for a and b; the slope is 0 at x = -b / (2a).",
     line="(left - right) / 2 / (left - 2 * middle + right)",
     mistakes={
-        "this is the height of the top, not its position.": lambda a, b, c: b - (a - c) / 4 * top(a, b, c),
+        "this is the height of the top, not its position.": height_of_top,
     },
     slips={
         "sign": "the sign is wrong: the top is on the side of the larger neighbour.",
@@ -559,7 +611,7 @@ peak = Exercise(
 )
 
 buckets = Exercise(
-    chosen(),
+    kept,
     crowd,
     form=in_order,
     praise="the features are spread over the image, and the oldest come first.",
@@ -567,10 +619,12 @@ buckets = Exercise(
     line="for i in np.lexsort((-strength, -age)): square = tuple(uv[i] // size)",
     library=("select_by_bucket",),
     mistakes={
-        "age comes first; strength decides among features of the same age.": chosen(by_age=0),
-        "the youngest and weakest are kept: in `np.lexsort`, both keys need a minus.": chosen(-1, -1),
-        "the youngest are kept; the oldest come first.": chosen(by_age=-1),
-        "of features of the same age the weakest are kept.": chosen(by_strength=-1),
+        "age comes first; strength decides among features of the same age.": best_of_buckets(age_factor=0),
+        "the youngest and weakest are kept: in `np.lexsort`, both keys need a minus.": best_of_buckets(
+            -1, -1
+        ),
+        "the youngest are kept; the oldest come first.": best_of_buckets(age_factor=-1),
+        "of features of the same age the weakest are kept.": best_of_buckets(strength_factor=-1),
         "`size` is hard-coded: use the argument.": lambda *case: kept(*case[:3], 50, case[4]),
         "`count` is hard-coded: use the argument.": lambda *case: kept(*case[:4], 3),
         "these are ranks in the sorted list; return the indices of the features, `order[rank]`.": in_sorted_list,
@@ -578,7 +632,7 @@ buckets = Exercise(
         "the ages are right, but among features of the same age strength is not used.": Condition(
             lambda got, uv, age, *more: sorted(age[got]) == sorted(age[kept(uv, age, *more)])
         ),
-        "neither age nor strength is used.": chosen(0, 0),
+        "neither age nor strength is used.": best_of_buckets(0, 0),
         "only `count` features in all are kept; keep `count` in each square.": (
             lambda uv, age, strength, size, count: np.lexsort((-strength, -age))[:count],
         ),
@@ -587,8 +641,8 @@ buckets = Exercise(
         ),
         "a square keeps one feature more than `count`.": lambda *case: kept(*case[:4], case[4] + 1),
         "the image is cut into strips, not squares: a square is a column and a row of the grid.": (
-            lambda uv, *case: kept(uv * [1, 0], *case),
-            lambda uv, *case: kept(uv * [0, 1], *case),
+            in_columns,
+            in_rows,
         ),
     },
 )

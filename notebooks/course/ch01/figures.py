@@ -29,15 +29,20 @@ from ..drawing import (
 )
 from ..drawn_matches import draw_dots, draw_flow
 from ..frames import stereo
-from .errors import RIGHT, Measure
+from .errors import RIGHT, ErrorMeasure
 from .exercises import eigenvalues
 from .trace import CHECKS, CHOSEN, LOST, OPEN, SURPLUS, Trace
 
 HALF = WIDTH // 2
 SQUARE = WIDTH // 4
 # The fates of a feature, each with its colour.
-FATES = {OPEN: "#D8D8D8", LOST: PALE, **dict(zip(CHECKS, (FOURTH, THIRD, FIFTH, BAD), strict=True))}
-FATES |= {SURPLUS: "#56B4E9", CHOSEN: GOOD}
+FATES = {
+    OPEN: "#D8D8D8",
+    LOST: PALE,
+    **dict(zip(CHECKS, (FOURTH, THIRD, FIFTH, BAD), strict=True)),
+    SURPLUS: "#56B4E9",
+    CHOSEN: GOOD,
+}
 SIDES = ("previous left", "previous right", "current right", "current left")
 # Pixels shown of an error.
 LEAST = 0.01
@@ -96,14 +101,20 @@ def on_edge(image: Image, uv: Array, half: int = 5) -> BoolArray:
 
 def points_picture(image: Image, uv: Array, words: str, cell: int = 0) -> Image:
     """Points (N, 2) on an image, with a grid of squares of `cell` pixels."""
-    picture = photo(image, image.shape[1])
-    if cell:
-        grid = picture.copy()
-        grid[cell::cell] = bgr(PALE)
-        grid[:, cell::cell] = bgr(PALE)
-        picture = np.asarray(cv2.addWeighted(picture, 0.65, grid, 0.35, 0.0), np.uint8)
+    picture = _with_grid(image, cell)
     draw_dots(picture, uv, [GOOD] * len(uv), 2.5)
     return caption(photo(picture), words)
+
+
+def _with_grid(image: Image, cell: int) -> Image:
+    """An image as BGR with a grid of squares of `cell` pixels; without a grid if `cell` is 0."""
+    picture = photo(image, image.shape[1])
+    if cell == 0:
+        return picture
+    grid = picture.copy()
+    grid[cell::cell] = bgr(PALE)
+    grid[:, cell::cell] = bgr(PALE)
+    return np.asarray(cv2.addWeighted(picture, 0.65, grid, 0.35, 0.0), np.uint8)
 
 
 def compared_picture(image: Image, own: Array, library: Array, words: str, cell: int = 0) -> Image:
@@ -114,21 +125,23 @@ def compared_picture(image: Image, own: Array, library: Array, words: str, cell:
     width = image.shape[1]
     inside = np.all((own >= 0) & (own < (width, len(image))), axis=1)
     own = own[inside]
-    mine = np.rint(own).astype(int) @ (1, width)
-    theirs = np.rint(library).astype(int) @ (1, width)
-    more = ~np.isin(mine, theirs)
-    missed = ~np.isin(theirs, mine)
-    picture = photo(image, width)
-    if cell:
-        grid = picture.copy()
-        grid[cell::cell] = bgr(PALE)
-        grid[:, cell::cell] = bgr(PALE)
-        picture = np.asarray(cv2.addWeighted(picture, 0.65, grid, 0.35, 0.0), np.uint8)
-    draw_dots(picture, own[~more], [GOOD] * np.count_nonzero(~more), 2.5)
-    draw_dots(picture, own[more], [BAD] * np.count_nonzero(more), 3.5)
-    for place in library[missed]:
+    own_pixels = _pixel_numbers(own, width)
+    library_pixels = _pixel_numbers(library, width)
+    both = own[np.isin(own_pixels, library_pixels)]
+    only_own = own[~np.isin(own_pixels, library_pixels)]
+    only_library = library[~np.isin(library_pixels, own_pixels)]
+    picture = _with_grid(image, cell)
+    draw_dots(picture, both, [GOOD] * len(both), 2.5)
+    draw_dots(picture, only_own, [BAD] * len(only_own), 3.5)
+    for place in only_library:
         draw_ring(picture, place, 4)
     return caption(photo(picture), words)
+
+
+def _pixel_numbers(uv: Array, width: int) -> NDArray[np.int64]:
+    """The numbers (N,) of the pixels of points (N, 2), counted row by row."""
+    pixel = np.rint(uv).astype(np.int64)
+    return pixel[:, 1] * width + pixel[:, 0]
 
 
 def draw_ring(picture: Image, place: Array, radius: float) -> None:
@@ -192,7 +205,11 @@ def four_images(sequence: Sequence, frame: int) -> dict[str, Image]:
 
 
 def loop_picture(
-    images: dict[str, Image], matches: StereoMatches, back: Array, number: int, measure: Measure | None = None
+    images: dict[str, Image],
+    matches: StereoMatches,
+    back: Array,
+    number: int,
+    measure: ErrorMeasure | None = None,
 ) -> Image:
     """The surroundings of one match in the four images, in the order of the loop, and the end of the loop.
 
@@ -308,24 +325,24 @@ def step_figure(
     dark part without them. `measured` : name of the errors.
     """
     with_truth = bool(np.isfinite(error).any())
-    made, (axis, *right) = figure(height, 1 + with_truth)
+    made, axes = figure(height, 2 if with_truth else 1)
+    axis = axes[0]
     names = trace.fates
     counts = np.array([np.count_nonzero(trace.fate == name) for name in names])
     bars = axis.barh(names, counts, 0.7, color=[FATES[name] for name in names])
     words = [str(count) for count in counts]
     x = "features"
     if with_truth:
-        errors_chart(right[0], by_fate(trace, error, lost), measured=measured)
+        errors_chart(axes[1], by_fate(trace, error, lost), measured=measured)
         wrong = {name: np.count_nonzero(error[trace.fate[trace.index] == name] > RIGHT) for name in names}
         if lost is not None:
             wrong[LOST] = np.count_nonzero(lost > RIGHT)
         axis.barh(names, [wrong[name] for name in names], 0.7, color=DARK, alpha=0.6)
         # An open loop is no match, and a feature that was not found again has none in fractions of a pixel.
-        judged = set(names) - {OPEN} - (set() if lost is not None else {LOST})
-        words = [
-            f"{count} ({wrong[name]})" if name in judged else str(count)
-            for name, count in zip(names, counts, strict=True)
-        ]
+        without_error = {OPEN} if lost is not None else {OPEN, LOST}
+        for number, name in enumerate(names):
+            if name not in without_error:
+                words[number] = f"{counts[number]} ({wrong[name]})"
         x = "features (in brackets and dark: wrong by more than 1 px)"
     axis.bar_label(bars, words, padding=4, fontsize=SMALL_SIZE)
     box = axis.get_position()

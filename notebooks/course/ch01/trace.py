@@ -1,4 +1,4 @@
-"""Chapter 1: one step of a front end, repeated with one more check each time; each feature's fate."""
+"""Chapter 1: what becomes of each feature in one step of a front end, repeated with one more check each time."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from vo_lib.runs.drive import single_threaded
 from ..frames import before_step, key_of
 from ..memory import Memory
 
-# The fate of a match that fails a check, and the values of settings that turn the check off.
+# The checks of a match: the fate of a match that fails it, and the values of settings that turn it off.
 CHECKS: dict[str, dict[str, Any]] = {
     "looks different": {"max_difference": 255.0},
     "rows, disparity": {"row_tolerance": 10.0, "min_disparity": 0.05},
@@ -70,16 +70,64 @@ def trace(sequence: Sequence, frame: int, config: MethodConfig) -> Trace:
     Earlier pairs are matched with the default checks: the settings apply to this step only.
     """
     usual = dataclasses.replace(config, matching=type(config.matching)())
-    base = *key_of(sequence, frame), usual.features, usual.matching
-    before, pair = _histories.get(base, lambda: before_step(sequence, frame, usual))
-    # The paper has some of the checks.
-    checks = {
-        name: off for name, off in CHECKS.items() if all(hasattr(config.matching, each) for each in off)
-    }
+    key = (*key_of(sequence, frame), usual.features, usual.matching)
+    before, pair = _histories.get(key, lambda: before_step(sequence, frame, usual))
+    checks = _checks_of(config)
+    results = _results_by_check(before, pair, _with_checks(config, checks), key)
+    passing = functools.reduce(np.intersect1d, [each.id for each in results])
+    last = results[-1]
+    kept = last[np.isin(last.id, passing)]
+    chosen = kept[select_by_bucket(kept.cur_left, kept.age, kept.strength, config.buckets)]
+    fates: tuple[str, ...] = (LOST, *checks, SURPLUS, CHOSEN)
+    passed = [each.id for each in (*results, chosen)]  # numbers of the features that pass each step
+    lost = empty_matches()
+    if isinstance(config, PublishedConfig):
+        previous = before._previous
+        ids = before._id
+        number = ids[previous.to_right >= 0]
+        radius = config.matching.search_radius
+        loops = _loops.get((*key, radius), lambda: close_loop(previous, pair, radius))
+        in_loops = ids[loops[0]]
+        fates = (OPEN, *fates)
+        passed = [in_loops, *passed]
+        lost = whole_pixels(previous, pair, *loops)[~np.isin(in_loops, results[0].id)]
+    else:
+        number = before._previous[1].id
+    steps_passed = np.cumprod([np.isin(number, each) for each in passed], axis=0).sum(axis=0)
+    fate = np.array(fates)[steps_passed]
+    order = np.argsort(number)
+    index = order[np.searchsorted(number, results[0].id, sorter=order)]
+    return Trace(number, fates, fate, results[0], index, kept, chosen, lost)
+
+
+def _checks_of(config: MethodConfig) -> dict[str, dict[str, Any]]:
+    """Those of the checks that the configuration's front end has: the paper's has some of them."""
+    checks = {}
+    for name, turned_off in CHECKS.items():
+        if all(hasattr(config.matching, setting) for setting in turned_off):
+            checks[name] = turned_off
+    return checks
+
+
+def _with_checks(config: MethodConfig, checks: dict[str, dict[str, Any]]) -> list[StereoLimits]:
+    """The settings of the matching without any check, then with one more check each time, up to all of them."""
     stages = []
     for on in range(len(checks) + 1):
-        off = {name: value for check in [*checks.values()][on:] for name, value in check.items()}
-        stages.append(dataclasses.replace(config.matching, **off))
+        turned_off: dict[str, Any] = {}
+        for values in list(checks.values())[on:]:
+            turned_off |= values
+        stages.append(dataclasses.replace(config.matching, **turned_off))
+    return stages
+
+
+def _results_by_check(
+    before: Any, pair: Any, stages: list[StereoLimits], key: tuple[Any, ...]
+) -> list[StereoMatches]:
+    """The matches of the same step with the settings of each stage.
+
+    before : the front end that has processed the earlier pairs. pair : the prepared pair of the step. key : of the
+    step in the memory.
+    """
 
     def step(stage: StereoLimits) -> StereoMatches:
         def make() -> StereoMatches:
@@ -89,29 +137,10 @@ def trace(sequence: Sequence, frame: int, config: MethodConfig) -> Trace:
             matches: StereoMatches = front_end.step(pair)
             return matches
 
-        return _steps.get((*base, stage), make)
+        return _steps.get((*key, stage), make)
 
     with ThreadPoolExecutor(max_workers=2) as pool, single_threaded():
-        results = list(pool.map(step, stages))
-    passing = functools.reduce(np.intersect1d, [each.id for each in results])
-    kept = results[-1][np.isin(results[-1].id, passing)]
-    chosen = kept[select_by_bucket(kept.cur_left, kept.age, kept.strength, config.buckets)]
-    fates = (LOST, *checks, SURPLUS, CHOSEN)
-    passed = [each.id for each in (*results, chosen)]
-    if isinstance(config, PublishedConfig):
-        number = before._id[before._previous.to_right >= 0]
-        radius = config.matching.search_radius
-        loops = _loops.get((*base, radius), lambda: close_loop(before._previous, pair, radius))
-        fates = (OPEN, *fates)
-        passed = [before._id[loops[0]], *passed]
-        lost = whole_pixels(before._previous, pair, *loops)[~np.isin(before._id[loops[0]], results[0].id)]
-    else:
-        number = before._previous[1].id
-        lost = empty_matches()
-    steps = np.cumprod([np.isin(number, each) for each in passed], axis=0).sum(axis=0)
-    order = np.argsort(number)
-    index = order[np.searchsorted(number, results[0].id, sorter=order)]
-    return Trace(number, fates, np.array(fates)[steps], results[0], index, kept, chosen, lost)
+        return list(pool.map(step, stages))
 
 
 def whole_pixels(
@@ -145,5 +174,5 @@ def open_loops(before: DescribedPair, now: DescribedPair, radius: int) -> tuple[
     cur_left = np.where(cur_right >= 0, now.to_left[cur_right], -1)
     end = np.where(cur_left >= 0, best_matches(now.in_left, before.in_left, radius)[cur_left], -1)
     astray = (end >= 0) & (end != start)
-    loops = start[astray], prev_right[astray], cur_left[astray], cur_right[astray]
-    return whole_pixels(before, now, *loops), before.in_left.uv[end[astray]]
+    loops = whole_pixels(before, now, start[astray], prev_right[astray], cur_left[astray], cur_right[astray])
+    return loops, before.in_left.uv[end[astray]]

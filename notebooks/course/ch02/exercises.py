@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -46,7 +47,7 @@ def length_of_normal(lines: Array) -> Array:
     return np.asarray(np.hypot(lines[:, 0], lines[:, 1]))
 
 
-def of_matches(seed: int, points: int, noise_px: float = 0.0) -> tuple[Array, Array, Array]:
+def random_matches(seed: int, points: int, noise_px: float = 0.0) -> tuple[Array, Array, Array]:
     """E (3, 3), x_p and x_c (N, 2) of a random problem."""
     given = random_problems(np.random.default_rng(seed), 1, points, noise_px=noise_px)
     return given.E[0], given.x_p[0], given.x_c[0]
@@ -57,12 +58,13 @@ def decomposed() -> list[Case]:
     given = random_problems(np.random.default_rng(3), 8, 1)
     scales = np.array([1.0, -1.0, 2.0, -0.5, 1.0, -3.0, 0.7, -1.0])
     by_hand = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
-    return [(by_hand,), *((E,) for E in scales[:, None, None] * given.E)]
+    scaled = scales[:, None, None] * given.E
+    return [(E,) for E in [by_hand, *scaled]]
 
 
 def in_any_order(motions: Array) -> Array:
     """Motions (M, 3, 4) in an order of their own; other arrays do not change."""
-    return library.in_order(motions) if motions.ndim == 3 else motions
+    return library.sorted_motions(motions) if motions.ndim == 3 else motions
 
 
 def motions_by(
@@ -70,7 +72,8 @@ def motions_by(
 ) -> Callable[[Array], Array]:
     """Answer built from a function of U, W, Vᵀ that returns rotations and t.
 
-    The determinants of U and Vᵀ are 1, because the signs of u₃ and v₃, or `all_signs`, are changed.
+    U and Vᵀ have the determinant 1: where it was -1, the sign of u₃ or v₃ is changed, or with `all_signs` the
+    sign of the whole matrix.
     """
 
     def motions(E: Array) -> Array:
@@ -80,13 +83,13 @@ def motions_by(
         Vt[changed] *= np.linalg.det(Vt)
         W = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
         rotations, t = make(U, W, Vt)
-        return np.array([np.column_stack([R, way]) for R in rotations for way in (t, -t)])
+        return library.all_motions(rotations, t)
 
     return motions
 
 
 def with_v(U: Array, W: Array, Vt: Array) -> tuple[list[Array], Array]:
-    """Rotations with V in place of Vᵀ."""
+    """Rotations with V in place of Vᵀ, and the right t."""
     return [U @ W @ Vt.T, U @ W.T @ Vt.T], U[:, 2]
 
 
@@ -94,8 +97,7 @@ def without_signs(E: Array) -> Array:
     """The four motions with the signs that the singular value decomposition happens to give."""
     U, _, Vt = np.linalg.svd(E)
     W = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    t = U[:, 2]
-    return np.array([np.column_stack([R, way]) for R in (U @ W @ Vt, U @ W.T @ Vt) for way in (t, -t)])
+    return library.all_motions([U @ W @ Vt, U @ W.T @ Vt], U[:, 2])
 
 
 def is_reflection(motions: Array, E: Array) -> bool:
@@ -117,13 +119,13 @@ def motions_and_matches(points: int) -> list[Case]:
 
     Without noise the rays meet, and every way to the depths gives the same numbers.
     """
-    E, x_p, x_c = of_matches(4, points)
+    E, x_p, x_c = random_matches(4, points)
     return [(motion, x_p, x_c) for motion in library.four_motions(E)]
 
 
 def backward_motion(motion: Array) -> Array:
     """The motion with -t in place of t."""
-    return motion * [1.0, 1.0, 1.0, -1.0]
+    return np.column_stack([motion[:, :3], -motion[:, 3]])
 
 
 def inverted_motion(motion: Array) -> Array:
@@ -164,8 +166,8 @@ def choices() -> list[Case]:
     """
     cases: list[Case] = []
     for seed in range(4):
-        E, x_p, x_c = of_matches(seed, 20, noise_px=0.5)
-        x_c[:2] = x_c[1::-1]
+        E, x_p, x_c = random_matches(seed, 20, noise_px=0.5)
+        x_c[[0, 1]] = x_c[[1, 0]]
         motions = np.roll(library.four_motions(E), seed, axis=0)
         cases.append((motions, x_p, x_c))
     for seed in (4, 5):
@@ -195,14 +197,14 @@ def largest_sum_of_depths(motions: Array, x_p: Array, x_c: Array) -> Array:
     return np.asarray(motions[int(np.argmax(sums))])
 
 
-def place_of_choice(motions: Array, x_p: Array, x_c: Array) -> int:
+def index_of_choice(motions: Array, x_p: Array, x_c: Array) -> int:
     """The index of the right motion."""
     counts = [library.count_in_front(motion, x_p, x_c) for motion in motions]
     return int(np.argmax(counts))
 
 
 def as_equations(A: Array) -> Array:
-    """Rows (5, 9) that mean the same equations, in any order, scale and sign, made equal; other arrays as given."""
+    """Rows (5, 9) in one order, scale and sign, so that rows of the same equations are equal; other arrays as given."""
     if A.ndim != 2:
         return A
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -212,7 +214,8 @@ def as_equations(A: Array) -> Array:
 
 def five_matches(seed: int) -> tuple[Array, Array]:
     """x_p and x_c (5, 2) of a random problem without noise."""
-    return of_matches(seed, 5)[1:]
+    _, x_p, x_c = random_matches(seed, 5)
+    return x_p, x_c
 
 
 def projector(basis: Array) -> Array:
@@ -224,24 +227,29 @@ def essentials() -> list[Case]:
     """Five essential matrices and two other matrices: one of rank 2, one random."""
     rng = np.random.default_rng(10)
     E = random_problems(rng, 5).E
-    return [(each,) for each in (*E, np.diag([1.0, 0.5, 1.0]) @ E[0], rng.normal(size=(3, 3)))]
+    rank_2 = np.diag([1.0, 0.5, 1.0]) @ E[0]
+    return [(each,) for each in [*E, rank_2, rng.normal(size=(3, 3))]]
 
 
-def ten(E: Array, times: float = 1.0, half: float = 0.5) -> Array:
-    """The ten constraints; `times` scales the nine constraints of the matrix, and `half` replaces ½."""
+def ten_constraints(E: Array, scale: float = 1.0, half: float = 0.5) -> Array:
+    """The ten constraints (10,); `scale` multiplies the nine of the matrix equation, and `half` replaces ½."""
     M = E @ E.T @ E - half * np.trace(E @ E.T) * E
-    return np.append(times * M.ravel(), np.linalg.det(E))
+    return np.append(scale * M.ravel(), np.linalg.det(E))
 
 
 def up_to_scale(values: Array) -> Array:
     """Ones if the values are a case's ten constraints in any order and scale; else the values."""
-    for nine, last in ((values[:9], values[9]), (values[1:], values[0])):  # the determinant is last, or first
-        for constraints in (ten(E) for (E,) in essentials()[5:]):
+    determinant_last = (values[:9], values[9])
+    determinant_first = (values[1:], values[0])
+    for (E,) in essentials()[5:]:  # for the others, all constraints are 0
+        constraints = ten_constraints(E)
+        for nine, determinant in (determinant_last, determinant_first):
             given = np.sort(np.abs(nine))
             right = np.sort(np.abs(constraints[:9]))
             scale = given[-1] / right[-1]
-            determinant = np.isclose(abs(last), abs(constraints[9]) * np.array([0.5, 1.0, 2.0, scale])).any()
-            if determinant and scale > 1e-9 and np.allclose(given, scale * right) and values.min() < 0.0:
+            factors = np.array([0.5, 1.0, 2.0, scale])
+            is_determinant = np.isclose(abs(determinant), abs(constraints[9]) * factors).any()
+            if is_determinant and scale > 1e-9 and np.allclose(given, scale * right) and values.min() < 0.0:
                 return np.ones(10)
     return np.asarray(values)
 
@@ -293,11 +301,12 @@ def only_z_is_right(E: Array, x_p: Array, x_c: Array) -> bool:
     return np.allclose(got, right, rtol=1e-3)
 
 
-def in_line(E: Array) -> Array:
+def as_unit_vectors(E: Array) -> Array:
     """Matrices as unit vectors (M, 9) with a fixed order and fixed signs, for comparison."""
     e = np.asarray(E, np.float64).reshape(-1, 9)
     e = e / np.linalg.norm(e, axis=1, keepdims=True)
-    e = e * np.sign(e[np.arange(len(e)), np.abs(e).argmax(axis=1)])[:, None]
+    largest = e[np.arange(len(e)), np.abs(e).argmax(axis=1)]
+    e = e * np.sign(largest)[:, None]
     return np.asarray(e[np.lexsort(np.round(e, 3).T)])
 
 
@@ -323,7 +332,8 @@ def median_error(noise_px: float) -> float:
         E = candidates.E[of_set]
         image_errors[of_set] = truncated_errors(E, given.x_p[scene], given.x_c[scene], GOOD_PX / FOCAL)
     best = np.flatnonzero(first_of_each_set(image_errors, candidates.set_index))
-    return float(np.median(rotation_errors(candidates.E[best], given.R_cp[candidates.set_index[best], None])))
+    R_cp = given.R_cp[candidates.set_index[best]]
+    return float(np.median(rotation_errors(candidates.E[best], R_cp[:, None])))
 
 
 epipolar_distance = Exercise(
@@ -429,7 +439,7 @@ choose_motion = Exercise(
     line="counts = [np.sum((d_p > 0) & (d_c > 0)) …]; motions[np.argmax(counts)]",
     library=("recoverPose", "resolve_by_depth"),
     mistakes={
-        "this is the number of a motion; return the motion itself, (3, 4).": place_of_choice,
+        "this is the number of a motion; return the motion itself, (3, 4).": index_of_choice,
         "these points are in front of the previous camera only: both depths must be positive.": most_in_front_of(
             lambda d_p, d_c: d_p > 0
         ),
@@ -494,25 +504,30 @@ null_basis = Exercise(
 )
 
 essential_constraints = Exercise(
-    ten,
+    ten_constraints,
     essentials,
-    also=(lambda E: ten(E, times=-3.0),),
+    also=(partial(ten_constraints, scale=-3.0),),
     form=up_to_scale,
     praise="ten cubics in the entries of E; `cubic_constraints` writes them in x, y, z, w.",
     hint="the matrix equation gives nine numbers, one for each entry; the determinant is the tenth.",
     line="np.append((E @ E.T @ E - 0.5 * np.trace(E @ E.T) * E).ravel(), np.linalg.det(E))",
     mistakes={
         "the factor of the trace is not ½: the singular values (1, 1, 0) should give 0.": (
-            *(lambda E, half=half: ten(E, half=half) for half in (0.25, 1.0, 2.0, -0.5)),
+            partial(ten_constraints, half=0.25),
+            partial(ten_constraints, half=1.0),
+            partial(ten_constraints, half=2.0),
+            partial(ten_constraints, half=-0.5),
         ),
-        "return the values of the equations themselves, with their signs.": lambda E: np.abs(ten(E)),
+        "return the values of the equations themselves, with their signs.": lambda E: np.abs(
+            ten_constraints(E)
+        ),
         "for an essential matrix the first nine numbers are not all 0: check the transposes and the trace.": Condition(
-            lambda got, E: np.abs(ten(E)).max() < 1e-9 < np.abs(got[:9]).max()
+            lambda got, E: np.abs(ten_constraints(E)).max() < 1e-9 < np.abs(got[:9]).max()
         ),
         "for an essential matrix the tenth number is {got[9]:.3g}, not 0: the determinant of a matrix of rank 2 "
-        "is 0.": Condition(lambda got, E: np.abs(ten(E)).max() < 1e-9 < abs(got[9])),
+        "is 0.": Condition(lambda got, E: np.abs(ten_constraints(E)).max() < 1e-9 < abs(got[9])),
         "these ten numbers are 0 for every essential matrix, but for other matrices of rank 2, too.": Condition(
-            lambda got, E: np.abs(got).max() < 1e-9 < np.abs(ten(E)).max()
+            lambda got, E: np.abs(got).max() < 1e-9 < np.abs(ten_constraints(E)).max()
         ),
     },
 )
@@ -542,7 +557,7 @@ hidden_matrix = Exercise(
 solve_five = Exercise(
     library.solve_five,
     lambda: [five_matches(seed) for seed in range(8)],
-    form=in_line,
+    form=as_unit_vectors,
     atol=1e-4,
     praise="these are the library's solutions; the library solves hundreds of sets at once.",
     hint="each real root z gives one solution: compute x and y from the null vector of C(z).",
@@ -551,14 +566,18 @@ solve_five = Exercise(
     slips={"transposed": "these are the transposes: vec(E) runs row by row, and a row of A has x_c first."},
     mistakes={
         "this is one of several solutions; return all real solutions: chapter 3 selects one of them.": (
-            *(lambda *x, some=some: library.solve_five(*x)[some] for some in (slice(1), slice(-1, None), 0)),
+            lambda *x: library.solve_five(*x)[:1],
+            lambda *x: library.solve_five(*x)[-1:],
+            lambda *x: library.solve_five(*x)[0],
         ),
         "every z is right, x and y are not. Either x and y are exchanged (the columns of C are those of x², y², xy, x, "
         "y, 1), or the null vector of C(z) is not divided by its last entry.": Condition(only_z_is_right),
         "these matrices do not fit the five matches: x_cᵀ E x_p is not 0. Is vec(E) read row by row, and are x_p and "
-        "x_c in their places?": Condition(lambda E, *x: np.abs(rows(*x) @ in_line(E).T).max() > 1e-4),
+        "x_c in their places?": Condition(lambda E, *x: np.abs(rows(*x) @ as_unit_vectors(E).T).max() > 1e-4),
         "these matrices fit the five matches, but some are not essential: the ten constraints do not hold.": Condition(
-            lambda E, x_p, x_c: max(np.abs(ten(each.reshape(3, 3))).max() for each in in_line(E)) > 1e-4
+            lambda E, x_p, x_c: (
+                max(np.abs(ten_constraints(each.reshape(3, 3))).max() for each in as_unit_vectors(E)) > 1e-4
+            )
         ),
     },
 )

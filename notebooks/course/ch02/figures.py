@@ -29,12 +29,11 @@ from vo_lib.paper.five_point import (
 )
 from vo_lib.paper.real_roots import DEGREE, real_roots
 
-from ..colours import BAD, CYCLE, DARK, FOURTH, GOOD, PALE, bgr
+from ..colours import BAD, CYCLE, DARK, FOURTH, GOOD, PALE, WHITE, bgr
 from ..drawing import FONT_SIZE, caption, figure, finish, log_axis, numbers_at, photo, room
 from ..drawn_matches import draw_dots, draw_flow
 from ..frames import Points
-from ..view3d import Shape
-from ..view3d import camera as view_of
+from ..view3d import Shape, camera_shape
 from . import library
 from .puzzle import Puzzle
 
@@ -68,11 +67,12 @@ def draw_line(picture: Image, line: Array, colour: str, thickness: int = 1) -> N
     cv2.line(picture, start, end, bgr(colour), thickness, cv2.LINE_AA, shift=4)
 
 
-def describe(number: int, motion: Array, match: int, distance_px: float) -> str:
+def solution_line(number: int, motion: Array, match: int, distance_px: float) -> str:
     """A line of text about a solution: its rotation, its direction, and the distance of a match from its line."""
     R = motion[:, :3]
     angle = np.degrees(rotation_angle(R))
-    way = ", ".join(f"{part:5.2f}" for part in -R.T @ motion[:, 3])
+    centre = -R.T @ motion[:, 3]  # of the current camera, in the previous one
+    way = ", ".join(f"{part:5.2f}" for part in centre)
     turn = f"solution {number}: turns by {angle:6.2f}° and drives along ({way})"
     return f"{turn}; match {match} is {distance_px:6.2f} px from its line"
 
@@ -86,7 +86,7 @@ def puzzle_lines(puzzle: Puzzle, points: Points, focal: float) -> list[str]:
     for number, E in enumerate(puzzle.E, start=1):
         motion = library.choose_motion(library.four_motions(E), x_p, x_c)
         distance = focal * float(library.distances(E, points.x_p[sixth], points.x_c[sixth])[0])
-        lines.append(describe(number, motion, puzzle.sixth, distance))
+        lines.append(solution_line(number, motion, puzzle.sixth, distance))
     return lines
 
 
@@ -98,8 +98,8 @@ def sixth_picture(
     places = pixels(points.x_c[five], camera)
     draw_dots(picture, places, [DARK] * len(five), 8)
     draw_dots(picture, places, [FIVE_COLOUR] * len(five), 6)
-    same = [sixth] * len(E)
-    return lines_picture(picture, camera, E, points.x_p[same], points.x_c[same], same)
+    repeated = [sixth] * len(E)  # the same match for each solution
+    return lines_picture(picture, camera, E, points.x_p[repeated], points.x_c[repeated], repeated)
 
 
 def pixels(x: Array, camera: StereoCamera) -> Array:
@@ -118,9 +118,10 @@ def lines_picture(
     colours = [CYCLE[number % len(CYCLE)] for number in range(len(E))]
     for each, point, colour in zip(E, x_p, colours, strict=True):
         draw_line(picture, epipolar_line(each, point, camera), colour, 2)
-    one = len(set(names)) == 1
-    draw_dots(picture, pixels(x_c, camera), ["#FFFFFF"] * len(E) if one else colours, 6, names)
-    if one:
+    is_one_match = len(set(names)) == 1
+    dot_colours = [WHITE] * len(E) if is_one_match else colours
+    draw_dots(picture, pixels(x_c, camera), dot_colours, 6, names)
+    if is_one_match:
         below = np.array([(20.0 + 50 * number, camera.height - 14.0) for number in range(len(E))])
         draw_dots(picture, below, colours, 8, range(1, 1 + len(E)))
     return photo(picture)
@@ -140,8 +141,10 @@ def polynomial_of(x_p: Array, x_c: Array) -> tuple[Array, Array]:
 def polynomial_chart(axis: Axes, coefficients: Array, roots: Array) -> None:
     """A polynomial (11,) along the directions (z, w) = (cos θ, sin θ), and its real roots (K,), degrees."""
     theta = np.linspace(0.0, np.pi, 721)
-    order = np.arange(DEGREE + 1)
-    values = (np.cos(theta)[:, None] ** order[::-1] * np.sin(theta)[:, None] ** order) @ coefficients
+    powers_of_w = np.arange(DEGREE + 1)
+    powers_of_z = powers_of_w[::-1]
+    monomials = np.cos(theta)[:, None] ** powers_of_z * np.sin(theta)[:, None] ** powers_of_w
+    values = monomials @ coefficients
     axis.axhline(0.0, color=PALE, linewidth=1)
     largest = float(np.max(np.abs(values))) or 1.0  # a wrong answer may give zeros only
     height = np.arcsinh(values / (COMPRESSED * largest))
@@ -232,7 +235,7 @@ def rows_figure(A: Array) -> Figure:
         dark = abs(value) > 0.6 * largest
         colour = "white" if dark else "black"
         axis.text(column, row, f"{value:.3f}", ha="center", va="center", color=colour, fontsize=FONT_SIZE)
-    entries = [f"E{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)]
+    entries = ["E11", "E12", "E13", "E21", "E22", "E23", "E31", "E32", "E33"]
     axis.set_xticks(range(9), entries)
     axis.set_yticks(range(5), [f"{row + 1}" for row in range(5)])
     finish(axis, "A: factors of the nine entries of E", "", "match")
@@ -259,23 +262,24 @@ def slice_figure(size: Array, reach: float, z: float) -> Figure:
     return made
 
 
+# The two cameras and the point of the sketch of the epipolar plane.
 TOY = rigid(rotation_from_vector(np.array([0.0, -0.3, 0.0])), np.array([-0.7, 0.0, -0.6]))  # T_cp
-TOY_X = np.array([0.9, -0.5, 2.6])  # the point seen by both cameras, in the previous one
+TOY_X = np.array([0.9, -0.5, 2.6])  # in the previous camera
 
 
 def epipolar_plane() -> list[Shape]:
     """Two cameras, a point, the epipolar plane, and its intersection with the current image."""
     T_p_c = inverse(TOY)
-    c = inverse(TOY)[:3, 3]
-    size = 1.2
+    c = T_p_c[:3, 3]
+    size = 1.2  # depth of the drawn cameras, metres
     moved = transform(TOY, TOY_X[None])[0]
     x_p = TOY_X[:2] / TOY_X[2]
     x_c = moved[:2] / moved[2]
     epipole = TOY[:2, 3] / TOY[2, 3]
     ends = size * np.array([np.append(x_c + k * (epipole - x_c), 1.0) for k in (-0.3, 1.1)])
     return [
-        view_of(np.eye(4), "previous camera", size=size),
-        view_of(T_p_c, "current camera", FOURTH, size=size),
+        camera_shape(np.eye(4), "previous camera", size=size),
+        camera_shape(T_p_c, "current camera", FOURTH, size=size),
         Shape(np.stack([np.zeros(3), TOY_X, c, np.zeros(3)]), GOOD, "area"),
         Shape(np.stack([size * np.append(x_p, 1.0), TOY_X]), GOOD, name="ray of the previous camera"),
         Shape(np.stack([c / 2, np.zeros(3), c]), DARK, name="t", width=3.0),  # its name is in the middle
@@ -285,21 +289,29 @@ def epipolar_plane() -> list[Shape]:
     ]
 
 
-POWERS = [["", name, f"{name}²", f"{name}³"] for name in "xyzw"]
-MONOMIALS = ["".join(names[power] for names, power in zip(POWERS, row, strict=True)) for row in EXPONENTS]
+def _monomial(powers: Array) -> str:
+    """The name of a monomial with these powers (4,) of x, y, z and w, such as "x²y"."""
+    name = ""
+    for letter, power in zip("xyzw", powers, strict=True):
+        name += ("", letter, f"{letter}²", f"{letter}³")[power]
+    return name
+
+
+MONOMIALS = [_monomial(powers) for powers in EXPONENTS]
 
 
 def cubics_figure(before: Array, after: Array) -> Figure:
     """Magnitudes of the coefficients (10, 20) of ten cubics before and after elimination; white is zero."""
     made, (*axes, bar) = figure(250, 3, (1.0, 1.0, 0.02))
-    titles = "the ten cubics", "x³, y³, x²y, xy² eliminated"
-    for axis, matrix, title in zip(axes, (before, after), titles, strict=True):
+    charts = ((before, "the ten cubics"), (after, "x³, y³, x²y, xy² eliminated"))
+    for axis, (matrix, title) in zip(axes, charts, strict=True):
         size = np.log10(np.maximum(np.abs(matrix) / np.abs(matrix).max(), 1e-9))
         shown = axis.imshow(np.where(size > -8, size, np.nan), cmap="viridis", vmin=-4, vmax=0, aspect="auto")
         axis.set_xticks(range(20), MONOMIALS, rotation=90)
         axis.set_yticks(range(0, 10, 3), [f"{row + 1}" for row in range(0, 10, 3)])
         axis.plot([3.5, 3.5], [-0.5, 9.5], color=BAD, linewidth=1.5)
-        axis.plot([-0.5, 19.5], [3.5, 3.5], color=BAD, linewidth=1.5 if title[0] == "x" else 0)
+        if matrix is after:
+            axis.plot([-0.5, 19.5], [3.5, 3.5], color=BAD, linewidth=1.5)
         finish(axis, title)
     made.colorbar(shown, cax=bar)
     bar.yaxis.set_ticks_position("left")

@@ -24,11 +24,19 @@ def distances(E: Array, x_p: Array, x_c: Array) -> Array:
 def four_motions(E: Array) -> Array:
     """The four motions [R | t] of E (3, 3), (4, 3, 4), with |t| = 1."""
     rotations, t = decompose_essential(E)
-    motions = [np.column_stack([R, way]) for R in rotations for way in (t, -t)]
+    return all_motions(list(rotations), t)
+
+
+def all_motions(rotations: list[Array], t: Array) -> Array:
+    """The motions [R | t] (2 K, 3, 4) of K rotations (3, 3), each with t (3,) and with -t."""
+    motions = []
+    for R in rotations:
+        motions.append(np.column_stack([R, t]))
+        motions.append(np.column_stack([R, -t]))
     return np.array(motions)
 
 
-def in_order(motions: Array) -> Array:
+def sorted_motions(motions: Array) -> Array:
     """Motions (M, 3, 4) in an order of their own, for comparison."""
     flat = motions.reshape(len(motions), -1)
     return np.asarray(motions[np.lexsort(np.round(flat, 4).T)])
@@ -41,8 +49,8 @@ def two_depths(motion: Array, x_p: Array, x_c: Array) -> tuple[Array, Array]:
     other ray. Depths of parallel rays are infinite or NaN.
     """
     t = motion[:, 3]
-    q = homogeneous(x_p) @ motion[:, :3].T
-    c = homogeneous(x_c)
+    q = homogeneous(x_p) @ motion[:, :3].T  # rays of the previous camera, R x_p
+    c = homogeneous(x_c)  # rays of the current camera
     normal = np.cross(c, q)
     with np.errstate(divide="ignore", invalid="ignore"):
         squared = np.sum(normal**2, axis=1)
@@ -65,12 +73,14 @@ def choose_motion(motions: Array, x_p: Array, x_c: Array) -> Array:
 
 def rows(x_p: Array, x_c: Array) -> Array:
     """The five rows (5, 9) of the epipolar constraint of five matches (5, 2)."""
-    return np.asarray(epipolar_rows(x_p[None], x_c[None])[:, :, 0])
+    of_sets = epipolar_rows(x_p[None], x_c[None])  # of S sets, the last axis is S
+    return np.asarray(of_sets[:, :, 0])
 
 
 def null_space(A: Array) -> Array:
     """An orthonormal basis (4, 9) of the null space of A (5, 9)."""
-    return np.asarray(np.linalg.svd(A)[2][5:])
+    _, _, Vt = np.linalg.svd(A)
+    return np.asarray(Vt[5:])
 
 
 def constraints(E: Array) -> Array:

@@ -63,8 +63,10 @@ def off_place(E: Array, five: Index, points: Points) -> Array:
 def find_puzzle(points: Points, focal: float) -> Puzzle:
     """Draw sets of five until one has a good solution, and a right match that separates the solutions.
 
-    The match farthest from the other lines is often a wrong one that is on its line by accident; so its place must
-    agree with its stereo depth. No truth is used. Where no set of `SETS` is good enough, the result is the one that separates best.
+    No truth is used. Where no set of `SETS` is good enough, the result is the one that separates best. Raises
+    ValueError if no set has a solution.
+
+    focal : focal length, pixels.
     """
     sets = draw_sets(np.random.default_rng(0), len(points.x_p), SETS)
     solved = five_point(points.x_p[sets], points.x_c[sets])
@@ -73,23 +75,43 @@ def find_puzzle(points: Points, focal: float) -> Puzzle:
     largest = -1.0
     for number, five in enumerate(sets):
         members = np.flatnonzero(solved.set_index == number)
-        if len(members) < LEAST_SOLUTIONS and not (best is None and len(members)):
+        has_enough = len(members) >= LEAST_SOLUTIONS
+        is_first = best is None and len(members) > 0  # with few solutions, but better than none
+        if not has_enough and not is_first:
             continue
         E = solved.E[members[np.argsort(errors[members])]]
-        far = focal * np.array([library.distances(each, points.x_p, points.x_c) for each in E])
-        nearest_other = far[1:].min(axis=0, initial=np.inf)
-        nearest_other[five] = 0.0
-        nearest_other[far[0] > ON_LINE_PX] = 0.0
-        nearest_other[focal * off_place(E[0], five, points) > AT_PLACE_PX] = 0.0
-        sixth = int(np.argmax(nearest_other))
-        separation = float(nearest_other[sixth])
-        good = bool(np.mean(far[0] < GOOD_PX) > GOOD_SHARE)
-        if len(E) >= LEAST_SOLUTIONS and good and separation > OFF_LINE_PX:
-            return Puzzle(five, E, sixth, number + 1)
-        quality = separation if good and np.isfinite(separation) else 0.0
+        sixth, separation, is_good = _sixth_match(E, five, points, focal)
+        puzzle = Puzzle(five, E, sixth, number + 1)
+        if has_enough and is_good and separation > OFF_LINE_PX:
+            return puzzle
+        quality = separation if is_good and np.isfinite(separation) else 0.0
         if quality > largest:
-            best = Puzzle(five, E, sixth, number + 1)
+            best = puzzle
             largest = quality
     if best is None:
         raise ValueError("no five of the matches determine an essential matrix: the camera may stand still")
     return best
+
+
+def _sixth_match(E: Array, five: Index, points: Points, focal: float) -> tuple[int, float, bool]:
+    """The match on the line of the first solution that is farthest from the lines of all others.
+
+    Such a match is often a wrong one that is on its line by accident; so its place must agree with its stereo depth.
+
+    Parameters
+    ----------
+    E : (M, 3, 3) the solutions of a set, the one with the smallest image error first. five : (5,) the set.
+
+    Returns
+    -------
+    The index of the match, its distance from the nearest of the other lines, pixels, and whether most matches are
+    near the lines of the first solution.
+    """
+    distances = focal * np.array([library.distances(each, points.x_p, points.x_c) for each in E])
+    nearest_other = distances[1:].min(axis=0, initial=np.inf)
+    nearest_other[five] = 0.0
+    nearest_other[distances[0] > ON_LINE_PX] = 0.0
+    nearest_other[focal * off_place(E[0], five, points) > AT_PLACE_PX] = 0.0
+    sixth = int(np.argmax(nearest_other))
+    is_good = bool(np.mean(distances[0] < GOOD_PX) > GOOD_SHARE)
+    return sixth, float(nearest_other[sixth]), is_good

@@ -13,6 +13,7 @@ from ..drawing import figure, finish
 from ..simulation.problems import HALF_HEIGHT, HALF_WIDTH, Motion, random_problems
 from .figures import draw_camera
 
+# The kinds of scenes by name, and how their points are drawn. Only the sets of "neighbours" are other ones.
 KINDS: dict[str, Motion] = {
     "general": "general",
     "neighbours": "general",
@@ -21,7 +22,7 @@ KINDS: dict[str, Motion] = {
 }
 POINTS = 65  # of a scene
 SEED = 2  # of the scenes in the picture
-SET = 0  # seed of their sets of five
+SET_SEED = 0  # of their sets of five
 # Metres in the views from above, with equal scales on both axes.
 SIDE = 20.0
 AHEAD = (-3.0, 40.0)
@@ -29,7 +30,10 @@ CAMERA = 3.0
 
 
 def sets_in(kind: str, x_c: Array, sets: int, seed: int) -> Index:
-    """Five-point sets (sets, 5) of a scene with current points x_c (N, 2); of neighbours if so named."""
+    """Indices (sets, 5) of random five-point sets of a scene with current points x_c (N, 2).
+
+    In the kind "neighbours", a set is a random point with its four nearest ones.
+    """
     chosen = draw_sets(np.random.default_rng(seed), len(x_c), sets)
     if kind != "neighbours":
         return chosen
@@ -39,13 +43,13 @@ def sets_in(kind: str, x_c: Array, sets: int, seed: int) -> Index:
 
 def scenes_figures() -> tuple[Figure, Figure]:
     """One scene of each kind, with a set of five in orange: from above, and in the current image."""
-    plans, above = figure(250, len(KINDS))
-    images, within = figure(150, len(KINDS))
-    for plan, image, (name, kind) in zip(above, within, KINDS.items(), strict=True):
+    plans, plan_axes = figure(250, len(KINDS))
+    images, image_axes = figure(150, len(KINDS))
+    for plan, image, (name, kind) in zip(plan_axes, image_axes, KINDS.items(), strict=True):
         given = random_problems(np.random.default_rng(SEED), 1, POINTS, kind)
         X = given.X_p[0]
         x_c = given.x_c[0]
-        five = sets_in(name, x_c, 1, SET)[0]
+        five = sets_in(name, x_c, 1, SET_SEED)[0]
         motion = np.column_stack([given.R_cp[0], given.t_cp[0]])
         draw_camera(plan, np.eye(4)[:3], DARK, CAMERA)
         draw_camera(plan, motion, FOURTH, CAMERA)
@@ -54,6 +58,6 @@ def scenes_figures() -> tuple[Figure, Figure]:
             axis.plot(*places[five].T, "o", color=BAD, markersize=5)
         plan.set(xlim=(-SIDE, SIDE), ylim=AHEAD)
         image.set(xlim=(-HALF_WIDTH, HALF_WIDTH), ylim=(HALF_HEIGHT, -HALF_HEIGHT), yticks=(-0.2, 0.0, 0.2))
-        finish(plan, name, "x [m]", "z [m]" if plan is above[0] else "")
-        finish(image, "", "x, normalised", "y" if image is within[0] else "")
+        finish(plan, name, "x [m]", "z [m]" if plan is plan_axes[0] else "")
+        finish(image, "", "x, normalised", "y" if image is image_axes[0] else "")
     return plans, images

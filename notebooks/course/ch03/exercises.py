@@ -35,10 +35,13 @@ def candidates() -> list[Case]:
     given = random_problems(rng, 60, motion="forward")
     solutions = five_point(given.x_p, given.x_c)
     E = of_any_length(solutions.E, rng)
-    sets = [(s, E[solutions.set_index == s]) for s in range(60)]
-    return [
-        (E, essential_vector(given.E[(s + 1) % 60]), k) for s, E in sets if len(E) >= 4 for k in (2, 3, 1)
-    ]
+    cases: list[Case] = []
+    for s in range(60):
+        of_set = E[solutions.set_index == s]
+        if len(of_set) >= 4:
+            e_prev = essential_vector(given.E[(s + 1) % 60])
+            cases += [(of_set, e_prev, k) for k in (2, 3, 1)]
+    return cases
 
 
 def angles(E: Array, e_prev: Array) -> Array:
@@ -46,8 +49,8 @@ def angles(E: Array, e_prev: Array) -> Array:
     return essential_angle(essential_vector(E), e_prev)
 
 
-# Wrong measures of (E, e_prev) in place of the angle.
-ORDERS: dict[str, Callable[[Array, Array], Array]] = {
+# Wrong measures of (E, e_prev) in place of the angle, by message.
+WRONG_ANGLES: dict[str, Callable[[Array, Array], Array]] = {
     "candidates with a large norm seem near: E has no fixed norm, an essential vector has norm 1.": (
         lambda E, e_prev: np.arccos(np.abs(E.reshape(-1, 9) @ e_prev))
     ),
@@ -58,7 +61,7 @@ ORDERS: dict[str, Callable[[Array, Array], Array]] = {
 
 
 def first_by(measure: Callable[[Array, Array], Array]) -> Callable[..., Any]:
-    """Answer: the k candidates with the smallest `measure(E, e_prev)`."""
+    """Answer: the indices of the k candidates with the smallest `measure(E, e_prev)`."""
     return lambda E, e_prev, k: np.argsort(measure(E, e_prev), kind="stable")[:k]
 
 
@@ -80,45 +83,65 @@ def frames() -> list[Case]:
         e_prev = essential_vector(given.E[0] + 0.2 * rng.normal(size=(3, 3)))
         errors = truncated_errors(E, x_p, x_c, 1.0 / 718.856)
         for k in (1, 2):
-            won = set_index[selected(E, set_index, errors, e_prev, k)]
-            turned = (set_index - won - seed % 2) % 40
-            order = np.argsort(turned, kind="stable")
-            cases.append((E[order], turned[order], errors[order], e_prev, k))
+            winners_set = set_index[selected(E, set_index, errors, e_prev, k)]
+            # New numbers of the sets: the winner's has 0 or, for an odd seed, 39.
+            renumbered = (set_index - winners_set - seed % 2) % 40
+            order = np.argsort(renumbered, kind="stable")
+            cases.append((E[order], renumbered[order], errors[order], e_prev, k))
     return cases
 
 
-def least(values: Array, allowed: BoolArray) -> int:
+def index_of_smallest(values: Array, allowed: BoolArray) -> int:
     """Index of the smallest of the allowed values."""
     return int(np.argmin(np.where(allowed, values, np.inf)))
 
 
 def selected(E: Array, set_index: Any, errors: Array, e_prev: Array, k: int) -> int:
     """Solution selection: the candidate with the smallest image error among the k nearest of each set."""
-    return least(errors, nearest_to_prior(E, set_index, e_prev, k))
+    return index_of_smallest(errors, nearest_to_prior(E, set_index, e_prev, k))
 
 
 def of_winners(E: Array, set_index: Any, errors: Array, e_prev: Array, k: int) -> int:
     """Wrong answer: among the winners of the sets, the winner nearest to e_prev."""
     competing = np.where(nearest_to_prior(E, set_index, e_prev, k), errors, np.inf)
-    return least(angles(E, e_prev), first_of_each_set(competing, set_index, 1))
+    return index_of_smallest(angles(E, e_prev), first_of_each_set(competing, set_index, 1))
 
 
 def in_list(E: Array, set_index: Any, errors: Array, e_prev: Array, k: int) -> int:
     """Wrong answer: the winner's place in the list of kept candidates, set by set, nearest first."""
     order = np.lexsort((angles(E, e_prev), set_index))
-    return int(np.argmin(errors[order[nearest_to_prior(E, set_index, e_prev, k)[order]]]))
+    is_kept = nearest_to_prior(E, set_index, e_prev, k)
+    kept = order[is_kept[order]]
+    return int(np.argmin(errors[kept]))
+
+
+def within_its_set(E: Array, set_index: IntArray, *case: Any) -> Any:
+    """Wrong answer: the right candidate, as an index into the candidates of its set."""
+    winner = selected(E, set_index, *case)
+    return winner - np.searchsorted(set_index, set_index[winner])
 
 
 def within_sets(E: Array, set_index: Any, errors: Array, e_prev: Array, k: int) -> int:
     """Wrong answer: indices within a set are used as indices into all candidates."""
-    sets = (np.flatnonzero(set_index == s) for s in np.unique(set_index))
-    kept = np.concatenate([np.argsort(angles(E[members], e_prev), kind="stable")[:k] for members in sets])
+    within = []
+    for s in np.unique(set_index):
+        of_set = angles(E[set_index == s], e_prev)
+        within.append(np.argsort(of_set, kind="stable")[:k])
+    kept = np.concatenate(within)
     return int(kept[np.argmin(errors[kept])])
 
 
-def by_order(measure: Callable[[Array, Array], Array]) -> Callable[..., int]:
+def selected_by(measure: Callable[[Array, Array], Array]) -> Callable[..., int]:
     """Solution selection with another measure of (E, e_prev) in place of the angle."""
-    return lambda E, s, errors, e_prev, k: least(errors, first_of_each_set(measure(E, e_prev), s, k))
+    return lambda E, s, errors, e_prev, k: index_of_smallest(
+        errors, first_of_each_set(measure(E, e_prev), s, k)
+    )
+
+
+def k_in_all(E: Array, set_index: Any, errors: Array, e_prev: Array, k: int) -> int:
+    """Wrong answer: only the k candidates nearest to e_prev compete, whatever their sets."""
+    one_set = np.zeros_like(set_index)
+    return index_of_smallest(errors, first_of_each_set(angles(E, e_prev), one_set, k))
 
 
 def sets_for(good: float) -> float:
@@ -158,7 +181,7 @@ nearest = Exercise(
     hint="compute the angle of each candidate to e_prev, sort the candidates by it, return the first k indices.",
     line="np.argsort(np.arccos(np.minimum(np.abs(essential_vector(E) @ e_prev), 1)))[:k]",
     library=("nearest_to_prior", "essential_angle"),
-    mistakes={says: first_by(measure) for says, measure in ORDERS.items()}
+    mistakes={says: first_by(measure) for says, measure in WRONG_ANGLES.items()}
     | {
         "these are the farthest: the angle falls as |eᵀ e_prev| rises.": (
             first_by(lambda E, e: -angles(E, e)),
@@ -183,7 +206,7 @@ truncated_error = Exercise(
         "one wrong match decides everything: a term must not exceed 1.": truncated(lambda d, t: (d / t) ** 2),
         "outliers cost nothing here; each should cost 1.": (
             truncated(lambda d, t: (d[np.abs(d) <= t] / t) ** 2),
-            truncated(lambda d, t: (d / t * (np.abs(d) <= t)) ** 2),
+            truncated(lambda d, t: np.where(np.abs(d) <= t, (d / t) ** 2, 0.0)),
         ),
         "this only counts inliers or outliers; inliers have different costs, too.": (
             truncated(lambda d, t: np.abs(d) > t),
@@ -209,12 +232,6 @@ truncated_error = Exercise(
 )
 
 
-def within_its_set(E: Array, set_index: IntArray, *case: Any) -> Any:
-    """The right candidate, as an index into the candidates of its set."""
-    winner = selected(E, set_index, *case)
-    return winner - np.searchsorted(set_index, set_index[winner])
-
-
 select = Exercise(
     selected,
     frames,
@@ -222,7 +239,7 @@ select = Exercise(
     hint="for each set, find its k candidates nearest to e_prev; then compare the errors of all kept candidates.",
     line="members = np.flatnonzero(set_index == s); kept += [*members[nearest(E[members], e_prev, k)]]",
     library=("nearest_to_prior", "choose"),
-    mistakes={says: by_order(measure) for says, measure in ORDERS.items()}
+    mistakes={says: selected_by(measure) for says, measure in WRONG_ANGLES.items()}
     | {
         "this is an index into the kept candidates or into one set; return the index into all candidates.": (
             lambda E, s, errors, e, k: np.argmin(errors[nearest_to_prior(E, s, e, k)]),
@@ -241,25 +258,27 @@ select = Exercise(
             lambda E, s, errors, e, k: selected(E, s, errors, e, 1),
         ),
         "prior and image error are exchanged: the angle selects candidates, the error selects the winner.": (
-            lambda E, s, errors, e, k: least(angles(E, e), first_of_each_set(errors, s, k))
+            lambda E, s, errors, e, k: index_of_smallest(angles(E, e), first_of_each_set(errors, s, k))
         ),
         "this is the nearest of the winners of the sets; the image error also decides between sets.": of_winners,
         "this is the number of the winner's set; return the index of the winner.": lambda E, s, *case: s[
             selected(E, s, *case)
         ],
-        "only the first set is used; the winner may be in any set.": lambda E, s, errors, e, k: least(
-            errors, nearest_to_prior(E, s, e, k) & (s == s[0])
+        "only the first set is used; the winner may be in any set.": lambda E, s, errors, e, k: (
+            index_of_smallest(errors, nearest_to_prior(E, s, e, k) & (s == s[0]))
         ),
         "the first or the last set is left out: range(n) runs from 0 to n - 1.": (
-            lambda E, s, errors, e, k: least(errors, nearest_to_prior(E, s, e, k) & (s < s.max())),
-            lambda E, s, errors, e, k: least(errors, nearest_to_prior(E, s, e, k) & (s > s.min())),
+            lambda E, s, errors, e, k: index_of_smallest(
+                errors, nearest_to_prior(E, s, e, k) & (s < s.max())
+            ),
+            lambda E, s, errors, e, k: index_of_smallest(
+                errors, nearest_to_prior(E, s, e, k) & (s > s.min())
+            ),
         ),
         "this is the image error of the winner; return its index.": lambda E, s, errors, *more: errors[
             selected(E, s, errors, *more)
         ],
-        "only k candidates compete in all; k candidates of each set may compete.": lambda E, s, errors, e, k: (
-            least(errors, first_of_each_set(angles(E, e), 0 * s, k))
-        ),
+        "only k candidates compete in all; k candidates of each set may compete.": k_in_all,
     },
 )
 
@@ -279,11 +298,10 @@ sets_needed = Exercise(
             np.ceil(sets_for(0.7**8)),
         ),
         "two different logarithms: take the same in the numerator and in the denominator.": (
-            *(
-                number(sets_for(0.7**5) * factor)
-                for factor in (np.log(10), 1 / np.log(10))
-                for number in (float, np.ceil)
-            ),
+            sets_for(0.7**5) * np.log(10),
+            sets_for(0.7**5) / np.log(10),
+            np.ceil(sets_for(0.7**5) * np.log(10)),
+            np.ceil(sets_for(0.7**5) / np.log(10)),
         ),
         "0.7⁵ is the probability that a set is good; the n sets that fail have 1 - 0.7⁵.": (
             sets_for(1 - 0.7**5),

@@ -139,22 +139,27 @@ def field_figure(field: Field, result: float | None = None, height: int = 260) -
     A mark on the right shows `result`, the error of the frame's final rotation, degrees.
     """
     with_truth = bool(np.isfinite(field.rotation_error).any())
-    made, axes = figure(height, 1 + with_truth)
+    made, axes = figure(height, 2 if with_truth else 1)
     by_angle = axes[0]
     named = axes[-1]  # one legend is enough
     nearest = "every solution" if field.kept.all() else "nearest k of a set"
-    places = field.angle, np.clip(field.rotation_error, LEAST, MOST)
-    for axis, x in zip(axes, places, strict=False):
+    charts = [(by_angle, field.angle)]
+    if with_truth:
+        charts.append((named, np.clip(field.rotation_error, LEAST, MOST)))
+    for axis, x in charts:
         for chosen, colour, marker, size, words in (
             (~field.kept, PALE, ".", 4.5, "left out"),
             (field.kept, GOOD, ".", 4.5, nearest),
             (field.consensus, DARK, "o", 9, "winner, consensus"),
             (field.selected, BAD, "o", 5.5, "winner, selection"),
         ):
-            at = np.atleast_1d(x[chosen]), np.atleast_1d(field.image_error[chosen])
+            places = np.atleast_1d(x[chosen])  # of all these candidates, or of the winner
+            errors = np.atleast_1d(field.image_error[chosen])
             label = words if axis is named else ""
-            # A winner at the edge is shown whole.
-            axis.plot(*at, marker, color=colour, markersize=size, label=label, clip_on=marker == ".")
+            is_winner = marker == "o"  # a winner at the edge is shown whole
+            axis.plot(
+                places, errors, marker, color=colour, markersize=size, label=label, clip_on=not is_winner
+            )
         axis.set_ylim(-0.02, 1.02)
     by_angle.set_xlim(0, 90)
     x_name = "angle to the previous essential vector [deg]"
@@ -179,29 +184,41 @@ def errors_figure(
     Errors (S, N) of several seeds are drawn as their median, with a band from the smallest to the largest.
     Identical curves are drawn as one line with all their names.
     """
-    curves: list[tuple[list[str], Array, Array]] = []
-    for name, values in errors.items():
-        middle = np.median(np.atleast_2d(values), axis=0)
-        same = [names for names, _, drawn in curves if np.allclose(middle, drawn, rtol=ALIKE)]
-        if same:
-            same[0].append(name)
-        else:
-            curves.append(([name], values, middle))
     made, (axis,) = figure(230)
-    styles = zip(curves, (DARK, GOOD, BAD), ("-o", "--s", "-^"), strict=False)
-    for (names, values, middle), colour, style in styles:
-        label = " / ".join(names) + (f": median {np.median(values):.3f}" if x is None else "")
+    looks = ((DARK, "-", "o"), (GOOD, "--", "s"), (BAD, "-", "^"))
+    for (names, seeds), (colour, line, marker) in zip(_different_curves(errors), looks, strict=False):
+        middle = np.median(seeds, axis=0)
+        label = " / ".join(names)
+        if x is None:
+            label += f": median {np.median(seeds):.3f}"
+            marker = ""
         at = np.arange(1, len(middle) + 1) if x is None else x
-        rows = np.atleast_2d(values)
-        if len(rows) > 1:
-            axis.fill_between(at, rows.min(axis=0), rows.max(axis=0), color=colour, alpha=0.2, linewidth=0)
-        axis.plot(at, middle, style[:-1] if x is None else style, color=colour, markersize=5, label=label)
+        if len(seeds) > 1:
+            smallest = seeds.min(axis=0)
+            largest = seeds.max(axis=0)
+            axis.fill_between(at, smallest, largest, color=colour, alpha=0.2, linewidth=0)
+        axis.plot(at, middle, line + marker, color=colour, markersize=5, label=label)
     axis.set_yscale("log")
     low, high = axis.get_ylim()
     log_axis(axis.yaxis, min(low, 0.01), max(high, 0.1))
     axis.xaxis.set_major_locator(MaxNLocator(integer=True))
     finish(axis, title, x_name, "", "above")
     return made
+
+
+def _different_curves(errors: Mapping[str, Array]) -> list[tuple[list[str], Array]]:
+    """The curves that do not look the same: the names of each, and its values (S, N) by seed."""
+    curves: list[tuple[list[str], Array]] = []
+    for name, values in errors.items():
+        seeds = np.atleast_2d(values)
+        middle = np.median(seeds, axis=0)
+        for names, other in curves:
+            if np.allclose(middle, np.median(other, axis=0), rtol=ALIKE):
+                names.append(name)
+                break
+        else:
+            curves.append(([name], seeds))
+    return curves
 
 
 def turns_figure(angle: Array, turn: Array) -> Figure:

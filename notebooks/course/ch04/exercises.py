@@ -39,27 +39,77 @@ def exact_matches(count: int, seed: int, noise: float = 0.0) -> StereoMatches:
 
 def one_match() -> list[Case]:
     """One case with the four normalised points of a match, the rotation and the baseline."""
-    m = exact_matches(1, 3)
-    x = [CAMERA.normalise(uv)[0] for uv in (m.prev_left, m.prev_right, m.cur_left, m.cur_right)]
-    return [(*x, R_CP, CAMERA.baseline)]
+    match = exact_matches(1, 3)
+    x_pl = CAMERA.normalise(match.prev_left)[0]
+    x_pr = CAMERA.normalise(match.prev_right)[0]
+    x_cl = CAMERA.normalise(match.cur_left)[0]
+    x_cr = CAMERA.normalise(match.cur_right)[0]
+    return [(x_pl, x_pr, x_cl, x_cr, R_CP, CAMERA.baseline)]
 
 
 def eight_rows(
     x_pl: Array, x_pr: Array, x_cl: Array, x_cr: Array, R_cp: Array, b: float
 ) -> tuple[Array, Array]:
     """M (8, 6) and c (8,) of one feature; rows: x, y of previous left and right, current left and right."""
-    M = np.zeros((8, 6))
+    parts = []
+    for x in (x_pl, x_pr):
+        two_rows = _rows_of_image(x)
+        parts.append(np.hstack([two_rows, np.zeros((2, 3))]))  # P = Q: no t
+    for x in (x_cl, x_cr):
+        two_rows = _rows_of_image(x)
+        parts.append(np.hstack([two_rows @ R_cp, two_rows]))  # P = R Q + t
     c = np.array([0.0, 0, -b, 0, 0, 0, -b, 0])
-    for view, x in enumerate((x_pl, x_pr, x_cl, x_cr)):
-        rows = np.outer(x, [0, 0, 1]) - np.eye(3)[:2]
-        M[2 * view : 2 * view + 2] = np.hstack([rows @ R_cp, rows] if view > 1 else [rows, 0.0 * rows])
-    return M, c
+    return np.vstack(parts), c
 
 
-def times(x: float, y: float) -> Callable[..., tuple[Array, Array]]:
+def _rows_of_image(x: Array) -> Array:
+    """The rows x e3 - e1 and y e3 - e2, (2, 3), of a normalised point (2,)."""
+    e1, e2, e3 = np.eye(3)
+    return np.array([x[0] * e3 - e1, x[1] * e3 - e2])
+
+
+def scaled_rows(x: float, y: float) -> Callable[..., tuple[Array, Array]]:
     """Answer: the eight rows, with the factor `x` for rows in x and the factor `y` for rows in y."""
     factors = np.tile([x, y], 4)
-    return lambda *case: (factors[:, None] * eight_rows(*case)[0], factors * eight_rows(*case)[1])
+
+    def scaled(*case: Any) -> tuple[Array, Array]:
+        M, c = eight_rows(*case)
+        return factors[:, None] * M, factors * c
+
+    return scaled
+
+
+def t_before_Q(*case: Any) -> tuple[Array, Array]:
+    """Wrong answer: the columns of t come before those of Q."""
+    M, c = eight_rows(*case)
+    return np.roll(M, 3, axis=1), c
+
+
+def pairs_exchanged(
+    x_pl: Array, x_pr: Array, x_cl: Array, x_cr: Array, R_cp: Array, b: float
+) -> tuple[Array, Array]:
+    """Wrong answer: the points of the current pair are taken for those of the previous pair."""
+    return eight_rows(x_cl, x_cr, x_pl, x_pr, R_cp, b)
+
+
+def current_pair_first(*case: Any) -> tuple[Array, Array]:
+    """Wrong answer: as `pairs_exchanged`, with the rows of the previous pair first."""
+    M, c = pairs_exchanged(*case)
+    return np.roll(M, 4, axis=0), np.roll(c, 4)
+
+
+def left_and_right_exchanged(
+    x_pl: Array, x_pr: Array, x_cl: Array, x_cr: Array, R_cp: Array, b: float
+) -> tuple[Array, Array]:
+    """Wrong answer: the rows of the right images come first, with the baseline."""
+    M, _ = eight_rows(x_pr, x_pl, x_cr, x_cl, R_cp, b)
+    return M, np.array([-b, 0, 0, 0, -b, 0, 0, 0])
+
+
+def baseline_in_the_left_images(*case: Any) -> tuple[Array, Array]:
+    """Wrong answer: the right M, and the baseline in the rows of the left images."""
+    M, c = eight_rows(*case)
+    return M, np.roll(c, -2)
 
 
 def solve(M: Array, c: Array) -> Array:
@@ -96,8 +146,12 @@ def one_projection(left: bool) -> Callable[..., Array]:
 
     def solved(A: Array, B: Array, c: Array, w: Array) -> Array:
         M, d = eliminate_points(A, B, c)
-        H = np.einsum("i,ija,ijb->ab", w, M, M) if left else np.einsum("i,ija,ijb->ab", w, B, B)
-        g = np.einsum("i,ija,ij->a", w, B, c) if left else np.einsum("i,ija,ij->a", w, M, d)
+        if left:
+            H = np.einsum("i,ija,ijb->ab", w, M, M)
+            g = np.einsum("i,ija,ij->a", w, B, c)
+        else:
+            H = np.einsum("i,ija,ijb->ab", w, B, B)
+            g = np.einsum("i,ija,ij->a", w, M, d)
         return np.asarray(np.linalg.solve(H, g))
 
     return solved
@@ -106,12 +160,28 @@ def one_projection(left: bool) -> Callable[..., Array]:
 def weighted_frames() -> list[Case]:
     """Cases with the rows of thirty noisy features: different weights, then equal weights."""
     A, B, c = noisy_rows(30, 5, 0.5)
-    return [(A, B, c, np.random.default_rng(6).uniform(0.05, 2.0, 30)), (A, B, c, np.ones(30))]
+    different = np.random.default_rng(6).uniform(0.05, 2.0, 30)
+    return [(A, B, c, different), (A, B, c, np.ones(30))]
+
+
+def one_noisy_feature() -> list[Case]:
+    """One case with the rows M (8, 6) and c (8,) of a noisy feature."""
+    A, B, c = noisy_rows(1, 3, 0.3)
+    return [(np.hstack([A[0], B[0]]), c[0])]
+
+
+def residual_cases() -> list[Case]:
+    """Cases with residuals (N,), among them 0 and the scale itself, and their scale."""
+    cases: list[Case] = []
+    for s in (0.5, 0.8, 2.0):
+        for r in ([0.0], [1.0], [0.0, 0.5, 1.0, -1.0, 4.0, 200.0]):
+            cases.append((s * np.array(r), s))
+    return cases
 
 
 def is_multiple(M: Array, *case: Any) -> bool:
     """Whether M is a multiple of the eight rows of a case."""
-    right = rows(*case)[0]
+    right, _ = eight_rows(*case)
     factor = np.sum(M * right) / np.sum(right**2)
     return bool(abs(factor) > 1e-6 and np.allclose(M, factor * right, atol=1e-9))
 
@@ -127,12 +197,11 @@ def norm(vectors: Array) -> Array:
     return np.asarray(np.linalg.norm(vectors, axis=-1))
 
 
-def one_residual(place: float) -> Callable[..., bool]:
-    """Test for cases with a single residual of `place` times the scale."""
-    return lambda w, r, s: len(r) == 1 and r[0] == place * s and np.isfinite(w)
+def only_residual_is(scales: float) -> Callable[..., bool]:
+    """Test for cases with a single residual, of so many scales."""
+    return lambda w, r, s: len(r) == 1 and r[0] == scales * s and np.isfinite(w)
 
 
-rows: Callable[..., tuple[Array, Array]] = eight_rows  # of a case
 SCALED = (
     "these are the right equations times a common factor; with the factor 1, a row is a distance in metres."
 )
@@ -141,39 +210,38 @@ feature_rows = Exercise(
     eight_rows,
     one_match,
     parts=("M", "c"),
-    also=(times(-1, -1), times(-1, 1), times(1, -1)),
+    also=(scaled_rows(-1, -1), scaled_rows(-1, 1), scaled_rows(1, -1)),
     praise="the library's rows (up to a sign), for one feature: M (Q, t) = c.",
     hint="order of the rows: x and y in previous left, previous right, current left, current right.",
     line="row = x[0] * e3 - e1; M.append(np.concatenate([row @ R_cp, row]))",
     library=("feature_rows",),
     mistakes={
         "the rotation is missing: in the current pair P = R Q + t.": (
-            lambda *case: rows(*case[:4], np.eye(3), case[5])
+            lambda x_pl, x_pr, x_cl, x_cr, R_cp, b: eight_rows(x_pl, x_pr, x_cl, x_cr, np.eye(3), b)
         ),
         "R is transposed: the row multiplies R Q from the left, so the columns of Q are row @ R_cp.": (
-            lambda *case: rows(*case[:4], case[4].T, case[5])
+            lambda x_pl, x_pr, x_cl, x_cr, R_cp, b: eight_rows(x_pl, x_pr, x_cl, x_cr, R_cp.T, b)
         ),
         "previous and current pair are exchanged: R and t belong to the rows of the current pair.": (
-            lambda *case: rows(*case[2:4], *case[:2], *case[4:]),
-            lambda *case: [np.roll(each, 4, axis=0) for each in rows(*case[2:4], *case[:2], *case[4:])],
+            pairs_exchanged,
+            current_pair_first,
         ),
-        "left and right images are exchanged.": lambda pl, pr, cl, cr, R_cp, b: (
-            rows(pr, pl, cr, cl, R_cp, b)[0],
-            [-b, 0, 0, 0, -b, 0, 0, 0],
-        ),
+        "left and right images are exchanged.": left_and_right_exchanged,
         "x and y are exchanged: the row of x contains e1.": (
-            lambda *case: rows(*(x[::-1] for x in case[:4]), *case[4:])
+            lambda x_pl, x_pr, x_cl, x_cr, R_cp, b: eight_rows(
+                x_pl[::-1], x_pr[::-1], x_cl[::-1], x_cr[::-1], R_cp, b
+            )
         ),
-        "the baseline is taken as 1: use `b`.": lambda *case: rows(*case[:5], 1.0),
-        "the columns are in another order: Q first, then t.": (
-            lambda *case: (np.roll(rows(*case)[0], 3, axis=1), rows(*case)[1])
+        "the baseline is taken as 1: use `b`.": (
+            lambda x_pl, x_pr, x_cl, x_cr, R_cp, b: eight_rows(x_pl, x_pr, x_cl, x_cr, R_cp, 1.0)
         ),
+        "the columns are in another order: Q first, then t.": (t_before_Q),
         SCALED: Condition(is_multiple),
         "the columns of Q are right, the columns of t are not: t appears in the current pair only, without R.": Condition(
-            lambda M, *case: np.allclose(M[:, :3], rows(*case)[0][:, :3])
+            lambda M, *case: np.allclose(M[:, :3], eight_rows(*case)[0][:, :3])
         ),
         "M is right, c is not: the baseline appears only in the x rows of the two right images.": (
-            lambda *case: (rows(*case)[0], np.roll(rows(*case)[1], -2)),
+            baseline_in_the_left_images,
             Condition(lambda c, *case: c.shape == (8,)),
         ),
     },
@@ -183,7 +251,7 @@ feature_rows = Exercise(
 
 one_feature = Exercise(
     lambda M, c: solve(M, c)[3:],
-    lambda: [(np.hstack([A[0], B[0]]), c[0]) for A, B, c in [noisy_rows(1, 3, 0.3)]],
+    one_noisy_feature,
     atol=1e-6,
     praise="t = ({got[0]:.3f}, {got[1]:.3f}, {got[2]:.3f}) m from one noisy feature; the true t is (0.05, -0.02, -0.9) m.",
     hint="solve M q = c by least squares; t is the last three of the six numbers in q.",
@@ -221,7 +289,10 @@ row_error = Exercise(
             FAR / NEAR - 1.0,
         ),
         "the half pixel is in both errors, and the quotient does not contain it.": (
-            *(pixels * FAR / NEAR**power for pixels in (0.5, 2.0) for power in (0, 1)),
+            0.5 * FAR / NEAR,
+            2.0 * FAR / NEAR,
+            0.5 * FAR,
+            2.0 * FAR,
         ),
     },
 )
@@ -254,10 +325,8 @@ stack = Exercise(
             lambda A, B, c, w: np.average(alone(A, B, c), axis=0, weights=w),
         ),
         "the points Q are ignored; eliminate them first.": (
-            lambda A, B, c, w: solve(B.reshape(-1, 3), c.ravel()),
-            lambda A, B, c, w: solve(
-                (np.sqrt(w)[:, None, None] * B).reshape(-1, 3), (np.sqrt(w)[:, None] * c).ravel()
-            ),
+            lambda A, B, c, w: solve_all(B, c, np.ones(len(w))),
+            lambda A, B, c, w: solve_all(B, c, w),
         ),
         "N_i is missing in one of the two sums: it belongs to B_iᵀ N_i B_i and to B_iᵀ N_i c_i.": (
             one_projection(left=True),
@@ -325,11 +394,7 @@ bias = Exercise(
 
 robust_weight = Exercise(
     weights_by_residual,
-    lambda: [
-        (s * np.array(r), s)
-        for s in (0.5, 0.8, 2.0)
-        for r in ([0.0], [1.0], [0.0, 0.5, 1.0, -1.0, 4.0, 200.0])
-    ],
+    residual_cases,
     library=("weights_by_residual",),
     praise="1 for a residual of zero, ½ at the scale s, and nearly 0 for a mismatch.",
     hint="divide r by s, square the quotient, add 1, take the inverse.",
@@ -350,10 +415,10 @@ robust_weight = Exercise(
         "this is the square root of the weight.": lambda r, s: np.sqrt(weights_by_residual(r, s)),
         "the scale is fixed: use `s`.": lambda r, s: weights_by_residual(r, 0.5),
         "a feature without residual has weight {got:.3g}, not 1: is this the cost, or the inverse?": (
-            Condition(one_residual(0.0))
+            Condition(only_residual_is(0.0))
         ),
         "at r = s the weight is {got:.3g}, not ½: divide r by s, then square the quotient.": (
-            Condition(one_residual(1.0))
+            Condition(only_residual_is(1.0))
         ),
     },
 )

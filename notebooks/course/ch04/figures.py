@@ -20,8 +20,7 @@ from ..drawing import COARSE, FONT_SIZE, SMALL_SIZE, figure, finish, log_axis, n
 # Pixels shown of a residual.
 LEAST = 0.01
 MOST = 100.0
-MILLI = 1e3
-
+MILLI = 1e3  # from metres to millimetres
 
 UNKNOWNS = ("Qx", "Qy", "Qz", "tx", "ty", "tz", "c")
 ROWS = ("pl x", "pl y", "pr x", "pr y", "cl x", "cl y", "cr x", "cr y")  # previous left … current right
@@ -224,15 +223,16 @@ def ellipse_chart(
     """
     dots = MILLI * (each - t_reference)[..., [0, 2]]
     middle = MILLI * (t - t_reference)[..., [0, 2]]
-    axes, directions = np.linalg.eigh(MILLI**2 * covariance[np.ix_([0, 2], [0, 2])])
-    lengths = 4.0 * np.sqrt(np.maximum(axes, 0.0))
+    variances, directions = np.linalg.eigh(MILLI**2 * covariance[np.ix_([0, 2], [0, 2])])
+    lengths = 4.0 * np.sqrt(np.maximum(variances, 0.0))  # two standard deviations to each side
     light = ~(weight >= 0.5)
     for chosen, colour in ((light, PALE), (~light, GOOD)):
         axis.plot(*dots[chosen].T, ".", color=colour, markersize=2.5)
     angle = float(np.degrees(np.arctan2(directions[1, 1], directions[0, 1])))
     inside = (*to_rgb(FIFTH), 0.35)
-    size = float(lengths[1]), float(lengths[0])
-    axis.add_patch(Ellipse(tuple(middle.tolist()), *size, angle=angle, facecolor=inside, edgecolor=DARK))
+    short, long = lengths.tolist()
+    centre = tuple(middle.tolist())
+    axis.add_patch(Ellipse(centre, long, short, angle=angle, facecolor=inside, edgecolor=DARK))
     axis.plot(*middle, "o", color=FIFTH, markeredgecolor=DARK, markersize=6, label="all together, 2σ")
     axis.plot(0, 0, "+", color=BAD, markersize=14, markeredgewidth=2, label=reference)
     half = room(1.3 * (float(np.abs(middle).max()) + 0.5 * float(lengths.max())), steps=COARSE, least=0.5)
@@ -251,8 +251,9 @@ def variants_figure(tables: dict[str, dict[str, Array]]) -> Figure:
         for row, (name, values) in enumerate(errors.items()):
             spread = np.linspace(0.05, 0.35, len(values))
             axis.plot(values, row + spread, ".", color=GOOD, markersize=4)
-            axis.plot([np.median(values)] * 2, [row, row + 0.4], color=BAD, linewidth=3)
-            words = f"{name}: {np.median(values):.1f} mm"
+            median = float(np.median(values))
+            axis.plot([median, median], [row, row + 0.4], color=BAD, linewidth=3)
+            words = f"{name}: {median:.1f} mm"
             axis.text(0.01, row - 0.15, words, fontsize=SMALL_SIZE, transform=axis.get_yaxis_transform())
         axis.set_xscale("log")
         log_axis(axis.xaxis, *axis.get_xlim())

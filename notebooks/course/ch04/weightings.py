@@ -32,7 +32,9 @@ def spread_points(count: int, seed: int, nearest: float, farthest: float) -> Arr
     """Points (count, 3), metres, spread over the image between two depths."""
     rng = np.random.default_rng(seed)
     z = rng.uniform(nearest, farthest, count)
-    return np.stack([rng.uniform(-0.7, 0.7, count) * z, rng.uniform(-0.2, 0.2, count) * z, z], axis=1)
+    x = rng.uniform(-0.7, 0.7, count) * z
+    y = rng.uniform(-0.2, 0.2, count) * z
+    return np.stack([x, y, z], axis=1)
 
 
 def noisy_matches(camera: StereoCamera, X_p: Array, T_cp: Array, noise: float, seed: int) -> StereoMatches:
@@ -45,10 +47,10 @@ def noisy_matches(camera: StereoCamera, X_p: Array, T_cp: Array, noise: float, s
     exact = np.array([prev_left, prev_right, cur_left, cur_right])
     places = exact + np.random.default_rng(seed).normal(0.0, noise, exact.shape)
     disparity = (places[0] - places[1])[:, 0]
-    seen = places[:, disparity > 0.5]
-    count = seen.shape[1]
+    prev_left, prev_right, cur_left, cur_right = places[:, disparity > 0.5]
+    count = len(prev_left)
     age = np.zeros(count, np.int64)
-    return StereoMatches(seen[0], seen[1], seen[2], seen[3], age, np.ones(count), np.arange(count))
+    return StereoMatches(prev_left, prev_right, cur_left, cur_right, age, np.ones(count), np.arange(count))
 
 
 def rows_of_match(
@@ -56,9 +58,9 @@ def rows_of_match(
 ) -> tuple[Array, Array]:
     """The library's rows M (8, 6) and c (8,) of one match, for its normalised points (2,) in the four images."""
     camera = StereoCamera(f=1.0, cx=0.0, cy=0.0, baseline=b, width=1, height=1)
-    points = [np.asarray(x, np.float64)[None] for x in (x_pl, x_pr, x_cl, x_cr)]
+    prev_left, prev_right, cur_left, cur_right = np.array([x_pl, x_pr, x_cl, x_cr], np.float64)[:, None]
     one = np.ones(1, np.int64)
-    match = StereoMatches(points[0], points[1], points[2], points[3], one, np.ones(1), one)
+    match = StereoMatches(prev_left, prev_right, cur_left, cur_right, one, np.ones(1), one)
     A, B, c = paper.feature_rows(camera, match, R_cp)
     return np.hstack([A[0], B[0]]), c[0]
 
@@ -113,23 +115,24 @@ def solve_by(
         t, residual = solved
         weight = np.where(np.isfinite(residual), weights_by_residual(residual, config.scale), np.nan)
         return t, residual, weight
+    # All other weightings are those of variant `published`, or plain ones.
     depth = camera.triangulate(matches.prev_left, matches.prev_right)[:, 2]
     used = np.flatnonzero(depth <= config.max_depth)
     if len(used) == 0:
         return None
-    rows = paper.feature_rows(camera, matches[used], R_cp)
-    M, d = paper.eliminate_points(*rows)
+    A, B, c = paper.feature_rows(camera, matches[used], R_cp)
+    M, d = paper.eliminate_points(A, B, c)
     weight = np.ones(len(used))
     if weighting == METHOD:
         solution = paper.solve_translation(camera, matches[used], R_cp, config)
         if solution is None:
             return None
-        t = solution[0]
-        weight = solution[1].astype(np.float64)
+        t, inliers = solution
+        weight = inliers.astype(np.float64)
     elif weighting == MEDIAN:
-        t = np.median(alone(*rows), axis=0)
+        t = np.median(alone(A, B, c), axis=0)
     elif weighting == MEAN:
-        t = np.mean(alone(*rows), axis=0)
+        t = np.mean(alone(A, B, c), axis=0)
     elif weighting == METRES:
         t = solve_all(M, d, np.ones(len(used)))
     else:
@@ -143,15 +146,17 @@ def solve_by(
 
 def weighting_errors(tracks: TrackConfig, frames: int, seed: int) -> dict[str, Array]:
     """Translation error of each frame, millimetres, by weighting, with the same estimated rotations."""
-    ways = {PUBLISHED: METHOD, ROBUST: METHOD} | {name: name for name in WEIGHTINGS[1:]}
-    errors: dict[str, list[float]] = {name: [] for name in ways}
+    names = (PUBLISHED, ROBUST, *WEIGHTINGS[1:])
+    errors: dict[str, list[float]] = {name: [] for name in names}
     for frame in simulate_tracks(drive(frames), CAMERA, tracks, seed):
         rng = np.random.default_rng([seed, frame.frame])
         R_cp = consensus_rotation(pair_of(frame), rng, CAMERA.f)
-        for name, way in ways.items():
+        for name in names:
             config = KitTranslationConfig() if name == ROBUST else TranslationConfig()
-            solved = solve_by(way, CAMERA, frame.matches, R_cp, config)
+            weighting = METHOD if name in (PUBLISHED, ROBUST) else name
+            solved = solve_by(weighting, CAMERA, frame.matches, R_cp, config)
             if solved is None:
                 raise DataError("a frame of these tracks gives no translation: use more points")
-            errors[name].append(1e3 * float(np.linalg.norm(solved[0] - frame.T_cp[:3, 3])))
+            t_cp, _, _ = solved
+            errors[name].append(1e3 * float(np.linalg.norm(t_cp - frame.T_cp[:3, 3])))
     return {name: np.array(values) for name, values in errors.items()}

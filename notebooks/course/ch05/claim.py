@@ -67,9 +67,14 @@ def claim_lines(sequence: Sequence, *seeds: Mapping[str, Array]) -> str:
 
 def results_table(title: str, only: str = "") -> ReportTable:
     """A table of `results.md`, with the rows whose name begins with `only`."""
-    lines = RESULTS.read_text(encoding="utf-8").split(f"## {title}\n")[1].split("\n## ")[0].splitlines()
-    cells = [[c.strip() for c in line.strip("|").split("|")] for line in lines if line[:1] == "|"]
-    columns, _, *rows = cells
+    _, _, after_title = RESULTS.read_text(encoding="utf-8").partition(f"## {title}\n")
+    section, _, _ = after_title.partition("\n## ")
+    lines = section.splitlines()
+    cells = []
+    for line in lines:
+        if line.startswith("|"):
+            cells.append([cell.strip() for cell in line.strip("|").split("|")])
+    columns, _, *rows = cells  # the second line is that of the dashes
     return ReportTable(title, columns, [row for row in rows if row[0].startswith(only)], [])
 
 
@@ -81,8 +86,10 @@ def whole_drive_errors(section: str, row: str) -> dict[str, Array]:
 
     def cells(title: str) -> dict[str, str]:
         table = results_table(f"{section}: {title}", row)
-        # The tables omit rows without a spread.
-        return dict(zip(table.columns, next((r for r in table.rows if r[0] == row), [row]), strict=False))
+        for cells_of_row in table.rows:
+            if cells_of_row[0] == row:
+                return dict(zip(table.columns, cells_of_row, strict=False))
+        return {}  # the tables omit rows without a spread
 
     te = cells("TE, %")
     re = cells("RE, deg/100 m")
@@ -90,7 +97,7 @@ def whole_drive_errors(section: str, row: str) -> dict[str, Array]:
     re_sd = cells(SPREAD_OF + "RE, deg/100 m")
     numbers = {}
     for method in list(te)[1:]:
-        words = te[method], re[method], te_sd.get(method, "0"), re_sd.get(method, "0")
+        words = (te[method], re[method], te_sd.get(method, "0"), re_sd.get(method, "0"))
         # The sign = stands for the number in the column before.
         if "=" not in words:
             numbers[method] = np.array([float(word) for word in words])
@@ -111,13 +118,13 @@ def whole_drive_line(section: str, row: str) -> str:
     kept = errors["solution_selection"]
     removed = errors["feature_selection"]
     parts = []
-    for n, name in enumerate(("TE", "RE")):
-        limit = change_limit(float(kept[n]), float(kept[n + 2]), float(removed[n + 2]))
-        change = float(removed[n] - kept[n])
+    for name, error, deviation in (("TE", 0, 2), ("RE", 1, 3)):  # places in the arrays
+        limit = change_limit(float(kept[error]), float(kept[deviation]), float(removed[deviation]))
+        change = float(removed[error] - kept[error])
         word = "better" if change < 0 else "worse"
         if abs(change) <= limit:
             word = "not shown"
-        parts.append(f"{name} {kept[n]:.3f} → {removed[n]:.3f} ({word})")
+        parts.append(f"{name} {kept[error]:.3f} → {removed[error]:.3f} ({word})")
     return f"{section.rpartition(' ')[2]:9} {row:17}: {', '.join(parts)}"
 
 
@@ -126,17 +133,18 @@ def errors_by_seed(
 ) -> list[tuple[str, str, dict[str, Array]]]:
     """Mean errors of a step and the error of the end: name, unit, and the values over the seeds by run."""
     end = true_path(sequence)[-1]
-    kinds = ("rotation", "°"), ("translation", "mm"), ("end", "cm")
+    kinds = (("rotation", "°"), ("translation", "mm"), ("end", "cm"))
     values: dict[str, list[tuple[float, float, float]]] = defaultdict(list)
     for runs in seeds:
         for name, poses in runs.items():
             turns, steps = step_errors(sequence, poses)
             off = 100 * float(np.linalg.norm(poses[-1, :3, 3] - end))
             values[name].append((float(turns.mean()), float(steps.mean()), off))
-    return [
-        (kind, unit, {name: np.array(rows)[:, n] for name, rows in values.items()})
-        for n, (kind, unit) in enumerate(kinds)
-    ]
+    tables = {name: np.array(rows) for name, rows in values.items()}  # (seeds, kinds)
+    errors = []
+    for n, (kind, unit) in enumerate(kinds):
+        errors.append((kind, unit, {name: table[:, n] for name, table in tables.items()}))
+    return errors
 
 
 def seeds_figure(sequence: Sequence, seeds: list[dict[str, Array]], height: int = 230) -> Figure:
@@ -163,7 +171,8 @@ def three_features(camera: StereoCamera, T_cp: Array) -> StereoMatches:
     T_cp : motion of the camera.
     """
     X_p = np.array([[0.0, -2.0, 10.0], [3.0, 0.0, 10.0], [3.0, 1.0, 10.0]])
-    X_c = transform(T_cp, X_p) + np.array([[0.02, 0.0, 0.0], [0.02, 0.0, 0.0], [0.0, 0.0, 0.2]])
+    steps = np.array([[0.02, 0.0, 0.0], [0.02, 0.0, 0.0], [0.0, 0.0, 0.2]])
+    X_c = transform(T_cp, X_p) + steps
     prev_left, prev_right = camera.project(X_p)
     cur_left, cur_right = camera.project(X_c)
     count = len(X_p)
@@ -216,7 +225,7 @@ def by_threshold(path: Path = CHOICES) -> dict[tuple[str, str], Array]:
         for row in csv.DictReader(lines):
             if row["choice"] == THRESHOLD_AND_BOXES:
                 threshold, _, boxes = row["alternative"].partition(" px, ")
-                numbers = float(threshold), float(row["re"]), float(row["re_sd"])
+                numbers = (float(threshold), float(row["re"]), float(row["re_sd"]))
                 measured[row["sequence"], boxes].append(numbers)
     return {key: np.array(sorted(rows)) for key, rows in measured.items()}
 

@@ -26,6 +26,10 @@ WINDOWS_A_ROW = 4
 NAMES_ROOM = 0.035  # beside a chart, for names of its rows, as a share of the width
 SMOOTH = 25  # steps of a mean of the loss
 WHITE = (255, 255, 255)
+# Of the drawing of YOLOv8: colours of its parts, and distance of the levels.
+IN_MINIATURE = "#d5e6f3"
+NOT_IN_MINIATURE = "#ffffff"
+ROW = 1.15
 LINES = (GOOD, BAD, THIRD, DARK)
 # Of `street`, from detection/models/street.md: epochs of the three trainings, one after the other, and mAP50.
 STREET_HISTORY = ((1, 0.66), (6, 0.897), (7, 0.903))
@@ -37,16 +41,15 @@ def right_boxes(boxes: Array, scores: Array, labels: Array) -> BoolArray:
 
     The rule of the notebook's `judge`: a second box on the same vehicle is wrong.
     """
-    shares = overlap(boxes, labels)
-    free = np.ones(len(labels))
     right = np.zeros(len(boxes), np.bool_)
-    if not len(labels):
+    if len(labels) == 0:
         return right
+    shares = overlap(boxes, labels)  # a label that has its box counts no more
     for k in np.argsort(-scores, kind="stable").tolist():
-        best = int(np.argmax(shares[k] * free))
-        if shares[k, best] * free[best] >= RIGHT_IOU:
+        best = int(np.argmax(shares[k]))
+        if shares[k, best] >= RIGHT_IOU:
             right[k] = True
-            free[best] = 0.0
+            shares[:, best] = 0.0
     return right
 
 
@@ -63,10 +66,10 @@ def boxes_picture(
     right = np.ones(len(boxes), np.bool_)
     if labels is not None:
         right = right_boxes(boxes, scores, labels)
+        for x0, y0, x1, y1 in np.rint(labels).astype(int).tolist():
+            cv2.rectangle(drawn, (x0, y0), (x1, y1), (0, 0, 0), 5, cv2.LINE_AA)
+            cv2.rectangle(drawn, (x0, y0), (x1, y1), WHITE, 3, cv2.LINE_AA)
     corners = np.rint(boxes).astype(int).tolist()
-    for x0, y0, x1, y1 in np.rint(labels if labels is not None else []).astype(int).tolist():
-        cv2.rectangle(drawn, (x0, y0), (x1, y1), (0, 0, 0), 5, cv2.LINE_AA)
-        cv2.rectangle(drawn, (x0, y0), (x1, y1), WHITE, 3, cv2.LINE_AA)
     for (x0, y0, x1, y1), good in zip(corners, right.tolist(), strict=True):
         cv2.rectangle(drawn, (x0, y0), (x1, y1), bgr(GOOD if good else BAD), 2, cv2.LINE_AA)
     for (x0, y0, x1, _), score in zip(corners, scores.tolist(), strict=True):
@@ -110,12 +113,12 @@ def cells_picture(
         u = (cell[1] + 0.5) * step
         v = (cell[0] + 0.5) * step
         left, top, right, bottom = (sides * scale).tolist()
-        ends = ((u - left, v), (u, v - top), (u + right, v), (u, v + bottom))
-        corners = (round(u - left), round(v - top)), (round(u + right), round(v + bottom))
-        cv2.rectangle(drawn, *corners, bgr(GOOD), 2, cv2.LINE_AA)
-        for end in ends:
-            middle = (round(u), round(v))
-            cv2.arrowedLine(drawn, middle, (round(end[0]), round(end[1])), bgr(GOOD), 2, cv2.LINE_AA)
+        upper_left = (round(u - left), round(v - top))
+        lower_right = (round(u + right), round(v + bottom))
+        cv2.rectangle(drawn, upper_left, lower_right, bgr(GOOD), 2, cv2.LINE_AA)
+        middle = (round(u), round(v))
+        for x, y in ((u - left, v), (u, v - top), (u + right, v), (u, v + bottom)):
+            cv2.arrowedLine(drawn, middle, (round(x), round(y)), bgr(GOOD), 2, cv2.LINE_AA)
     return caption(drawn, words)
 
 
@@ -165,19 +168,16 @@ def measured(path: Path = MEASURED) -> dict[str, dict[str, Array]]:
     """The measured numbers of `vo data measure_miniature`: by experiment, each column's values over the seeds."""
     with path.open(encoding="utf-8", newline="") as lines:
         rows = list(csv.DictReader(lines))
-    names = list(dict.fromkeys(row["experiment"] for row in rows))
     columns = [name for name in rows[0] if name not in ("experiment", "code")]
-    return {
-        name: {
-            column: np.array([float(row[column]) for row in rows if row["experiment"] == name])
-            for column in columns
-        }
-        for name in names
-    }
+    table: dict[str, dict[str, Array]] = {}
+    for name in dict.fromkeys(row["experiment"] for row in rows):
+        seeds = [row for row in rows if row["experiment"] == name]
+        table[name] = {column: np.array([float(row[column]) for row in seeds]) for column in columns}
+    return table
 
 
 def streets_of(table: Mapping[str, Mapping[str, Array]]) -> list[str]:
-    """The columns of AP, one for each street."""
+    """The names of the columns of AP in a table of `measured`, one for each street."""
     return [name for name in next(iter(table.values())) if name.startswith("ap ")]
 
 
@@ -194,9 +194,11 @@ def experiments_figure(names: Sequence[str], height: int = 230) -> Figure:
             values = table[name][street]
             colour = LINES[place % len(LINES)]
             axis.plot(values, np.full(len(values), -place), "o", color=colour, alpha=0.6)
-            axis.plot([values.mean()] * 2, [-place - 0.3, -place + 0.3], color=colour)
+            mean = values.mean()
+            axis.plot([mean, mean], [-place - 0.3, -place + 0.3], color=colour)
         axis.set(xlim=(0, 1), ylim=(0.6 - len(names), 0.6))
-        axis.set_yticks(-np.arange(len(names)), names if n == 0 else [""] * len(names))
+        labels = names if n == 0 else [""] * len(names)  # one chart names the rows of all
+        axis.set_yticks(-np.arange(len(names)), labels)
         finish(axis, street.removeprefix("ap "), "AP, a dot for each seed")
     return made
 
@@ -243,6 +245,7 @@ def street_history_figure(height: int = 230) -> Figure:
 
 
 def _part(axis: Axes, x: float, y: float, width: float, words: str, colour: str, height: float = 0.8) -> None:
+    """Draw a part of the network: a box with words; (x, y) is its lower left corner."""
     axis.add_patch(
         FancyBboxPatch((x, y), width, height, boxstyle="round,pad=0.02", facecolor=colour, edgecolor=DARK)
     )
@@ -250,6 +253,7 @@ def _part(axis: Axes, x: float, y: float, width: float, words: str, colour: str,
 
 
 def _arrow(axis: Axes, start: tuple[float, float], end: tuple[float, float]) -> None:
+    """Draw the way of the data from one part to the next."""
     axis.annotate("", end, start, arrowprops={"arrowstyle": "->", "color": DARK, "linewidth": 1.2})
 
 
@@ -261,45 +265,16 @@ def yolo_figure(height: int = 400) -> Figure:
     made, (axis,) = figure(height)
     axis.set(xlim=(0, 12.4), ylim=(0.2, 6.4))
     axis.set_axis_off()
-    shared = "#d5e6f3"
-    own = "#ffffff"
-    for n, (words, colour) in enumerate(
-        (
-            ("image 640 × 640", own),
-            ("convolutions, stride 2, 4", shared),
-            ("C2f, stride 8", shared),
-            ("C2f, stride 16", shared),
-            ("C2f, stride 32", shared),
-        )
-    ):
-        is_last = n == 4
-        _part(axis, 0.1, 5.0 - 1.15 * n, 1.8 if is_last else 2.7, words, colour)
-        if is_last:
-            _part(axis, 2.1, 5.0 - 1.15 * n, 0.7, "SPPF", own)
-        if n:
-            _arrow(axis, (1.45, 6.15 - 1.15 * n), (1.45, 5.83 - 1.15 * n))
-    for n, stride in enumerate((8, 16, 32)):
-        y = 2.7 - 1.15 * n
-        level = y + 0.4
-        # The coarsest map goes past the first join, the finest one past the second.
-        if stride < 32:
-            _part(axis, 3.9, y, 1.8, f"enlarge, join,\nC2f, stride {stride}", shared)
-        if stride > 8:
-            _part(axis, 6.3, y, 1.6, f"join, C2f,\nstride {stride}", own)
-        _part(axis, 8.5, y + 0.42, 1.9, "box: 4 × 16 numbers", own, 0.38)
-        _part(axis, 8.5, y - 0.02, 1.9, "score of each class", own, 0.38)
-        _arrow(axis, (2.85, level), (3.85 if stride < 32 else 6.25, level))
-        if stride < 32:
-            _arrow(axis, (5.75, level), (6.25 if stride > 8 else 8.45, level))
-        if stride > 8:
-            _arrow(axis, (7.95, level), (8.45, level))
+    _draw_backbone(axis)
+    for row, stride in enumerate((8, 16, 32)):
+        _draw_level(axis, 2.7 - ROW * row, stride)
     _arrow(axis, (4.8, 0.8), (4.8, 1.5))  # from coarse to fine
     _arrow(axis, (4.8, 2.4), (4.8, 2.65))
     _arrow(axis, (7.1, 3.1), (7.1, 2.4))  # and back to coarse
     _arrow(axis, (7.1, 1.5), (7.1, 1.25))
-    _part(axis, 10.9, 1.15, 1.4, "decode,\nsuppress", shared, 1.6)
-    for n in range(3):
-        _arrow(axis, (10.45, 3.1 - 1.15 * n), (10.85, 2.6 - 0.6 * n))
+    _part(axis, 10.9, 1.15, 1.4, "decode,\nsuppress", IN_MINIATURE, 1.6)
+    for row in range(3):
+        _arrow(axis, (10.45, 3.1 - ROW * row), (10.85, 2.6 - 0.6 * row))
     for x, words in ((1.45, "backbone"), (5.9, "neck"), (9.45, "head, without anchors")):
         axis.text(x, 6.1, words, ha="center", fontsize=11.0, weight="bold")
     axis.text(
@@ -315,3 +290,41 @@ def yolo_figure(height: int = 400) -> Figure:
         axis, "YOLOv8; blue: the miniature with three levels has it, too, with a plain layer in place of C2f"
     )
     return made
+
+
+def _draw_backbone(axis: Axes) -> None:
+    """The image and the layers below it, one below the other."""
+    layers = (
+        ("image 640 × 640", NOT_IN_MINIATURE),
+        ("convolutions, stride 2, 4", IN_MINIATURE),
+        ("C2f, stride 8", IN_MINIATURE),
+        ("C2f, stride 16", IN_MINIATURE),
+        ("C2f, stride 32", IN_MINIATURE),
+    )
+    for row, (words, colour) in enumerate(layers):
+        is_last = row == len(layers) - 1
+        _part(axis, 0.1, 5.0 - ROW * row, 1.8 if is_last else 2.7, words, colour)
+        if is_last:
+            _part(axis, 2.1, 5.0 - ROW * row, 0.7, "SPPF", NOT_IN_MINIATURE)
+        if row > 0:
+            _arrow(axis, (1.45, 6.15 - ROW * row), (1.45, 5.83 - ROW * row))
+
+
+def _draw_level(axis: Axes, y: float, stride: int) -> None:
+    """The parts of neck and head for one stride, at a height `y`; the coarsest map goes past the first join, the
+    finest one past the second.
+    """
+    is_coarsest = stride == 32
+    is_finest = stride == 8
+    level = y + 0.4
+    if not is_coarsest:
+        _part(axis, 3.9, y, 1.8, f"enlarge, join,\nC2f, stride {stride}", IN_MINIATURE)
+    if not is_finest:
+        _part(axis, 6.3, y, 1.6, f"join, C2f,\nstride {stride}", NOT_IN_MINIATURE)
+    _part(axis, 8.5, y + 0.42, 1.9, "box: 4 × 16 numbers", NOT_IN_MINIATURE, 0.38)
+    _part(axis, 8.5, y - 0.02, 1.9, "score of each class", NOT_IN_MINIATURE, 0.38)
+    _arrow(axis, (2.85, level), (6.25 if is_coarsest else 3.85, level))
+    if not is_coarsest:
+        _arrow(axis, (5.75, level), (8.45 if is_finest else 6.25, level))
+    if not is_finest:
+        _arrow(axis, (7.95, level), (8.45, level))

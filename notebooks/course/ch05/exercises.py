@@ -26,8 +26,10 @@ B = [110.0, 104.0, 212.0, 184.0]
 SIDE = [185.0, 110.0, 290.0, 190.0]
 CORNERS = np.array([A, B, SIDE, [400.0, 90.0, 450.0, 130.0], [130.0, 120.0, 160.0, 150.0]])
 SCORES = np.array([0.7, 0.9, 0.6, 0.3, 0.8])
+OUTWARD = np.array([-1, -1, 1, 1])  # directions of the sides of a box (x0, y0, x1, y1) from its centre
 LARGEST_LOG = 8.0  # of a side, so that a wild output has no infinite box
 LEAST = 0.3  # metres; a shorter step is none
+# Facts of the panel.
 KEPT = "on moving things, kept"
 LOST = "on standing things, removed"
 
@@ -38,8 +40,32 @@ def net_boxes() -> list[Case]:
     low = [[600.0, 250, 655, 420]]
     high = [[-9.0, 200, 60, 300]]
     letterbox = fit_letterbox(*SIZE, *NET)
-    parts = inner, low, high, [*inner, *low, *high]
-    return [(np.array(boxes), letterbox.scale, letterbox.left, letterbox.top, *SIZE) for boxes in parts]
+    cases: list[Case] = []
+    for boxes in (inner, low, high, [*inner, *low, *high]):
+        cases.append((np.array(boxes), letterbox.scale, letterbox.left, letterbox.top, *SIZE))
+    return cases
+
+
+def without_half_pixel(xyxy: Array, scale: float, left: int, top: int, width: int, height: int) -> Array:
+    """Boxes (K, 4) in pixels of the camera's image, counted from the edge of a pixel and not cut."""
+    return np.asarray((xyxy - [left, top, left, top]) / scale)
+
+
+def not_cut(xyxy: Array, scale: float, left: int, top: int, width: int, height: int) -> Array:
+    """Wrong answer: boxes are not cut at the edges of the image."""
+    return without_half_pixel(xyxy, scale, left, top, width, height) - 0.5
+
+
+def cut_at_last_pixel(xyxy: Array, scale: float, left: int, top: int, width: int, height: int) -> Array:
+    """Wrong answer: boxes are cut at the centre of the last pixel."""
+    whole = not_cut(xyxy, scale, left, top, width, height)
+    return np.clip(whole, 0, [width - 1, height - 1, width - 1, height - 1])
+
+
+def cut_after_half_pixel(xyxy: Array, scale: float, left: int, top: int, width: int, height: int) -> Array:
+    """Wrong answer: boxes are cut after half a pixel was subtracted."""
+    whole = not_cut(xyxy, scale, left, top, width, height)
+    return np.clip(whole, 0, [width, height, width, height])
 
 
 def in_image(xyxy: Array, scale: float, left: int, top: int, width: int, height: int) -> Array:
@@ -60,22 +86,35 @@ def area(box: Array) -> float:
 def pairs() -> list[Case]:
     """Cases of two boxes: on one car; equal; disjoint in columns, rows or both, as (a, b) and as (b, a)."""
     a, b = CORNERS[:2]
-    apart = [a + shift for shift in ([300.0, 10, 300, 10], [10.0, 95, 10, 95], [150.0, 95, 150, 95])]
-    return [(a, b), (a, a.copy()), *((a, far) for far in apart), *((far, a) for far in apart)]
+    shifts = ([300.0, 10, 300, 10], [10.0, 95, 10, 95], [150.0, 95, 150, 95])
+    disjoint = [a + np.array(shift) for shift in shifts]
+    cases: list[Case] = [(a, b), (a, a.copy())]
+    cases += [(a, far) for far in disjoint]
+    cases += [(far, a) for far in disjoint]
+    return cases
 
 
 def label_of(box: Array, number: int, width: int, height: int) -> Array:
     """The five numbers of a label row: the class, and centre, width and height in units of the image's size."""
     x0, y0, x1, y1 = box + 0.5
-    return np.array(
-        [number, (x0 + x1) / 2 / width, (y0 + y1) / 2 / height, (x1 - x0) / width, (y1 - y0) / height]
-    )
+    centre = ((x0 + x1) / 2 / width, (y0 + y1) / 2 / height)
+    size = ((x1 - x0) / width, (y1 - y0) / height)
+    return np.array([number, *centre, *size])
 
 
 def labels() -> list[Case]:
     """Cases of boxes to be written as label rows."""
-    boxes = [[199.5, 149.5, 319.5, 199.5], [-0.5, -0.5, 1240.5, 375.5], [620.0, 180.0, 655.5, 204.0]]
-    return [(np.array(box), number, *SIZE) for box, number in zip(boxes, (2, 0, 7), strict=True)]
+    return [
+        (np.array([199.5, 149.5, 319.5, 199.5]), 2, *SIZE),
+        (np.array([-0.5, -0.5, 1240.5, 375.5]), 0, *SIZE),
+        (np.array([620.0, 180.0, 655.5, 204.0]), 7, *SIZE),
+    ]
+
+
+def size_of_label(label: Array, factor: float) -> Array:
+    """A label row (5,) with width and height times a factor."""
+    number, x, y, width, height = label
+    return np.array([number, x, y, factor * width, factor * height])
 
 
 def outputs() -> list[Case]:
@@ -114,7 +153,7 @@ def _without_exp(output: Array, stride: int) -> tuple[Array, Array]:
     """The result of `decoded` with the numbers themselves as sides, in cells."""
     corners, scores = decoded(output, stride)
     numbers = output[..., 1:].reshape(-1, 4).astype(np.float64)
-    return corners + stride * (numbers - np.exp(numbers)) * [-1, -1, 1, 1], scores
+    return corners + OUTWARD * stride * (numbers - np.exp(numbers)), scores
 
 
 def _centre_and_size(output: Array, stride: int) -> tuple[Array, Array]:
@@ -131,12 +170,11 @@ def _corner_and_size(output: Array, stride: int) -> tuple[Array, Array]:
     return np.concatenate([corners[:, :2], corners[:, 2:] - corners[:, :2]], axis=1), scores
 
 
-def in_pixels(output: Array, stride: int) -> tuple[Array, Array]:
+def _in_pixels(output: Array, stride: int) -> tuple[Array, Array]:
     """The result of `decoded` with sides in pixels instead of cells."""
     corners, scores = decoded(output, stride)
-    shares = output[..., 1:].reshape(-1, 4).astype(np.float64)
-    sides = (1 - stride) * np.exp(shares) * [-1, -1, 1, 1]
-    return corners + sides, scores
+    sides = np.exp(output[..., 1:].reshape(-1, 4).astype(np.float64))  # in cells
+    return corners + OUTWARD * (1 - stride) * sides, scores
 
 
 def suppressed(corners: Array, scores: Array, most: float, rivals: slice | None = slice(None)) -> list[int]:
@@ -148,7 +186,8 @@ def suppressed(corners: Array, scores: Array, most: float, rivals: slice | None 
     shares = overlap(corners, corners)
     kept: list[int] = []
     for place, k in enumerate(order):
-        if not np.any(shares[k, order[:place] if rivals is None else kept[rivals]] > most):
+        others = order[:place] if rivals is None else kept[rivals]
+        if not np.any(shares[k, others] > most):
             kept.append(k)
     return kept
 
@@ -204,12 +243,27 @@ def features() -> list[Case]:
     rng = np.random.default_rng(9)
     uv_p = rng.uniform((0, 60), (500, 220), (300, 2))
     uv_c = uv_p + rng.uniform(-25, 25, (300, 2))
-    return [(uv_p, uv_c, CORNERS[[0, 2, 3]], CORNERS[[1, 2]] + 6.0), (uv_p, uv_c, *np.zeros((2, 0, 4)))]
+    none = np.zeros((0, 4))
+    return [(uv_p, uv_c, CORNERS[[0, 2, 3]], CORNERS[[1, 2]] + 6.0), (uv_p, uv_c, none, none)]
 
 
 def outside(uv_p: Array, uv_c: Array, boxes_p: Array, boxes_c: Array) -> BoolArray:
     """Mask (N,) of the matches that are outside all boxes in both images."""
     return np.asarray(~(inside(uv_p, boxes_p).any(axis=1) | inside(uv_c, boxes_c).any(axis=1)))
+
+
+def corner_and_size_as_box(boxes: Array) -> Array:
+    """Boxes (K, 4) whose numbers are taken for the upper left corner, width and height."""
+    corner = boxes[:, :2]
+    size = boxes[:, 2:]
+    return np.hstack([corner, corner + size])
+
+
+def centre_and_size_as_box(boxes: Array) -> Array:
+    """Boxes (K, 4) whose numbers are taken for the centre, width and height."""
+    centre = boxes[:, :2]
+    size = boxes[:, 2:]
+    return np.hstack([centre - size / 2, centre + size / 2])
 
 
 def driven() -> list[Case]:
@@ -222,6 +276,10 @@ def driven() -> list[Case]:
     def box(
         *step: float, behind: int = 0, wrong: int = 0, far: int = 0, count: int = 20, least: float = LEAST
     ) -> Case:
+        """`count` features whose things move by a step (x, y, z), metres.
+
+        behind : features that stand still. wrong : wrong matches. far : more metres away, with more noise.
+        """
         rng = np.random.default_rng(7)
         X_p = rng.uniform((2.0, -1.0, 12.0 + far), (4.0, 1.0, 14.0 + far), (count, 3))
         X_c = X_p @ T_cp[:3, :3].T + T_cp[:3, 3]
@@ -230,10 +288,19 @@ def driven() -> list[Case]:
         X_c[:, 2] += rng.normal(0.0, 1.0 if far else 0.02, count)
         return X_p, X_c, T_cp, least
 
-    simple = box(0, 0, 0), box(0, 0, 0.9), box(-0.45, 0, 0)
-    hard = box(0, 0, 0, wrong=8), box(-0.45, 0, 0, behind=8), box(0, 0, 0, far=30), box(0, 0, 0.9, count=2)
-    limits = box(0, 0, 0.9, count=3), box(0.25, 0, 0.25), box(0.2, 0, 0.2), box(0, 0, 0.4, least=0.5)
-    return [*simple, *hard, *limits]
+    return [
+        box(0, 0, 0),
+        box(0, 0, 0.9),
+        box(-0.45, 0, 0),
+        box(0, 0, 0, wrong=8),
+        box(-0.45, 0, 0, behind=8),
+        box(0, 0, 0, far=30),
+        box(0, 0, 0.9, count=2),
+        box(0, 0, 0.9, count=3),
+        box(0.25, 0, 0.25),
+        box(0.2, 0, 0.2),
+        box(0, 0, 0.4, least=0.5),
+    ]
 
 
 def left_over(X_p: Array, X_c: Array, T_cp: Array) -> Array:
@@ -241,16 +308,22 @@ def left_over(X_p: Array, X_c: Array, T_cp: Array) -> Array:
     return np.asarray(X_c - X_p @ T_cp[:3, :3].T - T_cp[:3, 3])
 
 
-def middle(steps: Array) -> Any:
+def median_length(steps: Array) -> Any:
     """Length of the median step."""
     return np.linalg.norm(np.median(steps, axis=0))
 
 
-def judged(
+def whether_box_moves(
     length: Callable[[Array], Any], steps: Callable[..., Array] = left_over, few: Any = None, fewest: int = 3
 ) -> Callable[..., Any]:
     """Answer: whether `length(steps)` exceeds `least`, or `few` if there are fewer than `fewest` features."""
-    return lambda X_p, X_c, T_cp, least: length(steps(X_p, X_c, T_cp)) > least if len(X_p) >= fewest else few
+
+    def moves(X_p: Array, X_c: Array, T_cp: Array, least: float) -> Any:
+        if len(X_p) < fewest:
+            return few
+        return length(steps(X_p, X_c, T_cp)) > least
+
+    return moves
 
 
 to_image = Exercise(
@@ -263,27 +336,31 @@ to_image = Exercise(
     library=("to_image",),
     mistakes={
         "the last box still extends beyond the edge: clip the box before the half pixel is subtracted.": (
-            lambda xyxy, s, x, y, w, h: (xyxy - (x, y) * 2) / s - 0.5
+            not_cut
         ),
         "the box is clipped at the wrong place: counted from pixel centres, the edge is at width - 0.5.": (
-            lambda xyxy, s, x, y, w, h: np.clip((xyxy - (x, y) * 2) / s - 0.5, 0, (w - 1, h - 1) * 2),
-            lambda xyxy, s, x, y, w, h: np.clip((xyxy - (x, y) * 2) / s - 0.5, 0, (w, h) * 2),
+            cut_at_last_pixel,
+            cut_after_half_pixel,
         ),
         "the boxes are half a pixel too far right and down: the kit counts from the centre of a pixel.": lambda *case: (
             in_image(*case) + 0.5
         ),
         "the border is not subtracted: left and top.": (
-            lambda xyxy, s, x, y, *size: in_image(xyxy, s, 0, 0, *size),
-            lambda xyxy, s, x, y, *size: xyxy / s - 0.5,
-            lambda xyxy, s, x, y, *size: xyxy / s,
+            lambda xyxy, scale, left, top, *size: in_image(xyxy, scale, 0, 0, *size),
+            lambda xyxy, scale, *more: xyxy / scale - 0.5,
+            lambda xyxy, scale, *more: xyxy / scale,
         ),
         "the border has pixels of the network: subtract it before you divide by the scale.": (
-            lambda xyxy, s, x, y, *size: in_image(xyxy, s, s * x, s * y, *size)
+            lambda xyxy, scale, left, top, *size: in_image(xyxy, scale, scale * left, scale * top, *size)
         ),
-        "width and height are exchanged.": lambda xyxy, s, x, y, w, h: in_image(xyxy, s, x, y, h, w),
-        "left and top are exchanged.": lambda xyxy, s, x, y, *size: in_image(xyxy, s, y, x, *size),
-        "the coordinates are multiplied by the scale: divide them.": lambda xyxy, s, *case: in_image(
-            xyxy, 1 / s, *case
+        "width and height are exchanged.": lambda xyxy, scale, left, top, width, height: in_image(
+            xyxy, scale, left, top, height, width
+        ),
+        "left and top are exchanged.": lambda xyxy, scale, left, top, *size: in_image(
+            xyxy, scale, top, left, *size
+        ),
+        "the coordinates are multiplied by the scale: divide them.": lambda xyxy, scale, *more: in_image(
+            xyxy, 1 / scale, *more
         ),
         "boxes inside the image are right; a box beyond the edge is wrong: clip the box on all four sides.": Condition(
             lambda got, xyxy, *case: len(xyxy) == 1
@@ -330,8 +407,8 @@ label_row = Exercise(
             label_of(box, number, w, h) - [0, *(box[2:] - box[:2]) / [w, h] / 2, 0, 0]
         ),
         "width and height of the image are exchanged.": lambda box, number, w, h: label_of(box, number, h, w),
-        "these are half sizes: a row has the whole width and height.": lambda *case: (
-            label_of(*case) * [1, 1, 1, 0.5, 0.5]
+        "these are half sizes: a row has the whole width and height.": lambda *case: size_of_label(
+            label_of(*case), 0.5
         ),
         "a pixel counts twice, on both sides of the box: its width is x1 - x0, without + 1.": (
             lambda box, number, w, h: label_of(box, number, w, h) + np.array([0, 0, 0, 1 / w, 1 / h])
@@ -358,13 +435,9 @@ decode = Exercise(
         "the boxes begin at the corner of a cell, not at its centre: add half a cell.": (
             lambda output, stride: (decoded(output, stride)[0] - stride / 2, decoded(output, stride)[1])
         ),
-        "the distances are in pixels: exp gives cells, so multiply it by the stride.": (in_pixels),
-        "the numbers are logarithms of the distances: take exp of them.": lambda output, stride: _without_exp(
-            output, stride
-        ),
-        "rows and columns are exchanged: the column gives x, the row gives y.": lambda output, stride: (
-            _swapped_centres(output, stride)
-        ),
+        "the distances are in pixels: exp gives cells, so multiply it by the stride.": _in_pixels,
+        "the numbers are logarithms of the distances: take exp of them.": _without_exp,
+        "rows and columns are exchanged: the column gives x, the row gives y.": _swapped_centres,
         "these are centre or corner, then width and height: return the corners x0, y0, x1, y1.": (
             _centre_and_size,
             _corner_and_size,
@@ -493,23 +566,25 @@ keep_outside = Exercise(
             lambda uv_p, uv_c, boxes_p, boxes_c: ~inside(uv_p, boxes_p).any(axis=1),
             lambda uv_p, uv_c, boxes_p, boxes_c: ~inside(uv_c, boxes_c).any(axis=1),
         ),
-        "a match is removed only if both points are in a box: one point is enough.": lambda p, c, *boxes: (
-            ~(inside(p, boxes[0]).any(axis=1) & inside(c, boxes[1]).any(axis=1))
+        "a match is removed only if both points are in a box: one point is enough.": lambda p, c, boxes_p, boxes_c: (
+            ~(inside(p, boxes_p).any(axis=1) & inside(c, boxes_c).any(axis=1))
         ),
         "the boxes of the two images are exchanged, or mixed: uv_p belongs to boxes_p alone.": (
-            lambda p, c, *boxes: outside(p, c, *boxes[::-1]),
-            lambda p, c, *boxes: outside(p, c, *[np.concatenate(boxes)] * 2),
+            lambda p, c, boxes_p, boxes_c: outside(p, c, boxes_c, boxes_p),
+            lambda p, c, *boxes: outside(p, c, np.concatenate(boxes), np.concatenate(boxes)),
         ),
         "a feature may be in any of the boxes, not only in the first or last.": (
-            lambda p, c, *boxes: outside(p, c, *(each[:1] for each in boxes)),
-            lambda p, c, *boxes: outside(p, c, *(each[-1:] for each in boxes)),
+            lambda p, c, boxes_p, boxes_c: outside(p, c, boxes_p[:1], boxes_c[:1]),
+            lambda p, c, boxes_p, boxes_c: outside(p, c, boxes_p[-1:], boxes_c[-1:]),
         ),
         "boxes are x0, y0, x1, y1: the last two numbers are a corner, not width and height.": (
-            lambda p, c, *boxes: outside(p, c, *(b + b[:, [0, 1, 0, 1]] * [0, 0, 1, 1] for b in boxes))
+            lambda p, c, boxes_p, boxes_c: outside(
+                p, c, corner_and_size_as_box(boxes_p), corner_and_size_as_box(boxes_c)
+            )
         ),
         "boxes are x0, y0, x1, y1: the first two numbers are a corner, not a centre.": (
-            lambda p, c, *boxes: outside(
-                p, c, *(b[:, [0, 1, 0, 1]] + b[:, [2, 3, 2, 3]] * [-0.5, -0.5, 0.5, 0.5] for b in boxes)
+            lambda p, c, boxes_p, boxes_c: outside(
+                p, c, centre_and_size_as_box(boxes_p), centre_and_size_as_box(boxes_c)
             )
         ),
         "u and v are exchanged: boxes begin with their u.": lambda p, c, *boxes: outside(
@@ -523,7 +598,7 @@ keep_outside = Exercise(
 )
 
 box_moves = Exercise(
-    judged(middle),
+    whether_box_moves(median_length),
     driven,
     praise="the answer is right for boxes of parked, leading, crossing, hidden and far vehicles.",
     hint="compute the place of each feature without its own motion. The median difference is the step of the box.",
@@ -531,40 +606,46 @@ box_moves = Exercise(
     library=("point_steps", "box_steps", "states"),
     mistakes={
         "these steps contain the motion of the camera: a static feature is at R_cp X_p + t_cp now.": (
-            judged(middle, lambda X_p, X_c, T_cp: X_c - X_p),
-            judged(middle, lambda X_p, X_c, T_cp: left_over(X_c, X_p, T_cp)),
-            judged(middle, lambda X_p, X_c, T_cp: X_c - X_p @ T_cp[:3, :3].T),
+            whether_box_moves(median_length, lambda X_p, X_c, T_cp: X_c - X_p),
+            whether_box_moves(median_length, lambda X_p, X_c, T_cp: left_over(X_c, X_p, T_cp)),
+            whether_box_moves(median_length, lambda X_p, X_c, T_cp: X_c - X_p @ T_cp[:3, :3].T),
         ),
         "one wrong match moves a parked box: the result depends on a mean or on a single feature.": (
-            judged(lambda steps: np.linalg.norm(steps.mean(axis=0))),
-            judged(lambda steps: np.linalg.norm(steps, axis=1).max()),
+            whether_box_moves(lambda steps: np.linalg.norm(steps.mean(axis=0))),
+            whether_box_moves(lambda steps: np.linalg.norm(steps, axis=1).max()),
         ),
-        "the length of noise is positive: compute the median of the steps first, then its length.": judged(
+        "the length of noise is positive: compute the median of the steps first, then its length.": whether_box_moves(
             lambda steps: np.median(np.linalg.norm(steps, axis=1))
         ),
         "vehicles move to the side and ahead: a step has three coordinates.": (
-            judged(lambda steps: np.abs(np.median(steps[:, 2]))),
-            judged(lambda steps: np.abs(np.median(steps[:, 0]))),
+            whether_box_moves(lambda steps: np.abs(np.median(steps[:, 2]))),
+            whether_box_moves(lambda steps: np.abs(np.median(steps[:, 0]))),
         ),
-        "the street behind the car is in its box as well: not all features need to move.": judged(
+        "the street behind the car is in its box as well: not all features need to move.": whether_box_moves(
             lambda steps: np.linalg.norm(steps, axis=1).min()
         ),
-        "with two features the answer is None.": (judged(middle, few=True), judged(middle, few=False)),
-        "three features are enough: return None only for fewer features.": judged(middle, fewest=4),
+        "with two features the answer is None.": (
+            whether_box_moves(median_length, few=True),
+            whether_box_moves(median_length, few=False),
+        ),
+        "three features are enough: return None only for fewer features.": whether_box_moves(
+            median_length, fewest=4
+        ),
         "the length of a step is the root of the sum of the three squares.": (
-            judged(lambda steps: np.abs(np.median(steps, axis=0)).max()),
-            judged(lambda steps: np.abs(np.median(steps, axis=0)).sum()),
+            whether_box_moves(lambda steps: np.abs(np.median(steps, axis=0)).max()),
+            whether_box_moves(lambda steps: np.abs(np.median(steps, axis=0)).sum()),
         ),
         "{got:.3g} is a length in metres: compare the length with `least`.": Condition(
             lambda got, *case: 0 < got != 1
         ),
-        "`least` is not used.": lambda *case: judged(middle)(*case[:3], LEAST),
+        "`least` is not used.": lambda *case: whether_box_moves(median_length)(*case[:3], LEAST),
     },
 )
 
 sparing_rule = Exercise(
     {"removed": 40.0, KEPT: 1.0, LOST: 15.0},
-    praise=f"{{{KEPT}:.0f}} features on moving things remain, {{{LOST}:.0f}} on standing things are removed.",
+    praise="{on moving things, kept:.0f} features on moving things remain, {on standing things, removed:.0f} on "
+    "standing things are removed.",
     mistakes={
         "this sequence has no truth of moving things; choose synthetic/traffic.": lambda now: (
             not np.isfinite(now[KEPT] + now[LOST])
@@ -576,9 +657,9 @@ sparing_rule = Exercise(
         "the drawn scene. Find a rule that a car on a real road could use.": lambda now: (
             now[KEPT] == now[LOST] == 0
         ),
-        f"{{{KEPT}:.0f}} features on moving things remain. Some are on the rim of a vehicle, outside its box: "
+        "{on moving things, kept:.0f} features on moving things remain. Some are on the rim of a vehicle, outside its box: "
         "let the boxes grow a little.": lambda now: now[KEPT] > 1,
-        f"{{{LOST}:.0f}} features on standing things are removed. Parked cars, and houses in the corner of a "
+        "{on standing things, removed:.0f} features on standing things are removed. Parked cars, and houses in the corner of a "
         "box, need not be removed: which rule of the kit depends on motion?": lambda now: now[LOST] > 20,
     },
 )

@@ -1,4 +1,4 @@
-"""Pictures of chapter 5: candidates and boxes of a network, kept and removed features."""
+"""Pictures of chapter 5, part one: candidates and boxes of a network, kept and removed features."""
 
 from __future__ import annotations
 

@@ -42,18 +42,34 @@ from .panel import FilteringView, detector_of, frame_boxes, offered
 NOTEBOOK = Path(__file__).parents[2] / "05_yolo_box_filtering.ipynb"
 # Cells that make, train and judge the miniature, in their order in the notebook.
 CELLS = (
-    *("mini-network", "mini-three-levels", "mini-cells", "mini-box-loss", "mini-loss"),
-    *("mini-window", "mini-train", "mini-detect", "mini-judge"),
+    "mini-network",
+    "mini-three-levels",
+    "mini-cells",
+    "mini-box-loss",
+    "mini-loss",
+    "mini-window",
+    "mini-train",
+    "mini-detect",
+    "mini-judge",
 )
 
 LEAST_SCORE = 0.02  # of a box on a curve of precision and recall
 JUDGED_FRAMES = 24  # of each street
 SEED_OF_OTHERS = 100  # added to the seed of a scene: another street of the same kind
 
+# What these cells use of `layers`.
 LAYERS = (
-    *("GREY", "Adam", "Network", "backward", "first_weights"),
-    *("layer_input", "network_image", "network_input", "patches", "product"),
-)  # what these cells use of `layers`
+    "GREY",
+    "Adam",
+    "Network",
+    "backward",
+    "first_weights",
+    "layer_input",
+    "network_image",
+    "network_input",
+    "patches",
+    "product",
+)
 
 JUDGED_STREETS = ("parked", "another jam", "another traffic")  # no training sees them
 
@@ -123,7 +139,7 @@ def judged_streets() -> dict[str, list[Labelled]]:
 
 
 def boxes_of_lines(lines: list[str], width: int, height: int) -> Array:
-    """The boxes (K, 4), pixels, of the lines of a label file, as the kit reads them from a file.
+    """The boxes (K, 4), pixels, of the lines of a label file, as the kit reads them.
 
     If the kit refuses the file, its message is printed, and there are no boxes.
     """
@@ -160,7 +176,7 @@ def example_folder(sequence: Sequence, frame: int, lines: list[str]) -> Example:
 
 
 def boxes_of_model(model: str, image: Image) -> tuple[Array, Array]:
-    """Boxes (K, 4) and scores (K,) of one of the kit's detectors, best first, with very low scores, too."""
+    """Boxes (K, 4), pixels, and scores (K,) of one of the kit's detectors, best first, down to `LEAST_SCORE`."""
     detector = detector_of(model)
     boxes = detector.select_boxes(detector.candidates(image), LEAST_SCORE, DetectorConfig().nms)
     return boxes.xyxy, boxes.score
@@ -175,7 +191,10 @@ class Miniature:
     class_count = 1
 
     def __init__(self, cells: Callable[[Image], tuple[Array, Array]], scale: float) -> None:
-        """cells : function from an image to corners (N, 4), its pixels, and scores (N,) of all cells."""
+        """cells : function from an image to corners (N, 4), its pixels, and scores (N,) of all cells.
+
+        scale : of the image that the network sees, relative to the camera's.
+        """
         self.cells = cells
         self.scale = scale
 

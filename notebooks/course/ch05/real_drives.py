@@ -61,9 +61,11 @@ def with_boxes(name: str, detector: str) -> Sequence | None:
 
 def line_distances(sequence: Sequence, matches: StereoMatches, T_cp: Array) -> Array:
     """Sampson distances (N,) of matches under a motion, pixels."""
-    points = (sequence.camera.normalise(uv) for uv in (matches.prev_left, matches.cur_left))
+    camera = sequence.camera
+    x_p = camera.normalise(matches.prev_left)
+    x_c = camera.normalise(matches.cur_left)
     E = essential_from_motion(T_cp[:3, :3], T_cp[:3, 3])
-    return sequence.camera.f * np.abs(sampson_distance(E, *points))
+    return camera.f * np.abs(sampson_distance(E, x_p, x_c))
 
 
 def short_name(model: str) -> str:
@@ -73,7 +75,11 @@ def short_name(model: str) -> str:
 
 @dataclass(frozen=True)
 class BoxDistances:
-    """Features of a box, or outside all boxes: the box's row in the frame (-1: none), number, and distances."""
+    """Features of a box, or outside all boxes.
+
+    row : of the box in its frame; -1 for the features outside all boxes. count : number of the features.
+    median : of their distances, pixels.
+    """
 
     row: int
     count: int
@@ -86,14 +92,15 @@ def distances_by_box(
     """Median distances of the features outside all boxes, then inside each box with features, left to right."""
     xyxy = sequence.boxes(frame).xyxy
     within = inside(matches.cur_left, xyxy)
-    masks = {-1: ~within.any(axis=1)}
+    masks = {-1: ~within.any(axis=1)}  # by row of the box
     for row in np.argsort(xyxy[:, 0]).tolist():
         masks[row] = within[:, row]
-    return [
-        BoxDistances(row, int(mask.sum()), float(np.median(distances[mask])))
-        for row, mask in masks.items()
-        if mask.any()
-    ]
+    by_box = []
+    for row, mask in masks.items():
+        if mask.any():
+            median = float(np.median(distances[mask]))
+            by_box.append(BoxDistances(row, int(mask.sum()), median))
+    return by_box
 
 
 def farthest_box(rows: list[BoxDistances]) -> BoxDistances | None:
@@ -116,7 +123,9 @@ def distance_lines(rows: list[BoxDistances]) -> str:
 def turns_figure(
     sequence: Sequence, runs: Mapping[str, Array], matches: list[StereoMatches], distances: list[Array]
 ) -> Figure:
-    """Rotation error of each step by run, and the share of features in boxes, by distance to epipolar lines.
+    """Rotation error of each step by run, and the share of features in boxes by frame.
+
+    A second area shows those features in boxes that are a little off their epipolar lines.
 
     matches, distances : matches of the frames 1 … N - 1, and their distances (`line_distances`), pixels.
     """
@@ -125,7 +134,8 @@ def turns_figure(
     in_boxes = []
     accepted = []
     for (name, poses), (colour, width) in zip(runs.items(), LINES, strict=False):
-        turns.plot(frames, step_errors(sequence, poses)[0], color=colour, linewidth=width, label=name)
+        rotation_errors, _ = step_errors(sequence, poses)
+        turns.plot(frames, rotation_errors, color=colour, linewidth=width, label=name)
     for frame, each, far in zip(frames.tolist(), matches, distances, strict=True):
         boxed = on_vehicles(each, sequence.boxes(frame - 1), sequence.boxes(frame), FilterConfig())
         in_boxes.append(100 * boxed.mean())

@@ -24,7 +24,8 @@ TE = 100.0 * float(np.hypot(1.0 - np.sin(ANGLE) / ANGLE, (1.0 - np.cos(ANGLE)) /
 def paths() -> list[Case]:
     """Cases of a path with unequal steps, a first frame and a length; the last length exceeds the path."""
     path = np.array([0.0, 1.5, 3.5, 6.0, 6.0, 7.0, 9.5, 12.0])
-    return [(path, *case) for case in ((0, 5.0), (0, 3.5), (2, 2.5), (1, 8.0), (3, 5.0), (4, 100.0))]
+    starts_and_lengths = ((0, 5.0), (0, 3.5), (2, 2.5), (1, 8.0), (3, 5.0), (4, 100.0))
+    return [(path, first, length) for first, length in starts_and_lengths]
 
 
 def first_true(mask: BoolArray) -> int | None:
@@ -43,7 +44,8 @@ def judged_pair() -> tuple[Array, Array]:
     The car drives 1 to 3 m per frame, so a length in metres is not a number of frames. The camera is tilted,
     so the rotation error has components about all axes.
     """
-    truth = block_tour(1)[np.cumsum(np.resize([0, 1, 2, 3, 2], 400))]
+    metres = np.cumsum(np.resize([0, 1, 2, 3, 2], 400))  # at each frame
+    truth = block_tour(1)[metres]
     tilted = rigid(rotation_from_vector(np.array([0.5, 0.3, 0.6])), np.zeros(3))
     estimate = perturbed_path(truth, scale=2.0, yaw=3.0, noise=20.0, jitter=0.1, seed=3)
     # A yaw alone would have the same axis as the turns of the car.
@@ -69,11 +71,15 @@ def stretches() -> list[Case]:
 def sequences() -> list[Case]:
     """Lists of errors, an array for each sequence; some arrays are empty."""
     lists: tuple[tuple[list[float], ...], ...] = (
-        ([1.0] * 4, [3.0], []),
+        ([1.0, 1.0, 1.0, 1.0], [3.0], []),
         ([2.0, 4.0], [], [1.0], [6.0, 6.0, 9.0]),
         ([], [5.0], [1.0, 2.0]),
     )
-    return [([np.array(each) for each in errors],) for errors in lists]
+    cases: list[Case] = []
+    for of_sequences in lists:
+        errors = [np.array(each) for each in of_sequences]
+        cases.append((errors,))
+    return cases
 
 
 def cosine_of(error: Array) -> float:
@@ -90,18 +96,55 @@ def errors(
     motion: Callable[[Array, int, int], Array] = lambda T, i, j: np.linalg.inv(T[i]) @ T[j],
     cosine: Callable[[Array], float] = cosine_of,
 ) -> Array:
-    """TE in % and RE in deg/100 m of a sub-sequence, (2,)."""
+    """TE in % and RE in deg/100 m of a sub-sequence, (2,).
+
+    motion : function of poses, first and last frame that returns the motion (4, 4) between the frames.
+    cosine : function of the error (4, 4) that returns the cosine of its angle.
+    """
     error = np.linalg.inv(motion(estimate, first, last)) @ motion(truth, first, last)
-    return np.array([np.linalg.norm(error[:3, 3]), np.degrees(np.arccos(cosine(error)))]) * 100.0 / length
+    metres = np.linalg.norm(error[:3, 3])
+    degrees = np.degrees(np.arccos(cosine(error)))
+    return np.array([metres, degrees]) * 100.0 / length
 
 
-def difference_of_angles(truth: Array, estimate: Array, first: int, last: int, _: float) -> float:
+def te_in_metres(truth: Array, estimate: Array, first: int, last: int, length: float) -> Array:
+    """Wrong answer: TE is not divided by the length."""
+    te, re = errors(truth, estimate, first, last, length)
+    return np.array([te * length / 100, re])
+
+
+def re_for_one_metre(truth: Array, estimate: Array, first: int, last: int, length: float) -> Array:
+    """Wrong answer: RE is in deg/m."""
+    te, re = errors(truth, estimate, first, last, length)
+    return np.array([te, re / 100])
+
+
+def re_as_angle(truth: Array, estimate: Array, first: int, last: int, length: float) -> Array:
+    """Wrong answer: RE is not divided by the length."""
+    te, re = errors(truth, estimate, first, last, length)
+    return np.array([te, re * length / 100])
+
+
+def re_from_two_angles(truth: Array, estimate: Array, first: int, last: int, length: float) -> Array:
+    """Wrong answer: RE is the difference between the turns of the estimate and of the truth."""
+    te, _ = errors(truth, estimate, first, last, length)
+    return np.array([te, 100.0 * difference_of_angles(truth, estimate, first, last) / length])
+
+
+def difference_of_angles(truth: Array, estimate: Array, first: int, last: int) -> float:
     """The difference between the turn of the estimate and the turn of the truth, degrees."""
-    turns = [np.arccos(cosine_of(np.linalg.inv(T[first]) @ T[last])) for T in (estimate, truth)]
-    return abs(float(np.degrees(turns[0] - turns[1])))
+    estimated_turn = np.arccos(cosine_of(np.linalg.inv(estimate[first]) @ estimate[last]))
+    true_turn = np.arccos(cosine_of(np.linalg.inv(truth[first]) @ truth[last]))
+    return abs(float(np.degrees(estimated_turn - true_turn)))
 
 
-def loop(
+def path_between(poses: Array, first: int, last: int) -> float:
+    """Length of the path from one frame to another, metres."""
+    distances = trajectory_distances(poses)
+    return float(distances[last] - distances[first])
+
+
+def all_sub_sequences(
     truth: Array,
     estimate: Array,
     lengths: Any,
@@ -115,14 +158,24 @@ def loop(
     Path lengths are measured along the truth, or along the path `along`.
     """
     path = trajectory_distances(truth if along is None else along)
-    parts = [(i, end(path, i, length), length) for i in range(0, len(truth), step) for length in lengths]
-    judged = [errors(truth, estimate, i, j, length) for i, j, length in parts if j is not None]
-    return np.asarray(mean(judged, axis=0))
+    of_parts = []
+    for first in range(0, len(truth), step):
+        for length in lengths:
+            last = end(path, first, length)
+            if last is not None:
+                of_parts.append(errors(truth, estimate, first, last, length))
+    return np.asarray(mean(of_parts, axis=0))
+
+
+def mean_over_lengths(truth: Array, estimate: Array, lengths: Any, step: int) -> Any:
+    """Wrong answer: the mean of the means over the sub-sequences of each length."""
+    means = [all_sub_sequences(truth, estimate, (length,), step) for length in lengths]
+    return np.mean(means, axis=0)
 
 
 def by_frame_number(path: Array, first: int, length: float) -> int | None:
     """End of a sub-sequence if the number of the first frame is used as a length in metres."""
-    return next((i for i in range(len(path)) if path[i] > first + length), None)
+    return first_true(path > first + length)
 
 
 def pooled(errors: list[Array]) -> float:
@@ -137,23 +190,38 @@ def plain(errors: list[Array]) -> float:
 
 def pairs() -> list[Case]:
     """Errors of the same seeds before and after, and Student's factor for 95 %."""
-    hand = np.array([1.0, 1.2, 0.9, 1.1, 1.3]), np.array([0.9, 1.15, 0.8, 1.05, 1.2])
-    worse = np.array([2.0, 2.5, 2.2]), np.array([2.6, 2.4, 2.9])
-    return [(*hand, 2.776), (*worse, 4.303), (hand[1][:4], hand[0][:4], 3.182)]
+    before = np.array([1.0, 1.2, 0.9, 1.1, 1.3])
+    better = np.array([0.9, 1.15, 0.8, 1.05, 1.2])
+    old = np.array([2.0, 2.5, 2.2])
+    worse = np.array([2.6, 2.4, 2.9])
+    return [(before, better, 2.776), (old, worse, 4.303), (better[:4], before[:4], 3.182)]
 
 
 def change_and_half(before: Array, after: Array, t: float, over: int = 1, root: bool = True) -> Array:
     """Mean change and half width t s / √n of its interval, (2,); s over n - `over`, without √n if not `root`."""
     change = after - before
-    deviation = np.std(change, ddof=over)
-    half = t * deviation / (np.sqrt(len(change)) if root else 1.0)
+    half = t * np.std(change, ddof=over)
+    if root:
+        half = half / np.sqrt(len(change))
     return np.array([change.mean(), half])
+
+
+def ends_of_interval(before: Array, after: Array, t: float) -> Array:
+    """Wrong answer: the ends of the interval, (2,)."""
+    mean, half = change_and_half(before, after, t)
+    return np.array([mean - half, mean + half])
 
 
 def unpaired(before: Array, after: Array, t: float) -> Array:
     """As `change_and_half`, with the spreads of the errors in place of the spread of the changes."""
     spread = np.hypot(np.std(before, ddof=1), np.std(after, ddof=1))
     return np.array([np.mean(after) - np.mean(before), t * spread / np.sqrt(len(before))])
+
+
+def sub_sequence_cases() -> list[Case]:
+    """Cases with truth and estimate, the lengths of the sub-sequences, and the frames between their starts."""
+    truth, estimate = judged_pair()
+    return [(truth, estimate, KITTI_LENGTHS[:4], 10), (truth, estimate, (150.0,), 25)]
 
 
 def moved_back(last: int | None, frames: int) -> int | None:
@@ -208,20 +276,20 @@ part_errors = Exercise(
     line="error = inv(inv(estimate[first]) @ estimate[last]) @ inv(truth[first]) @ truth[last]",
     library=("kitti_errors",),
     mistakes={
-        "TE is in metres, not in % of the length.": lambda *x: errors(*x) * [x[4] / 100, 1],
-        "divide by the nominal length, the argument `length`, not by the length of the path.": lambda *x: (
-            errors(*x) * x[4] / np.ptp(trajectory_distances(x[0])[[x[2], x[3]]])
+        "TE is in metres, not in % of the length.": te_in_metres,
+        "divide by the nominal length, the argument `length`, not by the length of the path.": (
+            lambda truth, estimate, first, last, length: errors(
+                truth, estimate, first, last, path_between(truth, first, last)
+            )
         ),
         "this compares end positions without equal starts.": partial(errors, motion=lambda T, i, j: T[j]),
         "these are motions in the world: the inverse of the first pose belongs on the left.": partial(
             errors, motion=lambda T, i, j: T[j] @ np.linalg.inv(T[i])
         ),
-        "RE is in deg/m; in deg/100 m the number is a hundred times as large.": lambda *x: (
-            errors(*x) * [1, 0.01]
-        ),
-        "RE is the angle in degrees, not divided by the length.": lambda *x: errors(*x) * [1, x[4] / 100],
+        "RE is in deg/m; in deg/100 m the number is a hundred times as large.": re_for_one_metre,
+        "RE is the angle in degrees, not divided by the length.": re_as_angle,
         "TE is right; RE is the difference of two angles: take the angle of the motion between the ends.": (
-            lambda *x: np.array([errors(*x)[0], 100.0 * difference_of_angles(*x) / x[4]])
+            re_from_two_angles
         ),
         "TE is right; RE has the yaw alone, and this rotation is about all three axes.": partial(
             errors, cosine=lambda error: np.cos(np.arctan2(error[0, 2], error[2, 2]))
@@ -269,8 +337,8 @@ once_round = Exercise(
 )
 
 all_errors = Exercise(
-    loop,
-    lambda: [(*judged_pair(), KITTI_LENGTHS[:4], 10), (*judged_pair(), (150.0,), 25)],
+    all_sub_sequences,
+    sub_sequence_cases,
     parts=("te", "re"),
     atol=1e-6,
     praise="TE {got[0]:.3f} %, RE {got[1]:.3f} deg/100 m over all sub-sequences, as in `kitti_errors`.",
@@ -280,21 +348,23 @@ all_errors = Exercise(
     library=("kitti_errors",),
     mistakes={
         "this is the root of the mean square; KITTI takes the plain mean.": partial(
-            loop, mean=lambda errors, axis: np.sqrt(np.mean(np.square(errors), axis))
+            all_sub_sequences, mean=lambda errors, axis: np.sqrt(np.mean(np.square(errors), axis))
         ),
         "this is the sum or the median; TE and RE are means.": (
-            partial(loop, mean=np.sum),
-            partial(loop, mean=np.median),
+            partial(all_sub_sequences, mean=np.sum),
+            partial(all_sub_sequences, mean=np.median),
         ),
-        "this is a mean over the lengths; take one mean over all sub-sequences.": lambda T, E, lengths, step: (
-            np.mean([loop(T, E, (length,), step) for length in lengths], axis=0)
+        "this is a mean over the lengths; take one mean over all sub-sequences.": mean_over_lengths,
+        "the starts are at every frame, not at every `step`-th.": lambda truth, estimate, lengths, step: (
+            all_sub_sequences(truth, estimate, lengths, 1)
         ),
-        "the starts are at every frame, not at every `step`-th.": lambda T, E, far, _: loop(T, E, far, 1),
         "the sub-sequences end at wrong frames: `first` is the number of a frame, `path[first]` are metres.": (
-            partial(loop, end=by_frame_number)
+            partial(all_sub_sequences, end=by_frame_number)
         ),
         "the length of a sub-sequence is measured along the estimate; KITTI measures it along the truth.": (
-            lambda truth, estimate, lengths, step: loop(truth, estimate, lengths, step, along=estimate)
+            lambda truth, estimate, lengths, step: all_sub_sequences(
+                truth, estimate, lengths, step, along=estimate
+            )
         ),
     },
 )
@@ -345,9 +415,7 @@ mean_change = Exercise(
         "the half width lacks Student's factor `t`.": lambda before, after, t: change_and_half(
             before, after, 1.0
         ),
-        "these are the two ends of the interval; return the mean and the half width.": lambda *x: (
-            change_and_half(*x)[0] + np.array([-1, 1]) * change_and_half(*x)[1]
-        ),
+        "these are the two ends of the interval; return the mean and the half width.": ends_of_interval,
     },
 )
 

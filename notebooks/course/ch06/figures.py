@@ -45,7 +45,7 @@ def drift_chart(axis: Axes, truth: Array, estimate: Array, first: int, last: int
     """Growth of the error along a sub-sequence from equal starts; `number` is the first frame's number."""
     piece, moved = _at_start(truth, estimate, first, last)
     error = (moved[:, :3, 3] - piece[:, :3, 3]) @ truth[first, :3, :3]
-    way = trajectory_distances(piece)
+    along = trajectory_distances(piece)
     distance = np.linalg.norm(error, axis=1)
     axis.axhline(0, color=PALE, linewidth=1)
     for values, colour, words in (
@@ -53,18 +53,21 @@ def drift_chart(axis: Axes, truth: Array, estimate: Array, first: int, last: int
         (error[:, 0], GOOD, "to the right"),
         (error[:, 2], THIRD, "ahead"),
     ):
-        axis.plot(way, values, color=colour, linewidth=1.5, label=words)
+        axis.plot(along, values, color=colour, linewidth=1.5, label=words)
     round_limits(axis.yaxis)
     title = f"frames {number + first} to {number + last}, starts made equal: error"
     finish(axis, title, "distance along the path [m]", "error [m]")
 
 
 def length_chart(axis: Axes, errors: KittiErrors, others: Mapping[str, KittiErrors], rotation: bool) -> None:
-    """Errors of sub-sequences by length, as dots; lines: mean errors by length, for `others` too."""
+    """Errors of sub-sequences by length, as dots; lines: mean errors by length, for `others` too.
+
+    rotation : whether the errors are RE, not TE.
+    """
     values = 100.0 * (np.degrees(errors.r_err) if rotation else errors.t_err)
     lengths = np.unique(errors.length).tolist()
-    apart = np.min(np.diff(lengths), initial=lengths[0] if lengths else 1.0)
-    spread = 0.3 * apart * (np.random.default_rng(0).random(len(errors)) - 0.5)
+    gap = np.min(np.diff(lengths), initial=lengths[0] if lengths else 1.0)
+    spread = 0.3 * gap * (np.random.default_rng(0).random(len(errors)) - 0.5)  # so that dots are seen
     axis.plot(errors.length + spread, values, ".", color=PALE, markersize=3)
     for (name, each), colour in zip({"estimate": errors, **others}.items(), (GOOD, *CYCLE[1:]), strict=False):
         means = [part.re if rotation else part.te for part in each.by_length(lengths).values()]
@@ -75,8 +78,10 @@ def length_chart(axis: Axes, errors: KittiErrors, others: Mapping[str, KittiErro
     if not lengths:
         write_instead(axis, "the path is too short for these lengths")
     numbers_at(axis.xaxis, lengths[:8])
-    kind, unit = ("rotation", "RE [deg/100 m]") if rotation else ("translation", "TE [%]")
-    finish(axis, f"{kind} error by length", "length [m]", unit)
+    if rotation:
+        finish(axis, "rotation error by length", "length [m]", "RE [deg/100 m]")
+    else:
+        finish(axis, "translation error by length", "length [m]", "TE [%]")
 
 
 def paths_figure(pairs: Mapping[str, tuple[Array, Array]]) -> Figure:
@@ -95,8 +100,8 @@ def part_figure(truth: Array, estimate: Array, first: int, last: int) -> Figure:
     part.plot(*piece[:, [0, 2], 3].T, color=FIFTH, linewidth=5, alpha=0.7, label="truth")
     part.plot(*moved[:, [0, 2], 3].T, color=GOOD, linewidth=1.5, label="estimate, moved")
     ends = np.stack([piece[-1, [0, 2], 3], moved[-1, [0, 2], 3]])
-    apart = np.linalg.norm(moved[-1, :3, 3] - piece[-1, :3, 3])
-    part.plot(*ends.T, color=BAD, linewidth=2, label=f"error at the end: {apart:.2f} m")
+    end_error = np.linalg.norm(moved[-1, :3, 3] - piece[-1, :3, 3])
+    part.plot(*ends.T, color=BAD, linewidth=2, label=f"error at the end: {end_error:.2f} m")
     size = 0.12 * float(np.ptp(piece[:, [0, 2], 3], axis=0).max() + 1e-9)
     for pose, colour in ((piece[-1], FIFTH), (moved[-1], GOOD)):
         tip = pose[[0, 2], 3] + size * pose[[0, 2], 2]
@@ -127,10 +132,13 @@ def starts_figure(truth: Array, lengths: tuple[float, ...], step: int) -> Figure
 def curves_figure(errors: Mapping[str, KittiErrors]) -> Figure:
     """Mean TE of each estimate by sub-sequence length and by speed."""
     made, axes = figure(230, 2)
-    titles = ("by length", "length [m]"), ("by mean speed of the sub-sequence", "speed [km/h]")
-    for axis, by, (title, x) in zip(axes, ("length", "speed"), titles, strict=True):
+    charts = (
+        ("length", "by length", "length [m]"),
+        ("speed", "by mean speed of the sub-sequence", "speed [km/h]"),
+    )
+    for axis, (by, title, x) in zip(axes, charts, strict=True):
         for (name, each), colour in zip(errors.items(), CYCLE, strict=False):
-            places, te, _ = zip(*each.curve(by), strict=True)
+            places, te, _ = np.array(each.curve(by), float).T
             label = name if by == "length" else None
             axis.plot(places, te, "-o", color=colour, linewidth=1.5, markersize=5, label=label)
         axis.set_ylim(0, None)
@@ -195,21 +203,23 @@ def pairs_figure(
 ) -> Figure:
     """Errors of two methods joined by seed or sequence, and their changes with mean and interval.
 
-    interval : mean change and half width. points : names of the pairs; by default the seeds.
+    before, after : name of a method and its TE (N,), %. interval : mean change and half width.
+    points : names of the sequences; by default, the pairs are seeds.
     """
     made, (errors, changes) = figure(240, 2)
-    one, old = before
-    other, new = after
-    names = [*points] or [str(seed) for seed in range(len(old))]
+    old_name, old = before
+    new_name, new = after
+    pair = "sequence" if points else "seed"
+    names = list(points) if points else [str(seed) for seed in range(len(old))]
     for start, end in zip(old, new, strict=True):
         colour = GOOD if end <= start else BAD
         errors.plot([0, 1], [start, end], "-o", color=colour, linewidth=1.2, markersize=5)
     errors.set_xlim(-0.25, 1.25)
-    errors.set_xticks([0, 1], [one, other])
-    finish(errors, f"{title}: TE [%], a line for each {'sequence' if points else 'seed'}", "", "", "none")
+    errors.set_xticks([0, 1], [old_name, new_name])
+    finish(errors, f"{title}: TE [%], a line for each {pair}", "", "", "none")
     mean, half = interval
     changes_chart(changes, new - old, names, mean, half)
     highest = float(np.max(np.abs([*(new - old), mean - half, mean + half])))
     changes.set_ylim(-1.5 * highest - 1e-6, 1.5 * highest + 1e-6)
-    finish(changes, "change of TE [%] of each pair", "sequence" if points else "seed", "", "best")
+    finish(changes, "change of TE [%] of each pair", pair, "", "best")
     return made

@@ -15,6 +15,7 @@ from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.kitti_errors import kitti_errors
 from vo_lib.geometry.matches import empty_matches
 from vo_lib.geometry.types import Array
+from vo_lib.report.paper_unit import PAPERS_FACTOR, RIGHT_FACTOR
 from vo_lib.report.table1 import te_and_re
 from vo_lib.runs.drive import run_methods
 from vo_lib.runs.front_end import TimedMatches
@@ -23,9 +24,6 @@ from ..checker import Case, Condition, Exercise
 from ..frames import true_poses
 from ..lessons import CAMERA, drive
 
-# Factors from rad/m to deg/100 m: the paper's, and the right one.
-USED = 5555.6
-TRUE = 100.0 * 180.0 / np.pi
 FRAMES = 30
 LENGTHS = (20.0,)
 VALUES = (8, 16, 100)
@@ -33,17 +31,26 @@ NO_DIGIT = "the paper rounds, too: half a unit of the last printed digit is miss
 
 
 def rows(te: dict[str, Any], without: str = "01", none: Any = None) -> list[float]:
-    """The numbers of a column without the row `without`; `none` replaces None."""
-    values = [none if value is None else value for name, value in te.items() if name != without]
-    return [value for value in values if value is not None]
+    """The numbers of a column without the row `without`; `none` replaces None, which is left out by default."""
+    values = []
+    for name, value in te.items():
+        number = none if value is None else value
+        if name != without and number is not None:
+            values.append(number)
+    return values
 
 
 def allowed_difference(
     values: Array, digits: int, t: float, over: int = 1, further: int = 1, digit: float = 0.5
 ) -> float:
-    """How far one more run may be from the mean of runs (n,), with a part of the last printed digit."""
+    """How far one more run may be from the mean of runs (n,), with a part of the last printed digit.
+
+    digits : printed decimals. t : Student's factor. over : the deviation is over n - `over`. further : the number of
+    further runs that scatter by themselves, 1 or 0. digit : the part of the last digit, ½ for rounding.
+    """
     deviation = float(np.std(values, ddof=over))
-    return t * deviation * float(np.sqrt(further + 1.0 / len(values))) + digit * 10.0**-digits
+    scatter = t * deviation * float(np.sqrt(further + 1.0 / len(values)))
+    return scatter + digit * 10.0**-digits
 
 
 def without_term(values: Array, digits: int, t: float, over: int = 1, digit: float = 0.5) -> float:
@@ -65,8 +72,16 @@ def simulated() -> tuple[Sequence, list[TimedMatches]]:
     tracks = TrackConfig(points=200, noise=0.3, wrong=0.3)
     matches: list[TimedMatches] = [(empty_matches(), {})]
     matches += [(frame.matches, {}) for frame in simulate_tracks(truth, CAMERA, tracks, 0)]
-    frames = tuple(f"{number:06d}" for number in range(FRAMES))
-    return Sequence("simulated", Path("simulated"), frames, CAMERA, np.zeros(FRAMES), truth, None), matches
+    sequence = Sequence(
+        name="simulated",
+        folder=Path("simulated"),
+        frames=tuple(f"{number:06d}" for number in range(FRAMES)),
+        camera=CAMERA,
+        times=np.zeros(FRAMES),
+        truth=truth,
+        labels=None,
+    )
+    return sequence, matches
 
 
 @functools.cache
@@ -76,7 +91,8 @@ def errors_of_sets(variant: str = "published") -> tuple[Array, Array]:
     method = preset("solution_selection", variant=variant)
     configs = {str(value): change(method, "selection.sets", value) for value in VALUES}
     runs = run_methods(sequence, configs, matches=matches).values()
-    te, re = te_and_re(kitti_errors(true_poses(sequence), run.poses, LENGTHS, 1) for run in runs)
+    errors = [kitti_errors(true_poses(sequence), run.poses, LENGTHS, 1) for run in runs]
+    te, re = te_and_re(errors)
     return te, re
 
 
@@ -111,7 +127,7 @@ paper_average = Exercise(
 )
 
 true_rotation_error = Exercise(
-    TRUE / USED,
+    RIGHT_FACTOR / PAPERS_FACTOR,
     atol=2e-3,
     praise="{right:.4f}: the printed number is 3 % too low.",
     hint="dividing by 5555.6 gives rad/m. Then multiply by 100 · 180/π.",
@@ -122,7 +138,7 @@ true_rotation_error = Exercise(
             lambda got: abs(got - 0.0313) < 1e-3 or abs(got - 3.1) < 0.1
         ),
         "{got:.3g} is in rad/m: multiply by 100 · 180/π.": Condition(
-            lambda got: abs(got * USED - 1.0) < 0.02
+            lambda got: abs(got * PAPERS_FACTOR - 1.0) < 0.02
         ),
         "{got:.3g} is in degrees per metre: multiply by 100.": Condition(
             lambda got: abs(got - 0.0103) < 2e-4
@@ -193,7 +209,9 @@ sweep = Exercise(
         "`run_methods(sequence, configs, matches=matches)`.": lambda sequence, matches, values: [
             run_methods(sequence, {"name": preset("solution_selection")}) for _ in values
         ],
-        "a TE is None: the path has 29 m, so take lengths=(20,) and step=1.": lambda *case: [None] * 3,
+        "a TE is None: the path has 29 m, so take lengths=(20,) and step=1.": (
+            lambda sequence, matches, values: [None for _ in values]
+        ),
         "all values give the same TE: the setting has not changed. `change` returns a new configuration.": Condition(
             lambda got, *case: np.ptp(got) < 1e-12
         ),

@@ -83,7 +83,10 @@ def _leave_room_above(axis: Axes, names: int) -> None:
 def tables_of(entries: list[Entry]) -> list[ReportTable]:
     """TE and RE of methods, mean ± deviation over seeds; for whole sequences also the paper's numbers."""
     paper = table1.read_paper_table()
-    return [table for group in group_entries(entries) for table in layout_tables(group, paper)]
+    tables = []
+    for group in group_entries(entries):
+        tables += layout_tables(group, paper)
+    return tables
 
 
 def printed_gains(paper: table1.PaperTable, other: str) -> list[Array]:
@@ -92,21 +95,25 @@ def printed_gains(paper: table1.PaperTable, other: str) -> list[Array]:
     Three gains: from the row Avg, from the plain mean of the ten rows, and from the benchmark's weighted
     mean.
     """
-    numbers = np.array(
-        [[paper.value(row, name) for row in table1.PAPER_ROWS] for name in (other, table1.PROPOSAL)], float
-    )
-    averages = numbers[:, 0]
-    rows = numbers[:, 1:]
     weights = list(table1.SUB_SEQUENCES.values())
-    return [table1.gain(*means) for means in (averages, rows.mean(axis=1), np.average(rows, 1, weights))]
+    means = []  # three for each method
+    for method in (other, table1.PROPOSAL):
+        numbers = np.array([paper.value(row, method) for row in table1.PAPER_ROWS], float)
+        average = numbers[0]
+        rows = numbers[1:]
+        means.append((average, rows.mean(axis=0), np.average(rows, 0, weights)))
+    before, after = means
+    return [table1.gain(old, new) for old, new in zip(before, after, strict=True)]
 
 
 def table_html(table: ReportTable) -> str:
     """A table with its notes, for a notebook."""
 
     def row(words: list[str], tag: str) -> str:
-        sides = ["left"] + ["right"] * (len(words) - 1)
-        cells = [CELL.format(tag, side, html.escape(w)) for side, w in zip(sides, words, strict=True)]
+        cells = []
+        for place, text in enumerate(words):
+            side = "left" if place == 0 else "right"
+            cells.append(CELL.format(tag, side, html.escape(text)))
         return f"<tr>{''.join(cells)}</tr>".replace("\n", "<br>")
 
     rows = row(table.columns, "th") + "".join(row(words, "td") for words in table.rows)
@@ -133,7 +140,11 @@ def choice_ratios(path: Path = CHOICES) -> dict[str, dict[str, dict[str, float]]
             cells[row["sequence"]] = 1 + float(row["te"]) / plain[row["sequence"]]
 
     def size(name: str) -> float:
-        return max(float(np.abs(np.log([*cells.values()])).mean()) for cells in ratios[name].values())
+        means = []
+        for of_sequences in ratios[name].values():
+            logarithms = np.log(list(of_sequences.values()))
+            means.append(float(np.abs(logarithms).mean()))
+        return max(means)
 
     return {name: ratios[name] for name in sorted(ratios, key=size, reverse=True)}
 
@@ -143,8 +154,15 @@ def choices_figure(ratios: Mapping[str, Mapping[str, Mapping[str, float]]]) -> F
     made, (axis,) = figure(380)
     box = axis.get_position()
     axis.set_position((0.28, box.y0, 0.53, box.height))  # room for names and for the legend
-    lines = [(f"{name}: {words}", cells) for name, each in ratios.items() for words, cells in each.items()]
-    sequences = list(dict.fromkeys(name for _, cells in lines for name in cells))
+    lines = []
+    for choice, alternatives in ratios.items():
+        for alternative, cells in alternatives.items():
+            lines.append((f"{choice}: {alternative}", cells))
+    values: list[float] = []
+    sequences: list[str] = []
+    for _, cells in lines:
+        values += cells.values()
+        sequences += [name for name in cells if name not in sequences]
     for place, sequence in enumerate(sequences):
         x = [cells.get(sequence, np.nan) for _, cells in lines]
         axis.plot(
@@ -157,10 +175,9 @@ def choices_figure(ratios: Mapping[str, Mapping[str, Mapping[str, float]]]) -> F
             alpha=0.9,
         )
     axis.axvline(1.0, color=DARK, linewidth=0.8)
-    axis.set_yticks(range(len(lines)), [words for words, _ in lines])
+    axis.set_yticks(range(len(lines)), [name for name, _ in lines])
     axis.set_ylim(len(lines) - 0.5, -0.5)
     axis.grid(axis="y", color=PALE, linewidth=0.5)
-    values = [value for _, cells in lines for value in cells.values()]
     log_axis(axis.xaxis, 0.9 * min(values), 1.1 * max(values), (1.0, 2.0, 3.0, 5.0, 7.0))
     finish(axis, "translation error with another choice", "TE with this choice / TE as published")
     axis.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=SMALL_SIZE, frameon=False)
@@ -205,15 +222,19 @@ def measured_columns(methods: Sequence[str], kind: str) -> tuple[str, list[dict[
     table = results_table(f"Variant published: {title}", KITTI)
     rows: dict[str, dict[str, list[str]]] = {}  # by length and clip
     for row in table.rows:
-        name, length, *_ = [*map(str.strip, row[0].split(",")), ""]
+        parts = [part.strip() for part in row[0].split(",")]
+        name = parts[0]
+        length = parts[1] if len(parts) > 1 else ""
         rows.setdefault(length, {})[name] = row
-    clips = {name for of_length in rows.values() for name in of_length}
+    clips = set[str]().union(*rows.values())
     common = [length for length, of_length in rows.items() if length and set(of_length) == clips]
     if not common:
         return "over no length that all of them have", [{} for _ in methods]
     longest = max(common, key=lambda length: float(length.split()[0]))
     removed = [short_name(name) for name, row in rows[longest].items() if "axes removed" in row[0]]
-    words = f"over {longest}" + (f", axes removed on {', '.join(removed)}" if removed else "")
+    words = f"over {longest}"
+    if removed:
+        words += f", axes removed on {', '.join(removed)}"
     columns = []
     for method in methods:
         place = table.columns.index(method)

@@ -73,18 +73,35 @@ def clip(
 ) -> Sequence:
     """`WHOLE` if available, else a part of a KITTI sequence with truth over 100 m, else a part of the street.
 
-    `first` : first frame of the part, as in `part_of`.
-
-    For a sequence whose images do not all have labels, the boxes are from `detector` (a name or the path of an ONNX file); by
-    default, from the first detector on this machine. Without a detector, there are no boxes.
+    Parameters
+    ----------
+    frames : number of frames of a part. first : its first frame, as in `part_of`.
+    detector : a name or the path of an ONNX file, for a sequence whose images do not all have labels; by default,
+        the first detector on this machine. Without a detector, there are no boxes.
     """
-    names = sorted((name for name in available() if name.startswith(KITTI)), key=lambda name: name != WHOLE)
-    opened_ones = ((name, longest_piece(open_sequence(name))) for name in names)
-    parts = (each if name == WHOLE else part_of(each, frames, first) for name, each in opened_ones)
-    usable = (p for p in parts if p.truth is not None and suitable_protocol(p.truth) == KITTI_PROTOCOL)
-    sequence = next(usable, None) or part_of(opened(STREET, progress), STREET_FRAMES)
-    detector = detector or next(iter(list_detectors()), "")
-    return with_all_labels(sequence, detector, progress=progress) if detector else sequence
+    sequence = _kitti_part(frames, first)
+    if sequence is None:
+        sequence = part_of(opened(STREET, progress), STREET_FRAMES)
+    if not detector:
+        detector = next(iter(list_detectors()), "")
+    if not detector:
+        return sequence
+    return with_all_labels(sequence, detector, progress=progress)
+
+
+def _kitti_part(frames: int, first: int | None) -> Sequence | None:
+    """`WHOLE` if available, else a part of another KITTI sequence with truth over 100 m; None without one."""
+    names = [name for name in available() if name.startswith(KITTI)]
+    if WHOLE in names:
+        names.remove(WHOLE)
+        names.insert(0, WHOLE)
+    for name in names:
+        sequence = longest_piece(open_sequence(name))
+        if name != WHOLE:
+            sequence = part_of(sequence, frames, first)
+        if sequence.truth is not None and suitable_protocol(sequence.truth) == KITTI_PROTOCOL:
+            return sequence
+    return None
 
 
 def table_hours(
@@ -123,10 +140,17 @@ def run_plan(plan: Plan, progress: Progress | None = None) -> list[Entry]:
     """
 
     def run() -> list[Entry]:
-        pairs = [(method, seed) for method in plan.methods for seed in range(plan.seeds)]
-        configs = {f"{m} {seed}": preset(m, variant=plan.variant, seed=seed) for m, seed in pairs}
-        matches = CachedMatches(plan.sequence, next(iter(configs.values())))
+        seeds = range(plan.seeds)
+        configs = {}
+        for method, seed in itertools.product(plan.methods, seeds):
+            configs[f"{method} {seed}"] = preset(method, variant=plan.variant, seed=seed)
+        any_config = next(iter(configs.values()))
+        matches = CachedMatches(plan.sequence, any_config)
         runs = run_methods(plan.sequence, configs, progress, matches)
-        return [measure_runs(m, [runs[f"{m} {seed}"] for seed in range(plan.seeds)]) for m in plan.methods]
+        entries = []
+        for method in plan.methods:
+            of_method = [runs[f"{method} {seed}"] for seed in seeds]
+            entries.append(measure_runs(method, of_method))
+        return entries
 
     return _entries.get(plan.key, run)

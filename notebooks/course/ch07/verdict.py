@@ -55,6 +55,19 @@ OUTSIDE = (CLOSE, BY_CHOICES, NOT_REPRODUCED, DIFFERENT)
 SIMULATIONS = 4000  # of a record whose printed numbers are further runs of our method
 SURPRISING = 0.05  # probability below which a number of cells outside would be surprising
 
+VERDICT_COLUMNS = [
+    "sequence, system",
+    "printed",
+    "in the right unit",
+    "ours",
+    "difference",
+    "difference / printed",
+    "allowed ±",
+    "allowed / printed",
+    "open choices",
+    "verdict",
+]
+
 MAKE_ONE = "run the command above, or name its folder in the first line"
 
 
@@ -62,8 +75,9 @@ MAKE_ONE = "run the command above, or name its folder in the first line"
 class Ours:
     """Our errors of a method on a row of the table.
 
-    values : (S,) errors of the seeds, or None if only mean and deviation (over n - 1) are known; numbers : the
-    seeds of the values.
+    whole : whether the sequence was run as a whole; boxes : whether the run had vehicle boxes; seeds : their
+    number; values : (S,) errors of the seeds, or None if only mean and deviation (over n - 1) are known;
+    numbers : the seeds of the values.
     """
 
     whole: bool
@@ -164,15 +178,16 @@ def _outside(right: float, choices: tuple[float, float] | None, allowed: float) 
 
 def rounding(method: str, kind: str) -> float:
     """How far a printed number in the right unit may be from the number before it was rounded."""
-    half = 0.5 * 10.0 ** -ERROR_KINDS[kind][1]
-    return converted(half, method, kind) + (
-        0.5 * DEVKIT_STEP * RIGHT_FACTOR if in_paper_unit(method, kind) else 0
-    )
+    _, digits = ERROR_KINDS[kind]
+    half_digit = converted(0.5 * 10.0**-digits, method, kind)
+    if not in_paper_unit(method, kind):
+        return half_digit
+    return half_digit + 0.5 * DEVKIT_STEP * RIGHT_FACTOR
 
 
 def printed_and_back(errors: Array, method: str, kind: str) -> Array:
     """Errors as the paper would print them, in the right unit again."""
-    digits = ERROR_KINDS[kind][1]
+    _, digits = ERROR_KINDS[kind]
     if not in_paper_unit(method, kind):
         return np.round(errors, digits)
     by_devkit = DEVKIT_STEP * np.round(errors / RIGHT_FACTOR / DEVKIT_STEP)
@@ -203,12 +218,14 @@ def open_report(folder: Path) -> tuple[dict[tuple[str, str, str], Ours], list[st
     except DataError as error:
         return {}, [f"The report cannot be used: {error}."]
     if record:
-        sentences = [_about(record, folder)] if found else [_why_empty(rows, record_path)]
-    elif (folder / TABLE).is_file():
-        why = f"{folder / TABLE} has no row of variant published with its presets and with errors."
-        sentences = [f"{folder} has a table without a record: no number of a single seed." if found else why]
+        sentence = _about(record, folder) if found else _why_empty(rows, record_path)
+    elif not (folder / TABLE).is_file():
+        sentence = f"There is no report in {folder}: {MAKE_ONE}."
+    elif found:
+        sentence = f"{folder} has a table without a record: no number of a single seed."
     else:
-        sentences = [f"There is no report in {folder}: {MAKE_ONE}."]
+        sentence = f"{folder / TABLE} has no row of variant published with its presets and with errors."
+    sentences = [sentence]
     if found and not set(table1.PAPER_ROWS) & {row for row, _, _ in found}:
         sentences.append(f"{folder} has no row of the printed table: it was made from other sequences.")
     return found, sentences
@@ -217,7 +234,9 @@ def open_report(folder: Path) -> tuple[dict[tuple[str, str, str], Ours], list[st
 def _about(record: Mapping[str, Any], folder: Path) -> str:
     """Where a record comes from, and the detector, which is another one than the paper's."""
     facts = [str(record[name]) for name in ("date", "commit", "processor") if record.get(name)]
-    origin = f"The report in {folder}" + (f" ({', '.join(facts)})" if facts else "")
+    origin = f"The report in {folder}"
+    if facts:
+        origin += f" ({', '.join(facts)})"
     detector = record.get("detector")
     boxes = "labels of the sequences, if any"
     if isinstance(detector, dict) and detector.get("file"):
@@ -243,16 +262,21 @@ def _why_empty(rows: list[RecordRow], path: Path) -> str:
 
 
 def _from_record(path: Path) -> dict[tuple[str, str, str], Ours]:
+    """Our errors from a record, which has those of each seed, and their averages."""
     found: dict[tuple[str, str, str], Ours] = {}
     _, rows = read_record(path)
     plain = [row for row in rows if row.variant == "published" and not row.settings]
     for row, kind in itertools.product(plain, ERROR_KINDS):
         values = row.errors[kind]
         name = row.sequence.removeprefix(KITTI)
-        boxes = row.removed_share > 0
-        ours = Ours(row.whole, boxes, len(values), *mean_and_deviation(values), values, row.seeds)
-        found[name, row.method, kind] = ours
+        found[name, row.method, kind] = _of_seeds(row.whole, row.removed_share > 0, values, row.seeds)
     return found | _averages(found)
+
+
+def _of_seeds(whole: bool, boxes: bool, values: Array, numbers: tuple[int, ...]) -> Ours:
+    """Our errors (S,) of the seeds with these numbers."""
+    mean, deviation = mean_and_deviation(values)
+    return Ours(whole, boxes, len(values), mean, deviation, values, numbers)
 
 
 def _averages(found: Mapping[tuple[str, str, str], Ours]) -> dict[tuple[str, str, str], Ours]:
@@ -266,19 +290,19 @@ def _averages(found: Mapping[tuple[str, str, str], Ours]) -> dict[tuple[str, str
         common = sorted(set.intersection(*(set(ours.numbers) for ours in complete)))
         if not common:
             continue
-        of_seed = [
-            [ours.values[ours.numbers.index(seed)] for seed in common]
-            for ours in complete
-            if ours.values is not None
-        ]
-        values = np.mean(of_seed, axis=0)
+        by_sequence = []
+        for ours in complete:
+            if ours.values is not None:
+                places = [ours.numbers.index(seed) for seed in common]
+                by_sequence.append(ours.values[places])
+        means = np.mean(by_sequence, axis=0)
         boxes = all(ours.boxes for ours in complete)
-        ours = Ours(True, boxes, len(common), *mean_and_deviation(values), values, tuple(common))
-        averages[table1.AVERAGE, method, kind] = ours
+        averages[table1.AVERAGE, method, kind] = _of_seeds(True, boxes, means, tuple(common))
     return averages
 
 
 def _from_table(path: Path) -> dict[tuple[str, str, str], Ours]:
+    """Our errors from a table without the errors of each seed."""
     found: dict[tuple[str, str, str], Ours] = {}
     place = None
     try:
@@ -309,7 +333,7 @@ def _of_cells(row: Mapping[str, str], kind: str) -> Ours:
     seeds = int(row["seeds"])
     # The row of averages has no share of its own: its sequences were judged by theirs.
     share = float(row["removed_share"] or "1")
-    known = mean, deviation if seeds > 1 else 0.0, share
+    known = (mean, deviation if seeds > 1 else 0.0, share)  # one seed has no deviation
     if seeds < 1 or not all(math.isfinite(value) and value >= 0 for value in known):
         raise ValueError(f"expected seeds from 1 and finite numbers from 0, found {seeds}, {known}")
     return Ours(bool(row[f"paper_{kind}"]), share > 0, seeds, mean, deviation)
@@ -365,51 +389,39 @@ def judge_all(
 def verdict_tables(cells: Mapping[str, Iterable[Judged]]) -> list[ReportTable]:
     """Tables of the verdicts, and above each how often they occur; none without a cell."""
     tables = []
-    columns = [
-        "sequence, system",
-        "printed",
-        "in the right unit",
-        "ours",
-        "difference",
-        "difference / printed",
-        "allowed ±",
-        "allowed / printed",
-        "open choices",
-        "verdict",
-    ]
     for kind, of_kind in cells.items():
-        judged = [*of_kind]
-        if not judged:
-            continue
-        words, digits = ERROR_KINDS[kind]
-        rows = []
-        for cell in judged:
-            shown = "not measured"
-            if cell.choices is not None:
-                shown = " to ".join(format_number(value, digits) for value in cell.choices)
-            compared = ["-", "-", "-", "-"]  # what has no verdict is not compared
-            if cell.outcome in INSIDE + OUTSIDE:
-                compared = [
-                    signed(cell.ours - cell.converted, digits),
-                    f"{signed(100 * cell.difference_share, 1)} %",
-                    format_number(cell.allowed),
-                    f"{100 * cell.allowed_share:.1f} %",
-                ]
-            rows.append(
-                [
-                    f"{cell.row} {table1.PRINTED_NAMES[cell.method]}",
-                    format_number(cell.printed, digits),
-                    format_number(cell.converted, digits),
-                    format_number(cell.ours),
-                    *compared,
-                    shown,
-                    cell.outcome,
-                ]
-            )
-        tables.append(
-            ReportTable(f"{words}: verdict on printed numbers", columns, rows, [], [summary(judged)])
-        )
+        judged = list(of_kind)
+        if judged:
+            words, digits = ERROR_KINDS[kind]
+            title = f"{words}: verdict on printed numbers"
+            rows = [_verdict_row(cell, digits) for cell in judged]
+            tables.append(ReportTable(title, VERDICT_COLUMNS, rows, [], [summary(judged)]))
     return tables
+
+
+def _verdict_row(cell: Judged, digits: int) -> list[str]:
+    """A row of the table, with one text for each of `VERDICT_COLUMNS`; `digits` are the printed decimals."""
+    choices = "not measured"
+    if cell.choices is not None:
+        lowest, highest = cell.choices
+        choices = f"{format_number(lowest, digits)} to {format_number(highest, digits)}"
+    compared = ["-", "-", "-", "-"]  # what has no verdict is not compared
+    if cell.outcome in INSIDE + OUTSIDE:
+        compared = [
+            signed(cell.ours - cell.converted, digits),
+            f"{signed(100 * cell.difference_share, 1)} %",
+            format_number(cell.allowed),
+            f"{100 * cell.allowed_share:.1f} %",
+        ]
+    return [
+        f"{cell.row} {table1.PRINTED_NAMES[cell.method]}",
+        format_number(cell.printed, digits),
+        format_number(cell.converted, digits),
+        format_number(cell.ours),
+        *compared,
+        choices,
+        cell.outcome,
+    ]
 
 
 def summary(cells: Iterable[Judged]) -> str:
@@ -534,7 +546,7 @@ def gain_over_sequences(before: Mapping[str, float], after: Mapping[str, float])
 
 def printed_column(paper: table1.PaperTable, method: str, kind: str) -> dict[str, float]:
     """The printed numbers of a method on the ten sequences, in the right unit."""
-    place = [*ERROR_KINDS].index(kind)
+    place = list(ERROR_KINDS).index(kind)
     column = {}
     for row in table1.SUB_SEQUENCES:
         printed = paper.value(row, method)[place]
@@ -546,8 +558,7 @@ def printed_column(paper: table1.PaperTable, method: str, kind: str) -> dict[str
 def our_column(found: Mapping[tuple[str, str, str], Ours], method: str, kind: str) -> dict[str, float]:
     """Our means of a method on the whole sequences of the table that `left_out` does not name."""
     out = left_out(found, method, kind)
-    rows = {row: found.get((row, method, kind)) for row in table1.SUB_SEQUENCES}
-    return {row: ours.mean for row, ours in rows.items() if ours is not None and row not in out}
+    return {row: found[row, method, kind].mean for row in table1.SUB_SEQUENCES if row not in out}
 
 
 def left_out(found: Mapping[tuple[str, str, str], Ours], method: str, kind: str) -> dict[str, str]:
@@ -571,10 +582,11 @@ def why_no_gain(found: Mapping[tuple[str, str, str], Ours], methods: Sequence[st
     """Why our sequences give no gain from one method to another; "" if two or more of them give one."""
     reasons: dict[str, list[str]] = {}
     for row in table1.SUB_SEQUENCES:
-        named = [left_out(found, method, kind).get(row) for method in methods]
-        first = next((reason for reason in named if reason), None)
-        if first is not None:
-            reasons.setdefault(first, []).append(row)
+        for method in methods:
+            reason = left_out(found, method, kind).get(row)
+            if reason:
+                reasons.setdefault(reason, []).append(row)
+                break  # the first reason is enough
     left = len(table1.SUB_SEQUENCES) - sum(map(len, reasons.values()))
     if left >= 2:
         return ""

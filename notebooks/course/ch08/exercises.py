@@ -16,37 +16,41 @@ from vo_lib.runs.drive import run_methods, single_threaded
 from vo_lib.runs.match_cache import CachedMatches
 
 from ..ch00.exercises import beeline, length_of
-from ..checker import NO_ANSWER, Exercise, decided
+from ..checker import NO_ANSWER, Exercise, raise_if_strict
 from ..frames import true_poses, why_missing
-from ..results import Verdict, outcome, result, unusable
-from ..stored_answers import handed_back
+from ..results import Verdict, as_array, result_of, why_unusable
+from ..stored_answers import library_call_in
 
 SEEDS = (0, 1, 2)
 
 
-def away(poses: Array, sequence: Sequence) -> float:
+def end_error(poses: Array, sequence: Sequence) -> float:
     """Distance of the last position from the true last position, metres, after aligning the first poses."""
-    return float(np.linalg.norm(_way(poses) - _way(true_poses(sequence))))
+    return float(np.linalg.norm(_end(poses) - _end(true_poses(sequence))))
 
 
-def _way(poses: Array) -> Array:
+def _end(poses: Array) -> Array:
     """The last position (3,) in the axes of the first pose, metres."""
     return np.asarray((np.linalg.inv(poses[0]) @ poses[-1])[:3, 3])
 
 
 def drift_of(poses: Array, sequence: Sequence) -> float:
     """Distance of the last position from the true last position, in % of the length of the true path."""
-    return 100.0 * away(poses, sequence) / length_of(true_poses(sequence))
+    return 100.0 * end_error(poses, sequence) / length_of(true_poses(sequence))
 
 
 def measured(poses: Array, sequence: Sequence, lengths: tuple[float, ...] = (10.0,), step: int = 2) -> Array:
-    """TE in % and RE in deg/100 m, (2,), of poses (N, 4, 4)."""
+    """TE in % and RE in deg/100 m, (2,), of poses (N, 4, 4).
+
+    lengths : of the sub-sequences, metres. step : frames from the start of one to the start of the next.
+    """
     return _errors(true_poses(sequence), poses, lengths, step)
 
 
 def _errors(truth: Array, poses: Array, lengths: tuple[float, ...], step: int) -> Array:
+    """TE in % and RE in deg/100 m, (2,); NaN if no sub-sequence fits into the path."""
     errors = kitti_errors(truth, poses, lengths, step)
-    return np.array([errors.te, errors.re], float)  # None becomes NaN
+    return np.array([errors.te, errors.re], float)  # float makes NaN of None
 
 
 def exchanged(poses: Array, sequence: Sequence) -> Array:
@@ -72,16 +76,16 @@ drift = Exercise(
     slips={"share": "this is a fraction: multiply by 100."},
     line="100 * np.linalg.norm(yours[-1][:3, 3] - true[:3, 3]) / trajectory_distances(street.truth)[-1]",
     mistakes={
-        "{got:.3g} m is the distance; the answer is in % of the true path.": away,
+        "{got:.3g} m is the distance; the answer is in % of the true path.": end_error,
         "the starts differ: the truth of this part does not begin at the identity.": lambda poses, sequence: (
             100 * np.linalg.norm((poses - true_poses(sequence))[-1, :3, 3]) / length_of(true_poses(sequence))
         ),
         "this is divided by the number of frames: a step is not a metre.": (
-            lambda poses, sequence: 100 * away(poses, sequence) / len(poses),
-            lambda poses, sequence: 100 * away(poses, sequence) / (len(poses) - 1),
+            lambda poses, sequence: 100 * end_error(poses, sequence) / len(poses),
+            lambda poses, sequence: 100 * end_error(poses, sequence) / (len(poses) - 1),
         ),
         "this is divided by the straight distance from start to end: the road has a bend.": lambda poses, sequence: (
-            100 * away(poses, sequence) / beeline(true_poses(sequence))
+            100 * end_error(poses, sequence) / beeline(true_poses(sequence))
         ),
     },
 )
@@ -125,7 +129,9 @@ less_luck = Exercise(
 def better(drive: Any, sequence: Sequence) -> Verdict:
     """The verdict on `drive(sequence, matches, seed=…)`, run with `SEEDS` on a sequence without truth."""
     rotation_errors = _rotation_errors(drive, sequence)
-    return decided(rotation_errors) if isinstance(rotation_errors, Verdict) else less_luck(rotation_errors)
+    if isinstance(rotation_errors, Verdict):
+        return raise_if_strict(rotation_errors)
+    return less_luck(rotation_errors)
 
 
 def _rotation_errors(drive: Any, sequence: Sequence) -> Verdict | dict[str, float]:
@@ -136,17 +142,20 @@ def _rotation_errors(drive: Any, sequence: Sequence) -> Verdict | dict[str, floa
         return Verdict(False, lacking)
     if not callable(drive):
         return Verdict(False, f"expected your function `drive`, got {type(drive).__name__}.")
-    if name := handed_back(drive, ("run", "run_methods", "make_odometry")):
+    if name := library_call_in(drive, ("run", "run_methods", "make_odometry")):
         return Verdict(False, f"this hands the work to `{name}`.", "change the loop of this chapter.")
     kit = preset("feature_selection", variant="kit")
     unseen = replace(sequence, truth=None)
     matches = list(CachedMatches(sequence, kit))
     with single_threaded():
-        paths = [outcome(partial(drive, seed=seed), (unseen, matches)) for seed in SEEDS]
-    for T in map(result, paths):
-        if fault := unusable(T, true_poses(sequence), "the path", "return poses (N, 4, 4), one per frame."):
+        paths = [result_of(partial(drive, seed=seed), (unseen, matches)) for seed in SEEDS]
+    for path in paths:
+        poses = as_array(path)
+        hint = "return poses (N, 4, 4), one per frame."
+        if fault := why_unusable(poses, true_poses(sequence), "the path", hint):
             return fault
-        if not np.allclose(T[:, :3, :3] @ T[:, :3, :3].transpose(0, 2, 1), np.eye(3), atol=1e-3):
+        R = poses[:, :3, :3]
+        if not np.allclose(R @ R.transpose(0, 2, 1), np.eye(3), atol=1e-3):
             return Verdict(False, "in some poses, R (3, 3) is not a rotation, or is NaN.")
     configs = {str(seed): preset("feature_selection", variant="published", seed=seed) for seed in SEEDS}
     paper = [run.poses for run in run_methods(sequence, configs).values()]

@@ -11,14 +11,16 @@ import time
 from collections.abc import Callable
 from functools import partial
 from types import FrameType
-from typing import Any
+from typing import Any, TypeVar
 
 from ..results import NOT_OWN
+
+Value = TypeVar("Value")
 
 AGAIN_S = 1.0  # a function with a bare `except:` goes on after the interruption, and is interrupted again
 LEAST_S = 1e-3  # a timer of zero seconds would be no timer
 NO_THREAD = 0
-SPARED = *NOT_OWN, sysconfig.get_path("stdlib")  # parts of the paths of code that is not the student's
+SPARED = (*NOT_OWN, sysconfig.get_path("stdlib"))  # parts of the paths of code that is not the student's
 
 
 class TooLong(BaseException):
@@ -58,7 +60,7 @@ def interrupt_each_line(frame: FrameType | None) -> None:
     while frame is not None and frame.f_code.co_name not in (_by_signal.__name__, _by_watcher.__name__):
         place = frame.f_code.co_filename
         own = True
-        for part in SPARED:
+        for part in SPARED:  # a loop, as a generator would be a frame of its own, with lines to interrupt
             own = own and part not in place
         if own:
             frame.f_trace = interrupt
@@ -78,7 +80,7 @@ def _interruption(thread: int) -> Any:
     return partial(request, thread, TooLong)
 
 
-def within(seconds: float, function: Callable[..., Any], *inputs: Any) -> Any:
+def within(seconds: float, function: Callable[..., Value], *inputs: Any) -> Value:
     """function(*inputs); raises `TooLong` if the call takes longer.
 
     The main thread is interrupted by a signal, which also ends a `time.sleep`. Other threads, and computers
@@ -92,8 +94,9 @@ def within(seconds: float, function: Callable[..., Any], *inputs: Any) -> Any:
     return _by_watcher(seconds, function, inputs)
 
 
-def _by_signal(seconds: float, function: Callable[..., Any], inputs: tuple[Any, ...]) -> Any:
-    times = 0
+def _by_signal(seconds: float, function: Callable[..., Value], inputs: tuple[Any, ...]) -> Value:
+    """`within` on the main thread, by a timer and its signal."""
+    times = 0  # interruptions so far
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         nonlocal times
@@ -124,10 +127,11 @@ def _by_signal(seconds: float, function: Callable[..., Any], inputs: tuple[Any, 
             signal.setitimer(signal.ITIMER_REAL, max(left, LEAST_S), interval)
 
 
-def _by_watcher(seconds: float, function: Callable[..., Any], inputs: tuple[Any, ...]) -> Any:
+def _by_watcher(seconds: float, function: Callable[..., Value], inputs: tuple[Any, ...]) -> Value:
+    """`within` on any thread, by a second thread that waits for the end of the time."""
     thread = ctypes.c_ulong(threading.get_ident())
     ended = threading.Event()
-    times = 0
+    times = 0  # interruptions so far
 
     def watch() -> None:
         nonlocal times

@@ -115,9 +115,9 @@ def first_difference(
     """
     for frames in (min(FIRST_FRAMES, len(matches)), len(matches)):
         some = matches[:frames]
-        own_calls, own_path = heard(drive, mine, sequence, some)
-        calls, path = heard(library_loop, mine, sequence, some)
-        words = _compared(own_calls, calls, _Views(sequence, some))
+        own_calls, own_path = recorded(drive, mine, sequence, some)
+        calls, path = recorded(library_loop, mine, sequence, some)
+        words = _first_difference_of_calls(own_calls, calls, _Views(sequence, some))
         if words:
             return words
         if not _equal(own_path, path):
@@ -140,7 +140,7 @@ def _motions(poses: Array) -> Array:
     return np.asarray(np.linalg.pinv(poses[1:]) @ poses[:-1])
 
 
-def heard(
+def recorded(
     drive: Callable[..., Any], mine: StudentOdometry, sequence: Sequence, matches: list[TimedMatches]
 ) -> tuple[list[Call], Any]:
     """The calls of the stages in a loop, in order, and the path that the loop returns."""
@@ -153,7 +153,7 @@ def heard(
     return calls, path
 
 
-def _compared(own: list[Call], library: list[Call], views: _Views) -> str:
+def _first_difference_of_calls(own: list[Call], library: list[Call], views: _Views) -> str:
     """The first difference between the calls of two loops, frame by frame, in the order of the stages."""
     own_frames = _by_frame(own)
     frames = _by_frame(library)
@@ -165,13 +165,14 @@ def _compared(own: list[Call], library: list[Call], views: _Views) -> str:
             if name == "chain" and not given:
                 continue  # lines of the loop may compute the poses
             others = {other: each.get(name, []) for other, each in frames.items() if other != frame}
-            words = _of_stage(name, given, calls.get(name, []), others, views)
+            words = _difference_of_stage(name, given, calls.get(name, []), others, views)
             if words:
                 return f"{when}: {words}"
     return ""
 
 
 def _by_frame(calls: list[Call]) -> dict[int | None, dict[str, list[Call]]]:
+    """The calls by frame (None: after the last one) and name of the stage."""
     frames: dict[int | None, dict[str, list[Call]]] = {}
     for frame, group in groupby(calls, key=lambda call: call.frame):
         stages = frames.setdefault(frame, {})
@@ -180,7 +181,7 @@ def _by_frame(calls: list[Call]) -> dict[int | None, dict[str, list[Call]]]:
     return frames
 
 
-def _of_stage(
+def _difference_of_stage(
     name: str, own: list[Call], library: list[Call], others: dict[int | None, list[Call]], views: _Views
 ) -> str:
     """The difference between the calls of a stage in one frame; "" if there is none.
@@ -199,21 +200,25 @@ def _of_stage(
             for frame, calls in others.items()
             if number < len(calls)
         }
-        if words := _of_call(name, given, expected, same_call, views):
+        words = _difference_of_call(name, given, expected, same_call, views)
+        if words:
             return words
     if len(own) != len(library):
         return f"your loop calls `{name}` {len(own)} times, the library's {len(library)} times"
     return ""
 
 
-def _of_call(
+def _difference_of_call(
     name: str,
     given: dict[str, Any],
     expected: dict[str, Any],
     others: dict[int | None, dict[str, Any]],
     views: _Views,
 ) -> str:
-    """The difference between the inputs of two calls of a stage; "" if there is none."""
+    """The difference between the inputs of two calls of a stage, by name; "" if there is none.
+
+    others : the inputs of the same call in the library's other frames.
+    """
     for argument, value in expected.items():
         if argument not in given:
             return f"`{name}` gets no `{argument}`"
@@ -329,12 +334,14 @@ UNKNOWN = "the numbers differ"
 
 
 def _with_rotation(T: Array, R: Array) -> Array:
+    """Motions (…, 3 or 4, 4) with other rotations."""
     changed = T.copy()
     changed[..., :3, :3] = R
     return changed
 
 
 def _with_translation(T: Array, t: Array) -> Array:
+    """Motions (…, 3 or 4, 4) with other translations; ValueError for other arrays."""
     if T.shape[-1] != 4:
         raise ValueError("no motion")
     changed = T.copy()
@@ -367,6 +374,7 @@ def difference(mine: Any, theirs: Any) -> str:
 
 
 def _equal(mine: Any, theirs: Any) -> bool:
+    """Whether two results are arrays of the same shape with nearly the same numbers."""
     try:
         own = np.asarray(mine, np.float64)
         right = np.asarray(theirs, np.float64)

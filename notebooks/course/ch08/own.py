@@ -29,7 +29,7 @@ from ..ch00.exercises import right_chain
 from ..ch05.real_drives import line_distances
 from ..checker import Exercise
 from ..results import Verdict
-from ..stored_answers import NAME, load
+from ..stored_answers import NAME, load_functions
 from ..tasks import tasks
 from .limits import TooLong, within
 from .stages import LIMIT_S, Endless, StageError, call_stage, ended_within, require_inputs, too_long
@@ -51,7 +51,7 @@ STAGES = (
     "chain",
     "all_errors",
 )
-AFTER_THE_FRAMES = "chain", "all_errors"
+AFTER_THE_FRAMES = ("chain", "all_errors")
 SLOW = 5.0  # a stage is slow above this multiple of the library's time
 LEAST_S = 0.1  # processor time of a check; a stage that needs less is never called slow
 REPEATS = 3  # measurements of a slow check, of which the shortest counts
@@ -99,7 +99,10 @@ class StudentOdometry:
         return result
 
     def require_inputs(self, name: str, inputs: tuple[Any, ...], sets: bool = False) -> None:
-        """`StageError` if an input is not fit for a stage; `sets`: the inputs are those of several calls."""
+        """`StageError` if an input is not fit for a stage, which then counts as called in this frame.
+
+        sets : whether the inputs are those of several calls, with a first axis for the calls.
+        """
         if self.frame is None and name not in AFTER_THE_FRAMES:
             return  # a call outside a loop, to try something
         before = self.called[-1] if self.called else ""
@@ -122,13 +125,15 @@ class StudentOdometry:
         return "yours" if own == len(STAGES) else f"{own} of {len(STAGES)} stages yours"
 
     def _repr_html_(self) -> str:
-        slow = {name: f", slow: {x:.0f} times the library's time" for name, x in self.slow.items()}
-        rows = "".join(
-            f"<tr><td>{tasks()[name][0]}</td><td><code>{name}</code></td>"
-            f"<td>{html.escape(words + slow.get(name, ''))}</td></tr>"
-            for name, words in self.whose.items()
-        )
-        return f"<table><tr><th>exercise</th><th>stage</th><th>whose</th></tr>{rows}</table>"
+        rows = ["<tr><th>exercise</th><th>stage</th><th>whose</th></tr>"]
+        for name, words in self.whose.items():
+            number, _ = tasks()[name]
+            if name in self.slow:
+                words = f"{words}, slow: {self.slow[name]:.0f} times the library's time"
+            rows.append(
+                f"<tr><td>{number}</td><td><code>{name}</code></td><td>{html.escape(words)}</td></tr>"
+            )
+        return f"<table>{''.join(rows)}</table>"
 
 
 def join(limit_s: float = LIMIT_S, **given: Any) -> StudentOdometry:
@@ -141,7 +146,7 @@ def join(limit_s: float = LIMIT_S, **given: Any) -> StudentOdometry:
     """
     path = Path(NAME)
     try:
-        written = {**within(limit_s, load, path), **given}
+        written = {**within(limit_s, load_functions, path), **given}
     except TooLong as error:
         raise DataError(too_long(limit_s, error), path) from None
     exercises = tasks()
@@ -163,8 +168,9 @@ def join(limit_s: float = LIMIT_S, **given: Any) -> StudentOdometry:
             why = "as you asked"
         whose[name] = "yours" if passed else f"the library's: {why}"
         if passed and seconds > LEAST_S:
-            times = _shortest(exercise, own) / _shortest(exercise, exercise.right)
-            slow |= {name: times} if times > SLOW else {}
+            ratio = _shortest(exercise, own) / _shortest(exercise, exercise.right)
+            if ratio > SLOW:
+                slow[name] = ratio
     return StudentOdometry(functions, whose, slow, limit_s)
 
 
@@ -174,7 +180,6 @@ def _checked(exercise: Exercise, own: Any, limit_s: float) -> Verdict:
         verdict = ended_within(limit_s, exercise.grade, own)
     if isinstance(verdict, Endless):
         return Verdict(False, f"it {verdict.message}")
-    assert isinstance(verdict, Verdict)
     return verdict
 
 
@@ -214,8 +219,8 @@ def usable_path(path: Any, frames: int) -> Array:
     return poses
 
 
-def watched(matches: Iterable[TimedMatches], report: Progress, frames: int) -> Iterator[TimedMatches]:
-    """The matches of `frames` frames; each frame is reported when the next frame is requested."""
+def reporting(matches: Iterable[TimedMatches], report: Progress, frames: int) -> Iterator[TimedMatches]:
+    """The same matches of `frames` frames; `report` hears of each frame when the next one is requested."""
     for number, each in enumerate(matches, start=1):
         yield each
         report(number, frames)
@@ -224,7 +229,10 @@ def watched(matches: Iterable[TimedMatches], report: Progress, frames: int) -> I
 def kept_by(run: Run, matches: Iterable[TimedMatches]) -> list[TimedMatches]:
     """The matches of each frame that the box rule kept in a finished run of variant `kit`."""
     given = list(matches)
-    return [given[0], *((shown.matches[shown.removal.kept], {}) for shown in film_frames(run, given))]
+    kept = [given[0]]  # frame 0 has no matches
+    for shown in film_frames(run, given):
+        kept.append((shown.matches[shown.removal.kept], {}))
+    return kept
 
 
 def solve_sets(mine: StudentOdometry, x_p: Array, x_c: Array) -> tuple[Array, IntArray]:
@@ -253,11 +261,11 @@ def solve_sets(mine: StudentOdometry, x_p: Array, x_c: Array) -> tuple[Array, In
 
 
 def mixed(rotations: Array, translations: Array) -> Array:
-    """A path (N, 4, 4): the rotation of each step is from one path, the translation from another path."""
-    T = inverse(rotations[1:]) @ rotations[:-1]
+    """A path (N, 4, 4) whose steps have the rotations of one path (N, 4, 4) and the translations of another."""
+    T_cp = inverse(rotations[1:]) @ rotations[:-1]
     other = inverse(translations[1:]) @ translations[:-1]
-    T[:, :3, 3] = other[:, :3, 3]
-    return np.array(right_chain(T))
+    T_cp[:, :3, 3] = other[:, :3, 3]
+    return np.array(right_chain(T_cp))
 
 
 def residuals(M: Array, c: Array, t: Array) -> Array:
@@ -289,11 +297,17 @@ def film(
             boxes = sequence.boxes(index)
             stage = mine.at(index)
             keep = stage.keep_outside(pair.prev_left, pair.cur_left, before.xyxy, boxes.xyxy)
-            used = pair[keep]
-            used = used[stage.buckets(used.cur_left, used.age, used.strength, 50, 3)]
+            outside = pair[keep]
+            used = outside[stage.buckets(outside.cur_left, outside.age, outside.strength, 50, 3)]
             T_cp = inverse(poses[index]) @ poses[index - 1]
-            near = line_distances(sequence, used, T_cp) < 1.0
-            counts = len(pair), int(np.sum(~keep)), len(used), int(np.sum(near))
-            shown = FilmFrame(index, pair, Removal(keep, boxes), FrameResult(T_cp, *counts))
+            near = line_distances(sequence, used, T_cp) < 1.0  # pixels
+            motion = FrameResult(
+                T_cp,
+                matches=len(pair),
+                removed=int(np.sum(~keep)),
+                used=len(used),
+                inliers=int(np.sum(near)),
+            )
+            shown = FilmFrame(index, pair, Removal(keep, boxes), motion)
             made.add(shown)
     return made.picture(shown)

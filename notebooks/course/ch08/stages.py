@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from vo_lib.errors import DataError
 from vo_lib.geometry.types import Array
 
-from ..marks import tasks
-from ..results import Unusable, outcome
+from ..results import Unusable, result_of
+from ..tasks import tasks
 from .limits import TooLong, within
+
+Value = TypeVar("Value")
 
 LIMIT_S = 20.0  # of a check, and of a call in the loop
 
@@ -53,7 +55,7 @@ INPUTS: Mapping[str, tuple[tuple[str | int, ...], ...]] = {
     "chain": (("K", 4, 4),),
     "all_errors": (("T", 4, 4), ("T", 4, 4)),
 }
-MAY_BE_NONE = "F", "B", "C", "K"
+MAY_BE_NONE = ("F", "B", "C", "K")
 MASKS = ("keep_outside",)
 INDICES = ("buckets", "select")  # among the entries of their first input
 
@@ -86,6 +88,7 @@ def call_stage(
     are not finite.
     """
     given = result_within(limit_s, function, inputs)
+    result = None
     if isinstance(given, Unusable):
         reason = given.message
     else:
@@ -132,26 +135,38 @@ def _unfit(value: Any, wanted: tuple[str | int, ...], lengths: dict[str | int, i
         return f"has no real numbers, but {'None' if value is None else type(value).__name__}"
     fits = array.ndim == len(wanted)
     for got, length in zip(array.shape, wanted, strict=False):
-        fits = fits and got == (lengths.setdefault(length, got) if isinstance(length, str) else length)
+        if not fits:
+            break
+        if isinstance(length, str):
+            length = lengths.setdefault(length, got)  # the first input with this letter says how long it is
+        fits = got == length
     if not fits:
-        words = [str(lengths.get(length, length)) for length in wanted]
-        expected = f"({', '.join(words)}{',' if len(words) == 1 else ''})" if words else "that of one number"
-        return f"has the shape {array.shape}, not {expected}"
+        expected = tuple(lengths.get(length, length) for length in wanted)
+        return f"has the shape {array.shape}, not {_shape_in_words(expected)}"
     if array.size == 0 and not set(wanted) & set(MAY_BE_NONE):
         return "is empty: no feature is left"
     wrong = np.count_nonzero(~np.isfinite(array))
     return f"has NaN or infinity in {wrong} of {array.size} numbers" if wrong else ""
 
 
+def _shape_in_words(shape: tuple[str | int, ...]) -> str:
+    """A shape as numpy writes it, such as (N, 3) or (5,); "that of one number" for ()."""
+    if not shape:
+        return "that of one number"
+    if len(shape) == 1:
+        return f"({shape[0]},)"
+    return f"({', '.join(map(str, shape))})"
+
+
 def result_within(limit_s: float, function: Callable[..., Any], inputs: tuple[Any, ...]) -> Any:
     """The result of a call; `Unusable`, with the reason as the end of a sentence, if it fails or never ends."""
-    given = ended_within(limit_s, outcome, function, inputs)
+    given = ended_within(limit_s, result_of, function, inputs)
     if isinstance(given, Unusable) and not isinstance(given, Endless):
         return Unusable(False, given.message.replace("the code stopped", "stopped", 1))
     return given
 
 
-def ended_within(limit_s: float, function: Callable[..., Any], *inputs: Any) -> Any:
+def ended_within(limit_s: float, function: Callable[..., Value], *inputs: Any) -> Value | Endless:
     """The result of a call; `Endless`, with the reason as the end of a sentence, if it does not end by itself."""
     try:
         return within(limit_s, function, *inputs)
@@ -188,18 +203,22 @@ def in_form(name: str, given: Any, inputs: tuple[Any, ...]) -> tuple[Any, str]:
         if reason:
             return None, reason
         arrays.append(array)
+    if len(arrays) > 1:
+        return tuple(arrays), ""
+    (only,) = arrays
     if name in MASKS:
-        return arrays[0].astype(bool), ""
+        return only.astype(bool), ""
     if name in INDICES:
         count = len(inputs[0])
-        wrong = (arrays[0] < 0) | (arrays[0] >= count) | (arrays[0] % 1 != 0)
+        wrong = (only < 0) | (only >= count) | (only % 1 != 0)
         if wrong.any():
-            return None, f"returns {arrays[0][wrong][0]:g}, which is no index of {count} entries"
-        return arrays[0].astype(np.intp), ""
-    return (arrays[0] if len(arrays) == 1 else tuple(arrays)), ""
+            return None, f"returns {only[wrong][0]:g}, which is no index of {count} entries"
+        return only.astype(np.intp), ""
+    return only, ""
 
 
 def _as_array(part: Any, shape: Shape) -> tuple[Array, str]:
+    """A result as an array of a shape, and what is wrong with it; "" if it can be used."""
     nothing = np.zeros(0)
     try:
         array = np.asarray(sorted(part) if isinstance(part, (set, frozenset)) else part)

@@ -37,13 +37,22 @@ def is_true(loops: PlacePairs, truth: Array) -> BoolArray:
 
 
 def second_visits(truth: Array, frames: IntArray, gap: int, near: float = 3.0) -> IntArray:
-    """Pairs (M, 2) of frames: the first and the second visit of a place, in the same direction."""
+    """Pairs (M, 2) of frames: the first and the second visit of a place, in the same direction.
+
+    Parameters
+    ----------
+    truth : (N, 4, 4) poses. frames : (P,) frames of the places.
+    gap : fewest frames between the visits. near : largest distance of the places, metres.
+    """
     place = truth[frames, :3, 3]
     forward = truth[frames, :3, 2]
-    apart = np.linalg.norm(place[:, None] - place, axis=2)
-    apart[(forward @ forward.T < 0.9) | (frames[:, None] - frames < gap)] = np.inf
-    later = np.flatnonzero(apart.min(axis=1) < near)
-    return np.stack([frames[apart[later].argmin(axis=1)], frames[later]], axis=1)
+    distance = np.linalg.norm(place[:, None] - place, axis=2)
+    other_direction = forward @ forward.T < 0.9
+    not_earlier = frames[:, None] - frames < gap
+    distance[other_direction | not_earlier] = np.inf
+    second = np.flatnonzero(distance.min(axis=1) < near)
+    first = distance[second].argmin(axis=1)
+    return np.stack([frames[first], frames[second]], axis=1)
 
 
 def made_up_loops(truth: Array, pairs: IntArray, config: LoopConfig, false: int, seed: int) -> PlacePairs:
@@ -51,13 +60,21 @@ def made_up_loops(truth: Array, pairs: IntArray, config: LoopConfig, false: int,
     rng = np.random.default_rng([9, seed])
     frames = place_frames(len(truth), config)
     place = truth[frames, :3, 3]
-    apart = np.argwhere(np.triu(np.linalg.norm(place[:, None] - place, axis=2) > 10.0))  # metres
-    wrong = frames[rng.choice(apart, false if len(apart) else 0)]
+    is_far = np.linalg.norm(place[:, None] - place, axis=2) > 10.0  # metres
+    far_pairs = np.argwhere(np.triu(is_far))
+    wrong = frames[rng.choice(far_pairs, false if len(far_pairs) else 0)]
     sigma = np.repeat([np.radians(config.loop_turn), config.loop_step], 3)
     first, second = np.concatenate([pairs, wrong]).T
     motion = inverse(truth[first]) @ truth[second]
     motion[len(pairs) :] = np.eye(4)  # "this is the same place"
     motion = motion @ motion_from_twist(rng.normal(size=(len(motion), 6)) * sigma)
-    whole = np.full(len(first), 100)
-    real = np.ones(len(first))
-    return PlacePairs(first, second, real, whole, whole, 0.0 * real, motion)
+    count = len(first)
+    return PlacePairs(
+        first=first,
+        second=second,
+        similarity=np.ones(count),
+        matches=np.full(count, 100),
+        inliers=np.full(count, 100),
+        residual=np.zeros(count),
+        motion=motion,
+    )

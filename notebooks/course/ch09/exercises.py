@@ -11,12 +11,25 @@ import numpy as np
 from vo_lib.geometry.types import Array, IntArray
 
 from ..checker import Case, Condition, Exercise
-from ..results import outcome, result
+from ..results import as_array, result_of
 
 
 def nearest_earlier(S: Array, gap: int) -> IntArray:
-    """For each place, the most similar place at least `gap` places earlier; -1 if there is none."""
-    return np.array([int(S[k, : k - gap + 1].argmax()) if k >= gap else -1 for k in range(len(S))])
+    """For each place, the most similar place at least `gap` places earlier; -1 if there is none.
+
+    S : similarity (N, N) of the places.
+    """
+    nearest = np.full(len(S), -1)
+    for k in range(gap, len(S)):
+        nearest[k] = S[k, : k - gap + 1].argmax()
+    return nearest
+
+
+def nearest_far_place(S: Array, gap: int) -> IntArray:
+    """Wrong answer: the most similar place at least `gap` places earlier or later."""
+    places = np.arange(len(S))
+    away = np.abs(places[:, None] - places)
+    return np.asarray(np.where(away >= gap, S, -1.0).argmax(axis=1))
 
 
 def similar_places() -> list[Case]:
@@ -25,8 +38,9 @@ def similar_places() -> list[Case]:
     cases = []
     for count, gap in ((5, 3), (12, 4)):
         S = rng.uniform(0.0, 0.6, (count, count))
-        near = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
-        S = 0.5 * (S + S.T) + 0.9 * np.exp(-near)
+        places = np.arange(count)
+        away = np.abs(places[:, None] - places)
+        S = 0.5 * (S + S.T) + 0.9 * np.exp(-away)
         cases.append((S, gap))
     return cases
 
@@ -37,16 +51,26 @@ def turn(angle: float) -> Array:
 
 
 def _wrapped(angle: float) -> float:
+    """The angle plus a number of full turns, in [-π, π), radians."""
     return float((angle + np.pi) % (2 * np.pi) - np.pi)
 
 
 def edge_residual(p_i: Array, p_j: Array, m: Array, axes: float | None = None, wrap: Any = _wrapped) -> Array:
     """Residual (3,) of an edge in the plane: pose j in the axes of pose i, minus the measured pose m.
 
-    Poses and m are (x, z, heading); `axes` : heading instead of that of p_i.
+    Poses and m are (x, z, heading), metres and radians.
+
+    axes : heading of the axes instead of that of p_i. wrap : function that brings the angle into its range.
     """
-    place = turn(p_i[2] if axes is None else axes).T @ (p_j[:2] - p_i[:2]) - m[:2]
+    heading = p_i[2] if axes is None else axes
+    place = turn(heading).T @ (p_j[:2] - p_i[:2]) - m[:2]
     return np.array([*place, wrap(p_j[2] - p_i[2] - m[2])])
+
+
+def turned_the_other_way(p_i: Array, p_j: Array, m: Array) -> Array:
+    """Wrong answer: the whole residual is turned back into the axes of the world."""
+    residual = edge_residual(p_i, p_j, m)
+    return np.array([*(turn(p_i[2]) @ residual[:2]), residual[2]])
 
 
 def usual_residual(p_i: Array, p_j: Array, m: Array, wrap: Any = _wrapped) -> Array:
@@ -66,6 +90,7 @@ def _as_pose(*poses: Array) -> Array:
 
 
 def _inverse(pose: Array) -> Array:
+    """The inverse of a pose (x, z, heading)."""
     return np.array([*(-turn(pose[2]).T @ pose[:2]), -pose[2]])
 
 
@@ -75,9 +100,12 @@ def _seen_from(p_i: Array, p_j: Array) -> Array:
 
 
 def residual_in_the_axes_of(answer: Any) -> Callable[..., Array]:
-    """The library's residual in the axes that an answer uses: those of pose i, or of the measured pose."""
+    """The library's residual in the axes that an answer uses: those of pose i, or of the measured pose.
+
+    They are those of the measured pose if the answer has the results of `usual_residual` in all cases.
+    """
     for case in plane_edges():
-        got = result(outcome(answer, case))
+        got = as_array(result_of(answer, case))
         right = usual_residual(*case)
         if not (isinstance(got, np.ndarray) and got.shape == right.shape and np.allclose(got, right)):
             return edge_residual
@@ -86,9 +114,9 @@ def residual_in_the_axes_of(answer: Any) -> Callable[..., Array]:
 
 def plane_edges() -> list[Case]:
     """Cases with two poses and the measured pose of the second pose relative to the first."""
-    first = [3.0, 1.0, 0.4], [4.0, 5.0, 0.6], [-0.5, 4.0, 2.25]
-    second = [-2.0, 7.0, 3.0], [-6.0, 7.5, -3.1], [0.2, -4.1, 0.1]
-    third = [0.0, 0.0, 1.5], [2.0, 1.0, -1.6], [1.0, -2.0, 3.1]
+    first = ([3.0, 1.0, 0.4], [4.0, 5.0, 0.6], [-0.5, 4.0, 2.25])
+    second = ([-2.0, 7.0, 3.0], [-6.0, 7.5, -3.1], [0.2, -4.1, 0.1])
+    third = ([0.0, 0.0, 1.5], [2.0, 1.0, -1.6], [1.0, -2.0, 3.1])
     return [tuple(map(np.array, case)) for case in (first, second, third)]
 
 
@@ -105,7 +133,8 @@ def linear_problems() -> list[Case]:
     cases = []
     axes = np.eye(3) + rng.normal(0.0, 0.2, (5, 3, 3))  # the gauge changes each pose in a different way
     for edges in ([(0, 1), (1, 2), (0, 2)], [(0, 1), (1, 2), (2, 3), (3, 4), (0, 4)]):
-        J = np.zeros((3 * len(edges), 3 * (1 + max(max(edge) for edge in edges))))
+        poses = 1 + max(j for _, j in edges)
+        J = np.zeros((3 * len(edges), 3 * poses))
         for row, (i, j) in enumerate(edges):
             block = np.eye(3) + rng.normal(0.0, 0.2, (3, 3))
             J[3 * row : 3 * row + 3, 3 * i : 3 * i + 3] = -block @ axes[i]
@@ -145,9 +174,7 @@ candidates = Exercise(
             lambda got, *case: np.isnan(got).any()
         ),
         "the last allowed place, k - gap, is missing.": lambda S, gap: nearest_earlier(S, gap + 1),
-        "later places are among the answers: only earlier places count.": lambda S, gap: np.where(
-            np.abs(np.subtract.outer(np.arange(len(S)), np.arange(len(S)))) >= gap, S, -1.0
-        ).argmax(axis=1),
+        "later places are among the answers: only earlier places count.": nearest_far_place,
     },
 )
 
@@ -186,7 +213,7 @@ residual = Exercise(
         "the measured pose m is not subtracted.": lambda p_i, p_j, m: edge_residual(p_i, p_j, 0.0 * m),
         "the difference is in the axes of the world or of pose j; use those of pose i.": (
             lambda p_i, p_j, m: edge_residual(p_i, p_j, m, p_j[2]),
-            lambda *x: np.array([*(turn(x[0][2]) @ edge_residual(*x)[:2]), edge_residual(*x)[2]]),
+            turned_the_other_way,
         ),
         "the angle is in degrees; the residual has radians.": (
             partial(edge_residual, wrap=lambda angle: np.degrees(_wrapped(angle))),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -53,43 +54,83 @@ def with_lorry(
     frames : matches of every frame of a sequence; the first frame has none.
     """
     rng = np.random.default_rng(seed)
+    # The upper left corner of the side, if the lorry were in the middle of the view.
     start = np.array([-SIDE[0] / 2, CAMERA_HEIGHT - SIDE[1], config.distance])
     points = start + SIDE * rng.random((POINTS, 3))
     strength = rng.gamma(2.0, 20.0, POINTS)
     spacing = SIDE[0] + config.distance * camera.width / camera.f  # from one lorry to the next, metres
     age = np.zeros(POINTS, np.int64)
+    before: _Seen | None = None
     for index, matches in enumerate(frames):
+        # Each lorry drives one spacing from left to right; the first one begins in the middle of it.
         number, along = divmod(STEP * index + spacing / 2, spacing)
         place = np.array([along - spacing / 2, 0.0, 0.0])
-        # Left and right image: u and v of the ends of the side, and measured u and v of its points.
-        rims = np.stack(camera.project(start + place + SIDE * [[0.0], [1.0]])).reshape(2, 4)
-        pixels = np.stack(camera.project(points + place)) + NOISE * rng.standard_normal((2, POINTS, 2))
-        if index == 0:
-            rims_p = rims
-            pixels_p = pixels
-        corner = (camera.width - 1, camera.height - 1)
-        images = np.concatenate([pixels_p, pixels])  # previous left, previous right, left, right
-        visible = ((images >= 0) & (images <= corner)).all(axis=(0, 2))
-        kept = matches[~_hidden(camera, matches, [*rims_p, *rims], config.distance)]
+        now = _see(camera, start + place, points + place, rng)
+        if before is None:
+            before = now
+        kept = matches[~_hidden(camera, matches, before, now, config.distance)]
         wanted = round(config.share / (1 - config.share) * len(kept))
-        chosen = np.flatnonzero(visible)[:wanted]
+        chosen = np.flatnonzero(_in_all_images(camera, before, now))[:wanted]
         age = np.where(np.isin(np.arange(POINTS), chosen), age + 1, 0)
-        ids = -1 - POINTS * int(number) - chosen
-        prev_left, prev_right, cur_left, cur_right = images[:, chosen]
-        added = StereoMatches(prev_left, prev_right, cur_left, cur_right, age[chosen], strength[chosen], ids)
-        xyxy = np.clip(rims[:1], 0, corner * 2)
-        box = Boxes(xyxy, np.array([TRUCK]), np.ones(1))
-        yield joined([kept, added]), box[xyxy[:, 2] > xyxy[:, 0]]
-        rims_p = rims
-        pixels_p = pixels
+        added = StereoMatches(
+            before.left[chosen],
+            before.right[chosen],
+            now.left[chosen],
+            now.right[chosen],
+            age[chosen],
+            strength[chosen],
+            -1 - POINTS * int(number) - chosen,
+        )
+        yield joined([kept, added]), _cut_box(camera, now.box_left)
+        before = now
 
 
-def _hidden(camera: StereoCamera, matches: StereoMatches, rims: list[Array], distance: float) -> BoolArray:
-    """Mask (N,) of the matches that the lorry hides in any image; `rims` : box (4,) of the lorry by image."""
+class _Seen(NamedTuple):
+    """The lorry in a stereo pair: its points (POINTS, 2) and the box (4,) of its side in both images, pixels."""
+
+    left: Array
+    right: Array
+    box_left: Array
+    box_right: Array
+
+
+def _see(camera: StereoCamera, corner: Array, points: Array, rng: np.random.Generator) -> _Seen:
+    """The lorry whose side has its upper left corner (3,) and points (POINTS, 3) here; the points are measured."""
+    left_ends, right_ends = camera.project(np.stack([corner, corner + SIDE]))
+    exact = np.stack(camera.project(points))
+    left, right = exact + NOISE * rng.standard_normal(exact.shape)
+    return _Seen(left, right, left_ends.ravel(), right_ends.ravel())
+
+
+def _in_all_images(camera: StereoCamera, before: _Seen, now: _Seen) -> BoolArray:
+    """Mask (POINTS,) of the lorry's points that are inside all four images."""
+    last_pixel = (camera.width - 1, camera.height - 1)
+    images = np.stack([before.left, before.right, now.left, now.right])
+    return np.asarray(((images >= 0) & (images <= last_pixel)).all(axis=(0, 2)))
+
+
+def _hidden(
+    camera: StereoCamera, matches: StereoMatches, before: _Seen, now: _Seen, distance: float
+) -> BoolArray:
+    """Mask (N,) of the matches that the lorry hides in any image."""
     nearer = camera.triangulate(matches.prev_left, matches.prev_right)[:, 2] < distance
-    places = matches.prev_left, matches.prev_right, matches.cur_left, matches.cur_right
-    covered = [inside(uv, rim[None])[:, 0] for uv, rim in zip(places, rims, strict=True)]
-    return np.asarray(np.any(covered, axis=0) & ~nearer)
+    covered = np.zeros(len(matches), np.bool_)
+    for uv, box in (
+        (matches.prev_left, before.box_left),
+        (matches.prev_right, before.box_right),
+        (matches.cur_left, now.box_left),
+        (matches.cur_right, now.box_right),
+    ):
+        covered |= inside(uv, box[None])[:, 0]
+    return np.asarray(covered & ~nearer)
+
+
+def _cut_box(camera: StereoCamera, box: Array) -> Boxes:
+    """The box (4,) of the lorry, cut at the edges of the image; none if nothing of it is in the image."""
+    last_pixel = (camera.width - 1, camera.height - 1)
+    xyxy = np.clip(box[None], 0, last_pixel + last_pixel)
+    boxes = Boxes(xyxy, np.array([TRUCK]), np.ones(1))
+    return boxes[xyxy[:, 2] > xyxy[:, 0]]
 
 
 def drive_past_lorry(
@@ -102,6 +143,10 @@ def drive_past_lorry(
 
     The boxes of the sequence are ignored, so a method that removes vehicles removes only the lorry.
     """
-    mixed, boxes = zip(*with_lorry(sequence.camera, (matches for matches, _ in frames), lorry), strict=True)
-    boxed = WithBoxes(**vars(sequence), given=list(boxes))
-    return run_methods(boxed, configs, matches=((matches, {}) for matches in mixed))
+    timed_matches: list[TimedMatches] = []
+    boxes = []
+    for matches, box in with_lorry(sequence.camera, (given for given, _ in frames), lorry):
+        timed_matches.append((matches, {}))
+        boxes.append(box)
+    boxed = WithBoxes(**vars(sequence), given=boxes)
+    return run_methods(boxed, configs, matches=timed_matches)

@@ -95,7 +95,7 @@ def simulate_tracks(
 
 
 class _Street:
-    """State of the simulation: tracked features and poses of the objects."""
+    """State of the simulation between the frames: tracked features, and poses of the objects."""
 
     def __init__(self, poses: Array, camera: StereoCamera, config: TrackConfig, rng: np.random.Generator):
         self.poses = poses
@@ -106,25 +106,28 @@ class _Street:
         # Poses T_w_o of the objects in the current pair; far away until they are placed.
         self.objects = np.tile(rigid(np.eye(3), np.array([0.0, 0.0, -1e6])), (config.objects, 1, 1))
         # Into the camera of the previous and of the current pair, from each object and from the world.
-        self.to_camera = [np.tile(np.eye(4), (config.objects + 1, 1, 1))] * 2
+        nowhere = np.tile(np.eye(4), (config.objects + 1, 1, 1))
+        self.to_camera = [nowhere, nowhere]
         self.next_id = 0
-        self.alive = self._new(0, 0, False)
+        self.tracked = self._new(0, 0, False)  # features that may be matched again in the next frame
 
     def step(self, frame: int) -> SimulatedFrame:
         """Remaining and new features, measured in the current pair."""
         config = self.config
         self._move_objects(frame)
-        kept = self.alive[self.rng.random(len(self.alive)) < config.survival]
-        kept = kept[self._visible(kept.point, kept.body)]
+        survivors = self.tracked[self.rng.random(len(self.tracked)) < config.survival]
+        kept = survivors[self._visible(survivors.point, survivors.body)]
         on_objects = round(config.moving * config.points)
         parts = []
         for moving, wanted in ((False, config.points - on_objects), (True, on_objects)):
-            old = kept[np.flatnonzero((kept.body >= 0) == moving)[:wanted]]
-            parts += [old, self._new(frame, wanted - len(old), moving)]
+            is_kind = (kept.body >= 0) == moving
+            old = kept[np.flatnonzero(is_kind)[:wanted]]
+            parts.append(old)
+            parts.append(self._new(frame, wanted - len(old), moving))
         return self._measure(frame, joined(parts))
 
     def _measure(self, frame: int, features: _Features) -> SimulatedFrame:
-        """Measure the features in the current pair, some of them at wrong positions."""
+        """Measure the features in the current pair, some of them at wrong positions; track the right ones on."""
         rng = self.rng
         count = len(features)
         left, right = self._project(1, features.point, features.body)
@@ -144,7 +147,7 @@ class _Street:
         matches = StereoMatches(
             features.left, features.right, left, right, features.age, features.strength, features.id
         )
-        self.alive = replace(features, left=left, right=right, age=features.age + 1)[~wrong]
+        self.tracked = replace(features, left=left, right=right, age=features.age + 1)[~wrong]
         return SimulatedFrame(frame, matches, wrong, moving, self.from_world[frame] @ self.poses[frame - 1])
 
     def _new(self, frame: int, wanted: int, moving: bool) -> _Features:
@@ -183,7 +186,8 @@ class _Street:
         y_of_front = CAMERA_HEIGHT - rng.uniform(0.0, 8.0, count)
         x = np.where(ground, rng.uniform(-7.0, 7.0, count), x_of_front)
         y = np.where(ground, CAMERA_HEIGHT, y_of_front)
-        return transform(self.poses[frame - 1], np.stack([x, y, z], axis=1)), np.full(count, -1)
+        point = transform(self.poses[frame - 1], np.stack([x, y, z], axis=1))
+        return point, np.full(count, -1)
 
     def _project(self, pair: int, point: Array, body: IntArray) -> tuple[Array, Array]:
         """Left and right pixels of points in the previous pair (`pair` 0) or in the current pair (1)."""
@@ -199,19 +203,27 @@ class _Street:
     def _move_objects(self, frame: int) -> None:
         """Objects drive along their heading; an object that leaves the view reappears elsewhere."""
         before = self.objects
-        T_c_w = self.from_world[[frame - 1, frame], None]
-        x, _, z = np.moveaxis((T_c_w @ np.stack([before, before @ AHEAD]))[..., :3, 3], -1, 0)
-        visible = ((z > 7.0) & (z < 45.0) & (np.abs(x) < 0.6 * z)).all(axis=0)
+        in_previous = self.from_world[frame - 1] @ before
+        in_current = self.from_world[frame] @ (before @ AHEAD)
+        visible = _in_view(in_previous) & _in_view(in_current)
         for k in np.flatnonzero(~visible):
             side = float(self.rng.choice([-3.3, 0.0, 3.3]))
             place = np.array([side, CAMERA_HEIGHT, self.rng.uniform(11.0, 25.0)])
             turn = rotation_from_vector(np.array([0.0, np.radians(self.config.object_heading), 0.0]))
             before[k] = self.poses[frame - 1] @ rigid(turn, place)
-            self.alive = self.alive[self.alive.body != k]
+            self.tracked = self.tracked[self.tracked.body != k]
         self.objects = before @ AHEAD
         for pair, bodies in enumerate((before, self.objects)):
             T = self.from_world[frame - 1 + pair]
             self.to_camera[pair] = np.concatenate([T @ bodies, T[None]])
 
     def _noise(self, count: int) -> Array:
+        """Errors (count, 2) of measured positions, pixels."""
         return self.config.noise * self.rng.standard_normal((count, 2))
+
+
+def _in_view(poses: Array) -> BoolArray:
+    """Mask (K,) of the objects with poses (K, 4, 4) in the camera that are 7 to 45 m ahead and not too far beside."""
+    x = poses[:, 0, 3]
+    z = poses[:, 2, 3]
+    return np.asarray((z > 7.0) & (z < 45.0) & (np.abs(x) < 0.6 * z))

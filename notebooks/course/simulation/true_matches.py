@@ -36,8 +36,10 @@ def predict(truth: Truth, frame_p: int, frame_c: int, uv: Array) -> tuple[Array,
     has_depth = np.isfinite(z)
     z = np.where(has_depth, z, 1.0)
     X = np.concatenate([camera.normalise(uv) * z[:, None], z[:, None]], axis=1)
+    # The motion of the street (none) and of each vehicle in the world, then as seen from the two cameras.
     moved = np.concatenate([np.eye(4)[None], truth.objects[frame_c] @ inverse(truth.objects[frame_p])])
-    T = (inverse(truth.poses[frame_c]) @ moved @ truth.poses[frame_p])[truth.vehicle_at(frame_p, uv)]
+    T_cp = inverse(truth.poses[frame_c]) @ moved @ truth.poses[frame_p]
+    T = T_cp[truth.vehicle_at(frame_p, uv)]
     left, right = camera.project(np.einsum("nij,nj->ni", T[:, :3, :3], X) + T[:, :3, 3])
     both = np.stack([left, right])
     inside = (both >= 0) & (both <= (camera.width - 1, camera.height - 1))  # false where NaN
@@ -63,15 +65,18 @@ def _depth_at(truth: Truth, frame: int, uv: Array) -> Array:
     At an outline, the result is the depth of the nearest pixel.
     """
     near = 1.0 / depth(truth, frame)
-    numbers = truth.instances(frame)
+    numbers = truth.instances(frame)  # of the thing at each pixel
     height, width = near.shape
     uv = np.nan_to_num(uv)
     column = np.clip(np.floor(uv[:, 0]), 0, width - 2).astype(np.intp)
     row = np.clip(np.floor(uv[:, 1]), 0, height - 2).astype(np.intp)
     a = np.clip(uv[:, 0] - column, 0, 1)
     b = np.clip(uv[:, 1] - row, 0, 1)
-    around = np.stack([near[row + j, column + i] for j in (0, 1) for i in (0, 1)])
-    things = np.stack([numbers[row + j, column + i] for j in (0, 1) for i in (0, 1)])
+    # The four pixels around a position: upper left, upper right, lower left, lower right.
+    rows = np.stack([row, row, row + 1, row + 1])
+    columns = np.stack([column, column + 1, column, column + 1])
+    around = near[rows, columns]
+    things = numbers[rows, columns]
     mixed = (1 - b) * ((1 - a) * around[0] + a * around[1]) + b * ((1 - a) * around[2] + a * around[3])
     same = np.all(things == things[0], axis=0) & (np.ptp(around, axis=0) <= 0.1 * around.max(axis=0))
     nearest = np.rint(np.clip(uv, 0, (width - 1, height - 1))).astype(np.intp)

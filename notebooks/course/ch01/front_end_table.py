@@ -8,7 +8,8 @@ from pathlib import Path
 
 ABLATION = Path(__file__).parents[2] / "ablation.csv"  # written by `vo data measure_ablation`
 METHOD = "feature_selection"
-PAPERS = "front end (turned off: the paper's)"
+UNCHANGED = ""  # in the column "idea": variant `kit` as it is
+PAPERS = "front end (turned off: the paper's)"  # with the paper's front end in place of the kit's
 REAL = "kitti/"
 SEEDS = 5  # fewest seeds with which the course calls a difference more than chance
 ERRORS = ("te", "re", "lost")  # columns of the table
@@ -44,7 +45,7 @@ class FrontEnds:
 
 def front_ends(path: Path = ABLATION) -> list[FrontEnds]:
     """The comparison of the front ends on every real drive, clean drives first."""
-    rows: dict[tuple[str, str], dict[str, str]] = {}
+    rows: dict[tuple[str, str], dict[str, str]] = {}  # by idea and drive
     with path.open(encoding="utf-8", newline="") as lines:
         for row in csv.DictReader(lines):
             if row["method"] == METHOD and row["sequence"].startswith(REAL) and row["te"]:
@@ -53,13 +54,20 @@ def front_ends(path: Path = ABLATION) -> list[FrontEnds]:
     compared = []
     for drive in drives:
         changed = rows[PAPERS, drive]
-        deviation = _numbers(changed, "_sd")
-        kit = _numbers(rows["", drive])
-        compared.append(FrontEnds(drive, kit, _numbers(changed), deviation, int(changed["seeds"])))
+        compared.append(
+            FrontEnds(
+                drive,
+                kit=_numbers(rows[UNCHANGED, drive]),
+                change=_numbers(changed),
+                deviation=_numbers(changed, "_sd"),
+                seeds=int(changed["seeds"]),
+            )
+        )
     return sorted(compared, key=lambda each: each.disturbed)
 
 
 def _numbers(row: dict[str, str], suffix: str = "") -> tuple[float, ...]:
+    """The errors of a row, or the columns with a suffix that belong to them."""
     return tuple(float(row[name + suffix]) for name in ERRORS)
 
 
