@@ -208,7 +208,7 @@ def test_copy_only_starts_no_server(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert (folder / lab.KIT_PYTHON).read_text(encoding="utf-8") == f"{sys.executable}\n"
 
 
-def test_root_is_told_how_to_start(
+def test_root_is_refused_with_the_option_that_allows_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("os.geteuid", lambda: 0, raising=False)

@@ -140,7 +140,7 @@ def test_an_untouched_function_counts_as_no_try_and_shows_no_alarm() -> None:
         (2e-8, "the result differs by 2e-08 from 175: is something rounded on the way?"),
     ],
 )
-def test_numbers_that_differ_never_read_alike(off: float, words: str) -> None:
+def test_a_message_prints_different_numbers_differently(off: float, words: str) -> None:
     exercise = table(lambda x: x, lambda: [(175.0,)], rtol=1e-12)
     assert exercise(lambda x: x + off).message.startswith(words)
 
@@ -157,7 +157,7 @@ MASKS = [(np.array([True, True, False]),), (np.array([False, True]),)]
 
 
 @pytest.mark.parametrize("name", SLIPS)
-def test_slips_are_told_where_they_explain_every_result(name: str) -> None:
+def test_a_slip_is_named_only_if_it_explains_every_result(name: str) -> None:
     cases, (says, make) = MASKS if name in ("indices", "inverted") else MATRICES, SLIPS[name]
     if name == "order":
         make = np.flipud

@@ -108,7 +108,7 @@ def test_each_known_mistake_has_its_own_message(name: str, says: str, number: in
         if exercise.slips[slip] != SLIPS[slip][0]
     ],
 )
-def test_a_slip_is_told_in_the_words_of_the_exercise(name: str, slip: str) -> None:
+def test_a_slip_has_the_message_of_its_exercise(name: str, slip: str) -> None:
     exercise, make = TABLES[name], SLIPS[slip][1]
 
     def slipped(*case: Any) -> Any:

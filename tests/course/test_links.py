@@ -61,7 +61,7 @@ def test_a_dead_anchor_is_found(tmp_path: Path) -> None:
     assert dead_links(page) == ["#hand-in", "other.md#x"]
 
 
-def test_teachers_find_what_the_commands_speak_of() -> None:
+def test_the_page_for_teachers_has_what_the_commands_refer_to() -> None:
     """The page for teachers has the words that students and commands lead to."""
     page = prose(ROOT / "notebooks" / "teaching.md")
     words = ("vo lab --hand-in", "course.marks", "course.strict()", "nbgrader", "**Four classes.**")

@@ -106,7 +106,7 @@ DEADLY = {
 
 
 @pytest.mark.parametrize("bodies", [RAISING, DEADLY], ids=["raising", "deadly"])
-def test_a_faulty_function_costs_only_its_own_exercise(bodies: dict[str, tuple[str, str]]) -> None:
+def test_a_faulty_function_fails_only_its_own_exercise(bodies: dict[str, tuple[str, str]]) -> None:
     """The last function is right, though it prints a lot."""
     content = WEIGHTS.replace("BODY", "print('flood ' * 100000)")
     for name, (body, _) in bodies.items():
@@ -142,7 +142,7 @@ def test_a_file_that_cannot_be_run_is_a_remark(head: str, remark: str) -> None:
     assert found[ratio].says == ch00.depth_error_ratio.grade(4).message or found[ratio].passed
 
 
-def test_a_faulty_section_costs_only_its_own_function() -> None:
+def test_a_faulty_section_fails_only_its_own_function() -> None:
     content = my_vo().replace("def weights(r, s):", "def weights(r, s:")
     found, (remark,) = grade(Submission("cleo", {"my_vo.py": content.encode()}), chosen_tasks("0,4"))
     assert remark.startswith("my_vo.py, weights: SyntaxError")
@@ -282,7 +282,7 @@ def test_a_zip_may_contain_folders_and_files_of_the_system(tmp_path: Path, folde
         (tuple(f"{name}.txt" for name in "abcdefg"), "found a.txt, b.txt, c.txt, d.txt, e.txt and 2 more"),
     ],
 )
-def test_a_zip_that_is_not_clear_says_what_is_in_it(
+def test_the_error_about_an_unclear_zip_lists_its_files(
     tmp_path: Path, names: tuple[str, ...], words: str
 ) -> None:
     path = tmp_path / "anna.zip"
@@ -422,7 +422,9 @@ def test_a_function_with_another_name_is_found(tmp_path: Path, monkeypatch: pyte
     assert "my_chain: names of no exercise" in remark
 
 
-def test_one_name_for_two_exercises_is_told_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_function_named_as_an_earlier_answer_is_not_saved(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     source = CHAIN.replace("chain(", "f(").replace("# ---- chain ----\n", "")
     assert "saved in `my_vo.py`" in ch00.chain(in_course(tmp_path, monkeypatch, "f", source)).message
     other = WEIGHTS.partition("\n")[2].replace("weights(", "f(").replace("BODY", "pass")
@@ -518,7 +520,7 @@ def test_results_cannot_be_written_by_the_student() -> None:
     assert found[tasks()["chain"][0]].passed
 
 
-def test_verdicts_of_the_students_file_are_told_apart(
+def test_a_verdict_by_the_students_file_alone_has_a_mark_of_its_own(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     said = {"ch08.drift": {"passed": True, "answer": 3.0, "says": ""}}
@@ -562,7 +564,7 @@ def test_other_encodings_are_read(encoded: bytes, remark: str) -> None:
     ],
 )
 @pytest.mark.slow  # starts many processes
-def test_a_section_that_ends_the_process_costs_only_itself(line: str, why: str) -> None:
+def test_a_section_that_ends_the_process_fails_only_itself(line: str, why: str) -> None:
     content = my_vo().replace("# ---- weights ----\n", f"# ---- weights ----\n{line}\n").encode()
     found, (remark,) = grade(Submission("ben", {"my_vo.py": content}), chosen_tasks("0,4"), limit_s=2.0)
     assert found[tasks()["chain"][0]].passed
@@ -572,7 +574,7 @@ def test_a_section_that_ends_the_process_costs_only_itself(line: str, why: str) 
 
 
 @pytest.mark.slow  # starts many processes
-def test_nobody_vanishes_from_the_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_student_has_a_row_in_the_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Each entry of the class has a row, or a line that names it."""
     zipped(tmp_path / "UPPER.ZIP", my_vo__py=my_vo())
     for name in ("only_answers", "empty", "texts", "group/ina", "moodle_12", "course"):
@@ -609,7 +611,7 @@ def test_nobody_vanishes_from_the_table(tmp_path: Path, capsys: pytest.CaptureFi
 
 
 @pytest.mark.slow  # starts many processes
-def test_who_hands_in_twice_is_told_in_both_rows(tmp_path: Path) -> None:
+def test_two_submissions_of_a_student_are_noted_in_both_rows(tmp_path: Path) -> None:
     for name in ("cleo", "ben"):
         (tmp_path / name).mkdir()
     earlier = json.dumps({"last change": 1_000_000_000.0})
@@ -669,7 +671,7 @@ def test_no_process_of_a_student_is_left(tmp_path: Path, end: str) -> None:
         mine.wait()
 
 
-def test_a_table_that_cannot_be_written_is_told_before_the_class_is_graded(
+def test_a_table_that_cannot_be_written_is_refused_before_grading(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     zipped(tmp_path / "anna.zip", my_vo__py=my_vo())

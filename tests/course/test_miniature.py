@@ -215,7 +215,7 @@ def test_a_sequence_without_labels_has_the_boxes_of_a_detector(street: Sequence)
     assert overlap(found.boxes(60).xyxy, street.boxes(60).xyxy).max(axis=0).min() > 0.5
 
 
-def test_rows_that_the_kit_refuses_are_told(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_reason_why_label_rows_are_refused_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert miniature.boxes_of_lines(["2 0.5 0.5 0.25 0.5"], 100, 40).tolist() == [[37.0, 9.5, 62.0, 29.5]]
     assert len(miniature.boxes_of_lines(["2 620 180 30 20"], 1241, 376)) == 0
     printed = capsys.readouterr().out

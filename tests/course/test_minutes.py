@@ -49,7 +49,7 @@ def test_a_chapter_with_two_summaries_has_two_cores(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", DIVIDED, ids=lambda path: path.stem)
-def test_a_core_is_short_enough_and_the_head_tells_the_minutes(path: Path) -> None:
+def test_a_core_is_short_enough_and_the_first_cell_has_its_minutes(path: Path) -> None:
     made = times(path)
     head = text_of(cells_of(path)[0])
     found = re.search(r"\*\*Time\*\*: ([^\n]*)", head)

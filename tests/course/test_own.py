@@ -116,7 +116,7 @@ def test_a_stage_that_waits_for_other_programs_is_not_called_slow() -> None:
     assert mine.slow == {}
 
 
-def test_a_check_that_fails_is_told_in_a_whole_sentence() -> None:
+def test_the_reason_for_a_failed_check_is_a_whole_sentence() -> None:
     mine = own.join(chain=lambda motions: np.eye(4), weights=lambda r, s: 1 / 0)
     assert "yours fails its check: the result has shape (4, 4)" in mine.whose["chain"]
     assert "yours fails its check: the code stopped with ZeroDivisionError" in mine.whose["weights"]

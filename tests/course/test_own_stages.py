@@ -117,7 +117,7 @@ def test_a_call_without_an_end_is_interrupted_on_any_thread(function: Callable[.
     assert within(SHORT_S, max, 3, 5) == 5  # and nothing is left behind that would interrupt this
 
 
-def test_a_handler_that_catches_the_interruption_is_told() -> None:
+def test_a_handler_that_catches_the_interruption_is_reported() -> None:
     mine = own.join(limit_s=SHORT_S, weights=STUBBORN[0], chain=endless)
     assert "its `except:` catches even the interruption" in mine.whose["weights"]
     assert "is there a loop without an end?" in mine.whose["chain"]
@@ -205,7 +205,7 @@ def test_a_stage_may_return_lists_sets_and_numbers_of_one_entry(
     np.testing.assert_allclose(path, library_loop(sequence, matches, odometry=library), atol=0.05)
 
 
-def test_a_function_without_an_end_does_not_pass_and_a_file_without_an_end_is_told(
+def test_a_function_without_an_end_fails_and_a_file_without_an_end_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -59,7 +59,7 @@ def test_a_path_without_a_sub_sequence_is_reported(road: Path) -> None:
     assert panel.tables.value == ""
 
 
-def test_a_part_of_00_begins_where_its_truth_can_be_believed(drive_00: Sequence) -> None:
+def test_a_part_of_00_begins_where_its_truth_is_accurate(drive_00: Sequence) -> None:
     whole = drive_00
     part = part_of(whole, 50)
     assert (part.frames[0], len(part)) == ("000016", 50)

@@ -91,7 +91,7 @@ def test_the_inliers_of_a_winner_that_stereo_contradicts_are_shown(variant: str,
     assert ("contradicts_stereo" in panel._text.value) == (variant == "kit")
 
 
-def test_a_frame_without_a_winner_is_told(tmp_path: Path) -> None:
+def test_a_frame_without_a_winner_is_reported(tmp_path: Path) -> None:
     panel = LorryPanel(str(write_bands(tmp_path / "still", standing=True)), 3, view__share=0.0)
     panel.wait(LONG)
     assert panel.error == ""

@@ -18,7 +18,7 @@ def test_the_drive_has_steps_of_a_metre_on_gentle_bends() -> None:
     assert np.degrees(np.abs(np.arcsin(steps[:, 0, 2]))).max() == pytest.approx(0.4, rel=0.01)
 
 
-def test_robust_rows_beat_the_other_weightings_and_bear_wrong_matches() -> None:
+def test_robust_rows_beat_the_other_weightings_with_and_without_wrong_matches() -> None:
     for wrong, promised in ((0.0, 4.5), (0.3, 8.0)):
         tracks = TrackConfig(points=300, noise=0.3, wrong=wrong)
         runs = [weighting_errors(tracks, 12, seed) for seed in range(2)]
@@ -32,7 +32,7 @@ def test_robust_rows_beat_the_other_weightings_and_bear_wrong_matches() -> None:
             assert median[PIXELS] < 0.5 * median[MEDIAN]
 
 
-def test_the_tour_comes_home_and_nothing_made_up_is_the_truth() -> None:
+def test_the_block_tour_is_closed_and_no_perturbation_leaves_the_truth() -> None:
     tour = block_tour(rounds=1)
     np.testing.assert_allclose(tour[-1], np.eye(4), atol=1e-9)
     assert trajectory_distances(tour)[-1] == pytest.approx(800.0)

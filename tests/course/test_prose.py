@@ -214,7 +214,7 @@ def test_the_lorry_wins_the_vote_and_the_street_wins_it_again(look: Look) -> Non
     assert 2 * far["error, box removed"] < near["error, box removed"]
 
 
-def test_made_up_errors_have_the_size_that_is_said(look: Look) -> None:
+def test_perturbations_have_the_stated_size(look: Look) -> None:
     text = r"TE is (\d) % for every length, and RE is (\d)\. With sim3, ATE is nearly 0"
     now, _, numbers = look("06", text, **NONE_MADE_UP | {"view__scale": 2.0, "view__alignment": "sim3"})
     assert numbers == [round(now["TE"], 1), round(now["RE"], 1)]

@@ -186,7 +186,7 @@ def test_the_sentences_on_the_removal_are_found_with_and_without_their_question(
     assert len(figures.removal_sentences()) == 4  # TE and RE of both variants
 
 
-def test_the_head_names_every_choice_that_was_made_with_numbers_seen() -> None:
+def test_the_first_cell_of_chapter_7_names_the_choices_made_after_numbers_were_seen() -> None:
     page = (CHAPTER.parent / "paper_and_code.md").read_text(encoding="utf-8")
     marked = [line.split("|")[1].strip() for line in page.splitlines() if "| *Numbers seen.*" in line]
     marked += [line.split("|")[1].strip() for line in page.splitlines() if " *Numbers seen.* At" in line]

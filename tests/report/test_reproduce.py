@@ -426,7 +426,7 @@ def test_a_straight_drive_without_truth_has_no_errors_in_its_caption(tree: Path)
     assert "errors to the side" not in report
 
 
-def test_lengths_without_effect_are_told(tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_lengths_without_effect_are_reported(tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
     remark = "--lengths has no effect on kitti/11, which has no ground truth"
     assert reproduce(tree, "--sequences", "02,11", "--variant", "published", "--seeds", "1") == 0
     printed = " ".join(capsys.readouterr().out.split())
@@ -468,7 +468,7 @@ def test_settings_are_compared_without_truth(
     assert len(set(links)) == len(links)
 
 
-def test_a_warning_of_several_seeds_is_said_once_with_the_numbers_of_the_first() -> None:
+def test_a_warning_of_several_seeds_is_printed_once_with_the_numbers_of_the_first() -> None:
     warned = {
         "stereo contradicts the motion of 54 of 295 frames": ["a, mesvo_f, seed 0"],
         "stereo contradicts the motion of 58 of 295 frames": ["a, mesvo_f, seed 1", "b, mesvo_f, seed 0"],
