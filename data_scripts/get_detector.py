@@ -56,7 +56,8 @@ def run(options: argparse.Namespace) -> int:
         print_wrapped(f"registered as {path}", describe_classes(YoloDetector(path)))
     elif options.name in FETCHABLE:
         return fetch(FETCHABLE[options.name], folder, options.yes)
-    elif (path := Path(options.name)).is_file():
+    elif Path(options.name).is_file():
+        path = Path(options.name)
         name = path.stem if NAME.fullmatch(path.stem) else "mine"
         command = typed(shlex.join(["vo", "data", "get_detector", name, "--from", str(path)]))
         raise DataError(f"is a file, expected a name; to register the file: {command}", path)

@@ -21,7 +21,8 @@ DRIVE = re.compile(r"(\d{4}_\d\d_\d\d)_(drive_\d{4})", re.ASCII)
 
 def parse_drive(text: str) -> tuple[str, str]:
     """Day and sequence of a raw drive, such as 2011_09_26 and drive_0013 for 2011_09_26_drive_0013."""
-    if (match := DRIVE.fullmatch(text)) is None:
+    match = DRIVE.fullmatch(text)
+    if match is None:
         raise DataError(f"--raw {text!r}: expected a drive such as 2011_09_26_drive_0013")
     return match[1], match[2]
 

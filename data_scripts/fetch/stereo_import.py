@@ -89,7 +89,8 @@ def write_sequence(
         if count < 2:
             raise DataError(f"expected two or more stereo pairs, found {count}")
         rows = np.arange(count) / times if isinstance(times, float) else times
-        if fault := interval_fault(rows):
+        fault = interval_fault(rows)
+        if fault:
             raise DataError(f"{fault}; give the times by --times, one line per left image")
         for name, table in (("times", rows), ("poses", poses)):
             if table is not None and len(table) != count:

@@ -45,7 +45,9 @@ class DetectionSet:
     def outside(self) -> list[Path]:
         """Folders with images that are not below the folder of data.yaml."""
         own = self.file.absolute().parent
-        folders = dict.fromkeys(path.parent for part in self.images.values() for path in part)
+        folders: dict[Path, None] = {}  # each once, in order
+        for part in self.images.values():
+            folders |= dict.fromkeys(path.parent for path in part)
         return [folder for folder in folders if not folder.is_relative_to(own)]
 
 
@@ -221,6 +223,7 @@ def _images_in_list(file: Path) -> Iterator[Path]:
 
 
 def _exists(path: Path) -> bool:
+    """Whether there is a file or folder."""
     return os.path.exists(path)  # false also for a name that is too long
 
 

@@ -90,6 +90,7 @@ def _write_frame(config: SceneConfig, folder: Path, frame: int) -> None:
 
 
 def _write_png(path: Path, image: NDArray[np.uint8] | NDArray[np.uint16], noisy: bool = False) -> None:
+    """Write an image with little compression; noisy : the image of a camera, not of the truth."""
     # One fixed filter: a trial of all filters for each row takes twice the time.
     options = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_SUB]
     if noisy:
@@ -99,4 +100,5 @@ def _write_png(path: Path, image: NDArray[np.uint8] | NDArray[np.uint16], noisy:
 
 
 def _write_text(path: Path, text: str) -> None:
+    """Write a text with the same bytes on every system."""
     path.write_text(text, encoding="ascii", newline="\n")

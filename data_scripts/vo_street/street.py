@@ -113,7 +113,9 @@ def _build_woods(site: Site, middle: Array, radius: float) -> None:
 
 def _ordered(a: Array | float, b: Array | float) -> tuple[Array | float, Array | float]:
     """Both lines of a ribbon, the left line first, so that a horizontal ribbon is visible from above."""
-    return (a, b) if np.all(np.asarray(a) <= b) else (b, a)
+    if np.all(np.asarray(a) <= b):
+        return a, b
+    return b, a
 
 
 def _strongest_curvature(site: Site, s: Array) -> Array:

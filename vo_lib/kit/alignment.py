@@ -56,22 +56,12 @@ def refine_stereo(
     # NaN (unknown surface) fails the comparison. The refinement can still reduce the difference by the limit.
     ok = np.abs(left[:, 0] - right[:, 0] - surface.disparity) <= config.surface_tolerance + MAX_REFINEMENT_PX
     ok &= surface.share >= config.surface_share
-    positions = np.array(right, np.float64)
+    positions = right
     if "stereo-fit" not in config.without:
+        warp = stereo_warp(surface.slope[ok])
         if "stereo-warp" in config.without:
-            warp = _no_warp(int(np.count_nonzero(ok)))
-        else:
-            warp = stereo_warp(surface.slope[ok])
-        refined, difference = track_warped(
-            *pair,
-            left[ok],
-            right[ok],
-            warp,
-            config.subpixel_window,
-            equal_brightness="brightness" not in config.without,
-        )
-        positions[ok] = refined
-        ok[ok] = difference <= config.max_difference  # of the features that are still good
+            warp = _no_warp(len(warp))
+        positions, ok = _refined(pair[0], pair[1], left, right, ok, warp, config)
     ok &= np.abs(left[:, 0] - positions[:, 0] - surface.disparity) <= config.surface_tolerance
     return positions, surface.slope, ok & is_stereo(left, positions, config)
 
@@ -106,37 +96,54 @@ def refine_over_time(
     disparity = previous_left[:, 0] - previous_right[:, 0]
     R = motion[:3, :3]
     t = motion[:3, 3]
-    # The right camera is one baseline to the right of the left camera.
-    t_right = t + camera.baseline * (R[:, 0] - (1.0, 0.0, 0.0))
-    side_slopes = (slope, right_slope(slope))
-    side_translations = (t, t_right)
-    positions = (np.array(start_left, np.float64), np.array(start_right, np.float64))
-    # Features lost in the left images are not tracked in the right images.
     ok = np.ones(len(slope), np.bool_)
-    for side in (0, 1):
-        if "motion-warp" in config.without:
-            warp = _no_warp(int(np.count_nonzero(ok)))
-        else:
-            warp = motion_warp(
-                camera,
-                previous[side][ok],
-                disparity[ok],
-                side_slopes[side][ok],
-                R,
-                side_translations[side],
-            )
-        refined, difference = track_warped(
-            before[side],
-            pair[side],
-            previous[side][ok],
-            start[side][ok],
-            warp,
-            config.subpixel_window,
-            equal_brightness="brightness" not in config.without,
-        )
-        positions[side][ok] = refined
-        ok[ok] = difference <= config.max_difference  # of the features that are still good
-    return positions[0], positions[1], ok
+    warp = motion_warp(camera, previous_left, disparity, slope, R, t)
+    if "motion-warp" in config.without:
+        warp = _no_warp(len(warp))
+    cur_left, ok = _refined(before[0], pair[0], previous_left, start_left, ok, warp, config)
+    # Features lost in the left images are not tracked in the right images, whose camera is one baseline to
+    # the right.
+    t_right = t + camera.baseline * (R[:, 0] - (1.0, 0.0, 0.0))
+    warp = motion_warp(camera, previous_right[ok], disparity[ok], right_slope(slope)[ok], R, t_right)
+    if "motion-warp" in config.without:
+        warp = _no_warp(len(warp))
+    cur_right, ok = _refined(before[1], pair[1], previous_right, start_right, ok, warp, config)
+    return cur_left, cur_right, ok
+
+
+def _refined(
+    first: Image,
+    second: Image,
+    uv: Array,
+    start: Array,
+    ok: BoolArray,
+    warp: Array,
+    config: KitMatchingConfig,
+) -> tuple[Array, BoolArray]:
+    """Refined positions (N, 2) in the second image, and a mask (N,) of those whose windows are similar.
+
+    Only the M features in the mask `ok` (N,) are refined; the others stay at `start`, and are not in the new
+    mask.
+
+    Parameters
+    ----------
+    uv, start : (N, 2) pixels in the first image, and start positions in the second.
+    warp : (M, 2, 2) of a window of these features, from the first to the second image.
+    """
+    refined, difference = track_warped(
+        first,
+        second,
+        uv[ok],
+        start[ok],
+        warp,
+        config.subpixel_window,
+        equal_brightness="brightness" not in config.without,
+    )
+    positions = start.astype(np.float64)
+    positions[ok] = refined
+    similar = np.zeros(len(uv), np.bool_)
+    similar[ok] = difference <= config.max_difference
+    return positions, similar
 
 
 def _no_warp(number: int) -> Array:

@@ -39,7 +39,7 @@ MIN_INLIER_SHARE = 0.1  # lower bound of the share of inliers that is estimated 
 CANDIDATES_TRIED = 4
 MIN_ANGLE_BETWEEN = np.radians(5.0)
 FIT_WITHOUT_E = ReprojectionConfig()  # the fit that is tried with these candidates
-SUPPORT_QUANTILE = 0.75  # of the reprojection errors of all matches; see `support_error`
+SUPPORT_QUANTILE = 0.75  # of the reprojection errors of all matches; see `KitOdometry.support_error`
 
 
 class SelfCalibratingOdometry(Odometry):
@@ -142,8 +142,9 @@ class KitOdometry(SelfCalibratingOdometry):
         others = self.other_solutions(matches, flags)
         if not others:
             return solution
-        best = min(others, key=lambda other: self.error(matches, other))
-        is_clearly_better = self.fit_gain * self.error(matches, best) <= self.error(matches, solution)
+        best = min(others, key=lambda other: self.support_error(matches, other))
+        error = self.support_error(matches, solution)
+        is_clearly_better = self.fit_gain * self.support_error(matches, best) <= error
         return best if is_clearly_better else solution
 
     def next_prior(self, e: Array, flags: tuple[Flag, ...]) -> Array | None:
@@ -178,10 +179,15 @@ class KitOdometry(SelfCalibratingOdometry):
             solutions.append(Solution(Rotation(R_cp, E_fitted, inliers), t_cp, flags))
         return solutions
 
-    def error(self, matches: StereoMatches, solution: Solution) -> float:
-        """The `support_error` of a solution, pixels."""
+    def support_error(self, matches: StereoMatches, solution: Solution) -> float:
+        """The reprojection error, pixels, that three quarters of all matches stay below for a solution.
+
+        The median would not do: if most matches are on traffic that drives in one direction, it supports the
+        motion relative to that traffic. On a wall, nearly all matches support the right motion.
+        """
         T_cp = rigid(solution.rotation.R_cp, solution.t_cp)
-        return support_error(self.camera, matches, T_cp)
+        residuals = stereo_residuals(self.camera, matches, T_cp)
+        return float(np.quantile(residuals, SUPPORT_QUANTILE, method="higher"))
 
     def five_point_sets(self, x_p: Array, x_c: Array) -> Index:
         """Five-point sets, indices (S, 5) of matches: as many as should give `clean_sets` without an outlier.
@@ -240,16 +246,6 @@ def distinct_candidates(E: Array, errors: Array, number: int) -> list[Array]:
         if len(chosen) == number:
             break
     return chosen
-
-
-def support_error(camera: StereoCamera, matches: StereoMatches, T_cp: Array) -> float:
-    """The reprojection error, pixels, that three quarters of all matches stay below for a motion T_cp (4, 4).
-
-    The median would not do: if most matches are on traffic that drives in one direction, it supports the
-    motion relative to that traffic. On a wall, nearly all matches support the right motion.
-    """
-    residuals = stereo_residuals(camera, matches, T_cp)
-    return float(np.quantile(residuals, SUPPORT_QUANTILE, method="higher"))
 
 
 class KitViso2(SelfCalibratingOdometry, Viso2):

@@ -186,45 +186,30 @@ class KltMatcher:
     ) -> _SlopedMatches:
         """The features that pass all checks in the next pair.
 
-        Lucas-Kanade (left image) and block matching (right image) give coarse positions, which are refined:
-        in both images by comparison with the previous pair, and again in the right image by comparison with
-        the left. The loop is closed if the two positions in the right image agree.
+        The coarse positions are refined: in both images by comparison with the previous pair, and again in
+        the right image by comparison with the left. The loop is closed if the two positions in the right
+        image agree.
 
         start : (N, 2) start positions in the current left and right image; levels : pyramid levels.
         motion : predicted T_cp (4, 4).
         """
         left, right = pair.images
-        searched = np.flatnonzero(_inside(start[0], left) & _inside(start[1], right))
-        # A coarse tolerance is sufficient, since the refinement below provides the accuracy.
-        cur_left, ok, difference = track(
-            before.images[0],
-            left,
-            features.left[searched],
-            start[0][searched],
-            self.config.window,
-            np.inf,
-            levels,
-            criteria=COARSE_CRITERIA,
-        )
-        ok &= (difference <= self.config.max_difference) & _inside(cur_left, left)
-        over_time, has_depth = _in_right_image(pair.disparity, cur_left)
-        ok &= has_depth & is_stereo(cur_left, over_time, self.config)
-        tracks = features[searched[ok]]
-        # From the previous pair.
+        tracks, coarse_left, coarse_right = self._coarse_tracks(before, pair, features, start, levels)
+        # From the previous left to the current left image, and from the previous right to the current right.
         cur_left, over_time, ok = refine_over_time(
             self.camera,
             before.images,
             pair.images,
             (tracks.left, tracks.right),
             tracks.slope,
-            (cur_left[ok], over_time[ok]),
+            (coarse_left, coarse_right),
             np.eye(4) if motion is None else motion,
             self.config,
         )
         tracks = tracks[ok]
         cur_left = cur_left[ok]
         over_time = over_time[ok]
-        # From the current left image.
+        # From the current left to the current right image.
         cur_right, slope, ok = refine_stereo(pair.images, pair.disparity, cur_left, over_time, self.config)
         ok &= _inside(cur_left, left) & _inside(cur_right, right)
         ok &= np.linalg.norm(cur_right - over_time, axis=1) <= self.config.loop_tolerance
@@ -239,6 +224,36 @@ class KltMatcher:
             tracks.id,
         )
         return _SlopedMatches(matches, slope[ok])
+
+    def _coarse_tracks(
+        self,
+        before: PreparedPair,
+        pair: PreparedPair,
+        features: _Features,
+        start: tuple[Array, Array],
+        levels: int,
+    ) -> tuple[_Features, Array, Array]:
+        """The M features with a coarse position in the current pair, and their left and right pixels (M, 2).
+
+        Lucas-Kanade gives the position in the left image, and block matching the disparity there.
+        """
+        left, right = pair.images
+        searched = np.flatnonzero(_inside(start[0], left) & _inside(start[1], right))
+        # A coarse tolerance is sufficient, since the refinement provides the accuracy.
+        cur_left, ok, difference = track(
+            before.images[0],
+            left,
+            features.left[searched],
+            start[0][searched],
+            self.config.window,
+            np.inf,
+            levels,
+            criteria=COARSE_CRITERIA,
+        )
+        ok &= (difference <= self.config.max_difference) & _inside(cur_left, left)
+        cur_right, has_depth = _in_right_image(pair.disparity, cur_left)
+        ok &= has_depth & is_stereo(cur_left, cur_right, self.config)
+        return features[searched[ok]], cur_left[ok], cur_right[ok]
 
     def _add_corners(self, pair: PreparedPair, features: _Features) -> _Features:
         """The features, and new ones from the corners in cells without a feature."""

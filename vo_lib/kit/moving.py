@@ -111,7 +111,8 @@ def owner_of(camera: StereoCamera, left: Array, right: Array, boxes: Boxes) -> I
     if len(boxes) == 0:
         return np.full(len(left), -1)
     height = np.where(boxes.class_id == CAR, MAX_CAR_HEIGHT_M, MAX_VEHICLE_HEIGHT_M)
-    # A vehicle that fills the box is at the depth f height / (bottom - top) or nearer; f b / depth gives:
+    # A vehicle that is at most this tall and fills the box is at most f height / (bottom - top) away, so its
+    # disparity f b / Z is at least:
     min_disparity = camera.baseline * (boxes.xyxy[:, 3] - boxes.xyxy[:, 1]) / height
     possible = inside(left, boxes.xyxy) & (left[:, :1] - right[:, :1] >= min_disparity)
     bottom = np.where(possible, boxes.xyxy[:, 3], -np.inf)

@@ -211,16 +211,16 @@ class Rig:
         if evidence is None:
             return
         parallax_matrix, parallax_vector = evidence
-        measured = np.zeros((ERROR_COUNT, ERROR_COUNT))
-        measured[np.ix_(BY_PARALLAX, BY_PARALLAX)] = parallax_matrix
-        measured /= self.config.noise_inflation**2
+        measured_information = np.zeros((ERROR_COUNT, ERROR_COUNT))
+        measured_information[np.ix_(BY_PARALLAX, BY_PARALLAX)] = parallax_matrix
+        measured_information /= self.config.noise_inflation**2
         vector = np.zeros(ERROR_COUNT)
         vector[BY_PARALLAX] = parallax_vector
         vector /= self.config.noise_inflation**2
-        # The matches were corrected by the shrunk errors, so their errors were measured from there. Sought is
-        # the change of the estimate.
-        vector -= measured @ (self.estimate - self.errors)
-        information = measured + np.linalg.inv(self.covariance)
+        # The matches were corrected by the shrunk errors, so the residuals are those at these errors; but the
+        # step begins at the estimate.
+        vector -= measured_information @ (self.estimate - self.errors)
+        information = measured_information + np.linalg.inv(self.covariance)
         change = np.linalg.solve(information, vector)
         self.set_estimate(self.estimate + change, np.asarray(np.linalg.inv(information)))
 
@@ -235,7 +235,11 @@ class Rig:
 
 
 def shrunk(estimate: Array, covariance: Array) -> Array:
-    """The errors (19,) for the correction, from the estimate (19,) and its covariance; see `Rig.errors`."""
+    """The errors (19,) for the correction, from the estimate (19,) and its covariance; see `Rig.errors`.
+
+    An error x with the variance σ² becomes x max(0, 1 - σ² / x²), where a lens error's σ² includes its floor;
+    the field x of k errors with the covariance C becomes x max(0, 1 - k / xᵀ C⁻¹ x).
+    """
     errors = estimate.copy()
     covariance = covariance.copy()
     shrunk_lens: dict[int, float] = {}

@@ -51,9 +51,12 @@ def read_kitti(path: Path, folders: tuple[str, ...], size: tuple[int, int]) -> C
     Raw drives have unrectified images too, of the size S_00; they are rectified with K, D, R and T.
     """
     lines = read_calibration_file(path)
-    rectified_names = [f"P_rect_0{camera}" for camera in range(4)]
-    form = "P_rect_0{}" if any(name in lines for name in rectified_names) else "P{}"
-    pairs = [pair for pair in PAIRS if any(form.format(camera) in lines for camera in pair)] or [PAIRS[0]]
+    form = "P{}"
+    if any(f"P_rect_0{camera}" in lines for camera in range(4)):
+        form = "P_rect_0{}"
+    pairs = [pair for pair in PAIRS if any(form.format(camera) in lines for camera in pair)]
+    if not pairs:
+        pairs = [PAIRS[0]]  # so that the message names its lines
     pair = _pair(pairs, folders, path)
     if pair is None:  # nothing tells whether the images are grey or colour
         options = [_options(lines, form, each, path) for each in pairs]
@@ -74,11 +77,12 @@ def read_kitti(path: Path, folders: tuple[str, ...], size: tuple[int, int]) -> C
 
 
 def _size(lines: dict[str, Array], form: str, pair: tuple[int, int], path: Path) -> tuple[int, int] | None:
-    sizes = [
-        image_size(lines[name].tolist(), name, path)
-        for name in (form.format(camera) for camera in pair)
-        if name in lines
-    ]
+    """The size of the images of a pair; `form` : the names of its lines, with {} for the camera's number."""
+    sizes = []
+    for camera in pair:
+        name = form.format(camera)
+        if name in lines:
+            sizes.append(image_size(lines[name].tolist(), name, path))
     return common_size(sizes, path) if sizes else None
 
 
@@ -86,8 +90,9 @@ def _pair(pairs: list[tuple[int, int]], folders: tuple[str, ...], path: Path) ->
     """The cameras of the image folders; without names such as image_2, the only pair of the file, or None."""
     cameras = []
     for folder in folders:
-        found = [match for part in Path(folder).parts if (match := FOLDER.fullmatch(part))]
-        cameras += [int(match[1]) for match in found[-1:]]
+        matches = [FOLDER.fullmatch(part) for part in Path(folder).parts]
+        numbers = [int(match[1]) for match in matches if match is not None]
+        cameras += numbers[-1:]
     if not cameras:
         return pairs[0] if len(pairs) == 1 else None
     pair = next((each for each in PAIRS if set(cameras) <= set(each)), None)

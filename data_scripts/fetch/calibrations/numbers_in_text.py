@@ -64,10 +64,13 @@ class TextNumbers:
     def options(self) -> str:
         """The options of `from_folder` with these numbers; both units if both are possible."""
         numbers = f"--focal {self.fx:.7g} --centre {self.cx:.7g},{self.cy:.7g} --baseline {self.baseline:.6g}"
-        units = [self.unit] if self.unit else list(usual_units(self.baseline)) or ["m"]
+        units = list(usual_units(self.baseline)) or ["m"]
+        if self.unit:
+            units = [self.unit]
         if units == ["m"]:
             return numbers
-        return f"{numbers} --unit {units[0]}" + "".join(f" (or --unit {unit})" for unit in units[1:])
+        others = "".join(f" (or --unit {unit})" for unit in units[1:])
+        return f"{numbers} --unit {units[0]}{others}"
 
 
 def numbers_in(text: str) -> TextNumbers | None:
@@ -82,16 +85,25 @@ def numbers_in(text: str) -> TextNumbers | None:
         values[key] = float(match["value"])
         if key == "baseline":
             unit = (match["unit"] or match["suffix"] or match["after"] or "").lower() or None
-    if not {"fx", "cx", "cy"} <= values.keys() and (found := MATRIX.search(text)):
-        values |= dict(zip(("fx", "cx", "fy", "cy"), map(float, found.groups()), strict=True))
+    if not {"fx", "cx", "cy"} <= values.keys():
+        found = MATRIX.search(text)
+        if found is not None:
+            values |= _numbers_of_matrix(found)
     if "baseline" not in values and "bf" in values and values.get("fx", 0.0) > 0:
         values["baseline"] = values["bf"] / values["fx"]  # ORB-SLAM's f times the baseline
         unit = "m"
     if not {"fx", "cx", "cy", "baseline"} <= values.keys() or values["fx"] <= 0 or values["baseline"] == 0:
         return None
     fy = values.get("fy", values["fx"])
-    unit = unit if unit in UNITS else None
+    if unit not in UNITS:  # such as px
+        unit = None
     return TextNumbers(values["fx"], fy, values["cx"], values["cy"], abs(values["baseline"]), unit)
+
+
+def _numbers_of_matrix(found: re.Match[str]) -> dict[str, float]:
+    """The numbers in a camera matrix, a match of `MATRIX`, by their names."""
+    fx, cx, fy, cy = found.groups()
+    return {"fx": float(fx), "cx": float(cx), "fy": float(fy), "cy": float(cy)}
 
 
 def other_size_in(text: str, size: Size) -> str:
@@ -103,10 +115,11 @@ def other_size_in(text: str, size: Size) -> str:
             if first is None or second is None or size in ((first, second), (second, first)):
                 continue
             is_height_first = (first < second) != (size[0] < size[1])
-            return other_size((second, first) if is_height_first else (first, second), size)
+            named = (second, first) if is_height_first else (first, second)
+            return other_size(named, size)
     widths = [side for side in map(_side, _values(text, WIDTH)) if side is not None]
     heights = [side for side in map(_side, _values(text, HEIGHT)) if side is not None]
-    for named in zip(widths, heights, strict=False):
+    for named in zip(widths, heights, strict=False):  # a text may name only one of them
         if named != size:
             return other_size(named, size)
     for name, values, actual in (("width", widths, size[0]), ("height", heights, size[1])):
@@ -128,14 +141,10 @@ def differing_cameras(text: str) -> str:
     for value in _values(text, DISPARITY_OFFSET):
         if abs(float(value)) > SAME_PX:
             return f"doffs {float(value):g}"
-    matrices = [
-        dict(zip(("fx", "cx", "fy", "cy"), map(float, found), strict=True)) for found in MATRIX.findall(text)
-    ]
+    matrices = [_numbers_of_matrix(found) for found in MATRIX.finditer(text)]
     for key, names in OF_BOTH.items():
-        values = [
-            float(value)
-            for value in _values(text, rf"(?:(?:{CAMERA})[_. ]?)?(?:{names})(?:[_. ]?(?:{CAMERA}))?")
-        ]
+        with_camera = rf"(?:(?:{CAMERA})[_. ]?)?(?:{names})(?:[_. ]?(?:{CAMERA}))?"
+        values = [float(value) for value in _values(text, with_camera)]
         values += [matrix[key] for matrix in matrices]
         other = next((value for value in values if abs(value - values[0]) > SAME_PX), None)
         if other is not None:

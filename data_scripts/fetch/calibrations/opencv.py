@@ -167,20 +167,29 @@ def _equal(a: Array, b: Array) -> bool:
 
 def _sizes(entries: Entries, size: tuple[int, int] | None) -> list[tuple[int, int]]:
     """Image sizes that a file names."""
-    found = [values.ravel()[:2] for name, values in entries.matrices.items() if SIZE.fullmatch(_plain(name))]
-    sides = []
-    for pattern in (WIDTH, HEIGHT):
-        values = [v.ravel() for name, v in entries.matrices.items() if pattern.fullmatch(_plain(name))]
-        sides.append({float(value[0]) for value in values if value.size == 1})
-    if len(sides[0]) == len(sides[1]) == 1:
-        found.append(np.array([*sides[0], *sides[1]]))
+    found = []
+    widths = set()
+    heights = set()
+    for name, values in entries.matrices.items():
+        plain = _plain(name)
+        numbers = values.ravel()
+        if SIZE.fullmatch(plain):
+            found.append(numbers[:2])
+        if WIDTH.fullmatch(plain) and len(numbers) == 1:
+            widths.add(float(numbers[0]))
+        if HEIGHT.fullmatch(plain) and len(numbers) == 1:
+            heights.add(float(numbers[0]))
+    if len(widths) == len(heights) == 1:
+        found.append(np.array([*widths, *heights]))
     result = []
     for pair in found:
         if len(pair) == 2 and all(1 <= side <= MAX_SIDE_PX and side == int(side) for side in pair):
             width = int(pair[0])
             height = int(pair[1])
-            # NumPy's shape is height, width.
-            result.append((height, width) if (height, width) == size else (width, height))
+            if (height, width) == size:  # NumPy's shape is height, width
+                result.append((height, width))
+            else:
+                result.append((width, height))
     return result
 
 

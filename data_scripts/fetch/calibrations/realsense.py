@@ -124,10 +124,14 @@ def _extrinsics(nodes: list[tuple[str, dict[str, Any]]], path: Path) -> tuple[Ar
         if _first(node, TRANSLATION) is not None
     ]
     # With colour and depth there are more extrinsics; those of the pair name both cameras.
-    chosen = found if len(found) == 1 else [item for item in found if _is_from_left_to_right(item[0])]
+    chosen = found
+    if len(found) > 1:
+        chosen = [item for item in found if _is_from_left_to_right(item[0])]
+    baseline = None if found else _baseline(nodes, path)
+    if baseline is not None:
+        length, unit = baseline
+        return np.eye(3), np.array([-length, 0.0, 0.0]), unit
     if len(chosen) != 1:
-        if not found and (baseline := _baseline(nodes, path)) is not None:
-            return np.eye(3), np.array([-baseline[0], 0.0, 0.0]), baseline[1]
         words = "expected the extrinsics (rotation, translation) from the left to the right camera"
         raise DataError(f"{words}, found {len(chosen)}", path)
     _, R_value, t_value = chosen[0]
@@ -158,7 +162,9 @@ def _baseline(nodes: list[tuple[str, dict[str, Any]]], path: Path) -> tuple[floa
     """The baseline without extrinsics, and its unit if its name tells."""
     for _, node in nodes:
         for name, value in node.items():
-            if (match := BASELINE.fullmatch(name)) and not isinstance(value, (dict, list)):
-                unit = match["unit"]
-                return abs(float(numbers([value], 1, name, path)[0])), UNITS[unit.lower()] if unit else None
+            match = BASELINE.fullmatch(name)
+            if match is not None and not isinstance(value, (dict, list)):
+                length = abs(float(numbers([value], 1, name, path)[0]))
+                unit = UNITS[match["unit"].lower()] if match["unit"] else None
+                return length, unit
     return None

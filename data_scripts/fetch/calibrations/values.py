@@ -33,6 +33,7 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]
 
 
 def _matrix_mapping(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
+    """The mapping of a node with the tag of OpenCV's matrices."""
     mapping: dict[Any, Any] = loader.construct_mapping(node, deep=True)
     return mapping
 
@@ -42,7 +43,8 @@ _Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _matrix_mapping)
 
 def too_deep(text: str) -> bool:
     """Whether a text has more brackets than a calibration; parsers read nested brackets by recursion."""
-    return sum(map(text.count, ("[", "{", "<", "- ", "-\t"))) > MAX_BRACKETS
+    opening = ("[", "{", "<", "- ", "-\t")
+    return sum(text.count(bracket) for bracket in opening) > MAX_BRACKETS
 
 
 def yaml_mapping(text: str) -> dict[Any, Any]:
