@@ -39,4 +39,5 @@ def imported_folders() -> list[Path]:
 
 
 def _record_folder() -> Path:
+    """The folder with a file for each imported sequence, which has the path of its folder."""
     return cache_folder().parent / "imported"

@@ -348,6 +348,7 @@ def _has_16_bits(path: Path) -> bool:
 
 
 def _largest_value(path: Path) -> int:
+    """The largest grey value of an image, as stored."""
     return int(read_stored(path).max())
 
 

@@ -88,15 +88,20 @@ def _unnamed_remarks(counts: LabelCounts, choice: ClassChoice) -> list[str]:
         if number in choice.kinds:
             chosen_boxes += count
         else:
-            name = COCO[number] if number < len(COCO) else "not in COCO"
+            name = _coco_name(number) or "not in COCO"
             others.append(f"{number} ({name}): {count} boxes")
     if not others:
         return []
-    chosen = [f"{number} {COCO[number]}" if number < len(COCO) else str(number) for number in choice.kinds]
+    chosen = [f"{number} {_coco_name(number)}".strip() for number in choice.kinds]
     return [
         f"the labels have numbers without names: {chosen_boxes} boxes of class {listed(chosen)} (numbers of "
         f"COCO) count; the others do not, class {listed(others)}"
     ]
+
+
+def _coco_name(number: int) -> str:
+    """The name of COCO's class with a number; "" if COCO has none."""
+    return COCO[number] if number < len(COCO) else ""
 
 
 def _shape_remarks(counts: LabelCounts) -> list[str]:

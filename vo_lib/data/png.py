@@ -42,6 +42,7 @@ def valid_chunks(png: bytes) -> Iterator[Chunk]:
 
 
 def _checksum(kind: bytes, content: bytes) -> bytes:
+    """The last four bytes of a chunk."""
     return zlib.crc32(content, zlib.crc32(kind)).to_bytes(4)
 
 

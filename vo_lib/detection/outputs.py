@@ -104,7 +104,7 @@ def recognise(outputs: Sequence[Output], metadata: Metadata, width: int, height:
     if metadata.task not in ("", "detect", "segment"):
         what = TASKS.get(metadata.task, f"a model for the task {metadata.task[:20]!r}")
         raise UnusableOutput(f"is {what}, whose boxes the kit does not read; {REMEDY}")
-    tables = [k for k, output in enumerate(outputs) if table_of(output.values).ndim <= 2]
+    tables = [index for index, output in enumerate(outputs) if table_of(output.values).ndim <= 2]
     if len(tables) == 1 and table_of(outputs[tables[0]].values).ndim == 2:
         layout = _from_table(outputs, tables[0], metadata, width, height)
     elif len(tables) >= 2:
@@ -357,11 +357,11 @@ def _from_separate(
     boxes, boxes_first = _boxes_output(outputs, tables)
     table = table_of(outputs[boxes].values)
     rows = np.asarray(table.T if boxes_first else table, np.float64)
-    others = [k for k in tables if k != boxes]
+    others = [index for index in tables if index != boxes]
     number = _number_output(outputs, others)
-    others = [k for k in others if k != number]
-    lists = [k for k in others if outputs[k].values.size == len(rows)]  # one value for each box
-    wide = [k for k in others if k not in lists]
+    others = [index for index in others if index != number]
+    lists = [index for index in others if outputs[index].values.size == len(rows)]  # one value for each box
+    wide = [index for index in others if index not in lists]
     classes = None if metadata.names is None else len(metadata.names)
     if rows.shape[1] == 5:
         words = (
@@ -392,9 +392,9 @@ def _from_separate(
 
 def _number_output(outputs: Sequence[Output], others: Sequence[int]) -> int | None:
     """The one of `others`, numbers of outputs, that is the count of the boxes; None if there is none."""
-    for k in others:
-        if outputs[k].values.size == 1 and "num" in outputs[k].name.lower():
-            return k
+    for index in others:
+        if outputs[index].values.size == 1 and "num" in outputs[index].name.lower():
+            return index
     return None
 
 
@@ -413,15 +413,15 @@ def _score_table(outputs: Sequence[Output], scores: int, count: int) -> tuple[bo
 def _boxes_output(outputs: Sequence[Output], tables: Sequence[int]) -> tuple[int, bool]:
     """Number of the output with the boxes, and whether it is (columns, N)."""
     columns_first: dict[int, bool] = {}  # of the outputs that may be boxes
-    for k in tables:
-        shape = table_of(outputs[k].values).shape
+    for index in tables:
+        shape = table_of(outputs[index].values).shape
         if len(shape) != 2:
             continue
         if shape[1] in (4, 5):
-            columns_first[k] = False
+            columns_first[index] = False
         elif shape[0] == 4:
-            columns_first[k] = True
-    if not columns_first and len({outputs[k].values.shape for k in tables}) == 1:
+            columns_first[index] = True
+    if not columns_first and len({outputs[index].values.shape for index in tables}) == 1:
         words = "two heads, as of YOLOv9 with its auxiliary branch: convert the weights to those without it"
         raise _refusal(outputs, words)
     found = _probable_boxes(outputs, list(columns_first))
@@ -432,11 +432,15 @@ def _boxes_output(outputs: Sequence[Output], tables: Sequence[int]) -> tuple[int
 
 def _probable_boxes(outputs: Sequence[Output], numbers: list[int]) -> list[int]:
     """The one of these numbers of outputs that is boxes by its name or values; all if this does not tell."""
-    named = [k for k in numbers if re.search("box|det|loc", outputs[k].name.lower())]
+    named = [index for index in numbers if re.search("box|det|loc", outputs[index].name.lower())]
     if len(named) == 1:
         return named
     # Scores are from 0 to 1, so a single output with other values is the boxes.
-    not_scores = [k for k in numbers if not is_share(np.asarray(outputs[k].values, np.float64)).all()]
+    not_scores = []
+    for index in numbers:
+        values = np.asarray(outputs[index].values, np.float64)
+        if not is_share(values).all():
+            not_scores.append(index)
     if len(not_scores) == 1:
         return not_scores
     return numbers

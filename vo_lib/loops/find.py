@@ -122,6 +122,7 @@ def compare_places(
 
     @functools.lru_cache(PAIRS_KEPT)
     def described(frame: int) -> DescribedPair:
+        """The features of a frame's stereo pair."""
         return describe_pair(sequence.stereo(frame), features, matching)
 
     for first, second in pairs.tolist():
