@@ -21,16 +21,20 @@ from ..geometry.camera import StereoCamera
 from ..geometry.matches import StereoMatches
 from ..geometry.motion import inverse, nearest_rotation
 from ..geometry.result import FrameResult
-from ..geometry.types import Array, BoolArray, Image, Progress
+from ..geometry.types import Array, Image, Progress
 from ..kit.settings import KitConfig
 from ..paper.odometry import Odometry, StepResult
 from ..paper.settings import FilterConfig, MethodConfig
 from ..paper.viso2 import Viso2
 from .front_end import TimedMatches, find_matches
 
-# A published run imports nothing from vo_lib.kit but its settings.
+# A published run imports nothing from vo_lib.kit but its settings, so the rest of it is imported where a run
+# of variant `kit` needs it.
 if TYPE_CHECKING:
+    from ..kit.box_rules import OnMoving
     from ..kit.calibration import Calibration
+
+FREED_FLOATS = 2**21  # 16 MB, see `_keep_freed_memory`
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,9 +43,10 @@ class Run:
 
     Attributes
     ----------
-    sequence : the input; config : the settings.
+    sequence : the input.
+    config : the settings.
     poses : (N, 4, 4) T_w_c of the left camera, metres; the first pose is the identity.
-    motions : (N - 1) motions from each frame to the next.
+    motions : N - 1 motions, from each frame to the next.
     calibration : calibration errors estimated up to the last frame; None for `published`.
     """
 
@@ -78,7 +83,7 @@ class Frame:
     index : number of the frame in the sequence, from 0.
     matches : matches with the previous frame, outside the masks; frame 0 has none.
     boxes : boxes of the chosen classes in the left image.
-    ms : milliseconds of each stage so far.
+    ms : milliseconds of each stage that the frame has behind it, by its name.
     """
 
     index: int
@@ -102,25 +107,28 @@ def frames(
     DataError : an image or a label file is invalid, or the label folder has no box of a chosen class.
     """
     boxes_of = boxes_for(sequence, config.filter)
-    for index, (given, ms) in enumerate(_matches(sequence, config, matches)):
-        yield Frame(index, given, boxes_of(index), ms)
+    for index, (frame_matches, ms) in enumerate(_matches_outside_masks(sequence, config, matches)):
+        yield Frame(index, frame_matches, boxes_of(index), ms)
 
 
-def _matches(
+def _matches_outside_masks(
     sequence: Sequence, config: MethodConfig, matches: Iterable[TimedMatches] | None
 ) -> Iterator[TimedMatches]:
-    """The given or computed matches of each frame, outside the masks."""
+    """The matches of each frame outside the masks: the given ones or, for None, computed from the images."""
     _keep_freed_memory()
     with single_threaded():
-        yield from unmasked(sequence, find_matches(sequence, config) if matches is None else matches)
+        all_matches = find_matches(sequence, config) if matches is None else matches
+        yield from unmasked(sequence, all_matches)
 
 
 def boxes_for(sequence: Sequence, rule: FilterConfig) -> Callable[[int], Boxes]:
-    """A function that returns the boxes of a frame that count for a box rule, by index.
+    """A function of a frame's index that returns the frame's boxes of the classes that count for a box rule.
 
-    For a rule without boxes, they serve for pictures only; a label folder without vehicles has none.
+    For a rule that removes nothing, the boxes are only drawn: so labels without such classes give no boxes.
 
-    Raises `DataError` as `Sequence.require_boxes` and `Sequence.boxes_of`.
+    Raises
+    ------
+    DataError : for a rule with boxes, as `Sequence.require_boxes` and `Sequence.boxes_of`.
     """
     if rule.uses_boxes:
         sequence.require_boxes(rule.classes)
@@ -132,7 +140,7 @@ def boxes_for(sequence: Sequence, rule: FilterConfig) -> Callable[[int], Boxes]:
 
 
 def _boxes_key(config: MethodConfig) -> tuple[bool, tuple[str, ...]]:
-    """What decides about the boxes of a method: methods with equal keys share them."""
+    """The settings that `boxes_for` depends on: methods with equal keys share the boxes of a frame."""
     return config.filter.uses_boxes, config.filter.classes
 
 
@@ -142,11 +150,7 @@ class MethodRun:
     def __init__(self, sequence: Sequence, config: MethodConfig, calibration: Calibration | None = None):
         self.sequence = sequence
         self.config = config
-        on_moving = None
-        if config.filter.rule == "truth":
-            from ..data.truth import matches_on_moving
-
-            on_moving = functools.partial(matches_on_moving, sequence)
+        on_moving = _truth_about_moving(sequence, config)
         self.odometry = make_odometry(sequence.camera, config, calibration, on_moving)
         self.motions: list[FrameResult] = []
 
@@ -161,26 +165,51 @@ class MethodRun:
         return result
 
     def result(self) -> Run:
-        """The result of the run, after all frames."""
+        """The result of the run, after all frames.
+
+        Each pose follows from the one before: T_w_c(k) = T_w_c(k - 1) inverse(T_cp(k)).
+        """
         poses = [np.eye(4)]
         for motion in self.motions:
             T_w_c = poses[-1] @ inverse(motion.T_cp)
-            T_w_c[:3, :3] = nearest_rotation(T_w_c[:3, :3])
+            T_w_c[:3, :3] = nearest_rotation(T_w_c[:3, :3])  # rounding errors would add up
             poses.append(T_w_c)
-        calibration = getattr(self.odometry, "calibration", None)  # only variant `kit` has a calibration
+        calibration = _estimated_calibration(self.odometry)
         return Run(self.sequence, self.config, np.array(poses), self.motions, calibration)
+
+
+def _truth_about_moving(sequence: Sequence, config: MethodConfig) -> OnMoving | None:
+    """The function that tells the matches on moving vehicles, for the box rule `truth`; otherwise None."""
+    if config.filter.rule != "truth":
+        return None
+    from ..data.truth import matches_on_moving
+
+    return functools.partial(matches_on_moving, sequence)
+
+
+def _estimated_calibration(odometry: Odometry) -> Calibration | None:
+    """The calibration errors that an odometry of variant `kit` has estimated; None for `published`."""
+    if not isinstance(odometry.config, KitConfig):
+        return None
+    from ..kit.kit_odometry import SelfCalibratingOdometry
+
+    return odometry.calibration if isinstance(odometry, SelfCalibratingOdometry) else None
 
 
 def make_odometry(
     camera: StereoCamera,
     config: MethodConfig,
     calibration: Calibration | None = None,
-    on_moving: Callable[[int, StereoMatches], BoolArray] | None = None,
+    on_moving: OnMoving | None = None,
 ) -> Odometry:
     """The odometry for a configuration: the paper's method, VISO2, or a method of variant `kit`.
 
-    Variant `kit` uses initial calibration errors, and the truth about moving vehicles for the box rule
-    `truth`; see `kit.kit_odometry`.
+    Only variant `kit` uses the last two parameters, see `kit.kit_odometry`.
+
+    Parameters
+    ----------
+    calibration : initial calibration errors.
+    on_moving : tells which matches are on moving vehicles, for the box rule `truth`.
     """
     if isinstance(config, KitConfig):
         from ..kit.kit_odometry import make_kit_odometry
@@ -194,23 +223,25 @@ def make_odometry(
 def _keep_freed_memory() -> None:
     """Make the C library keep freed memory for the next frame; without an effect on the results.
 
-    After one block of 16 MB has been freed, glibc no longer returns freed memory to the system and fetches it
-    again page by page, which takes an eighth of the time of a frame with cached matches.
+    Usually glibc returns freed memory to the system and fetches it again page by page, which takes an eighth
+    of the time of a frame with cached matches. It no longer does so after a block of 16 MB has been freed, so
+    such a block is made here; it is freed at once, since nothing keeps it.
     """
-    np.empty(1 << 21)
+    np.empty(FREED_FLOATS)
 
 
-def unmasked(sequence: Sequence, given: Iterable[TimedMatches]) -> Iterator[TimedMatches]:
+def unmasked(sequence: Sequence, timed_matches: Iterable[TimedMatches]) -> Iterator[TimedMatches]:
     """The matches of each frame that are outside the masks of the frame and of the previous frame."""
     if sequence.masks is None:
-        yield from given
+        yield from timed_matches
         return
-    before: Image | None = None
-    for (matches, ms), mask in zip(given, sequence.mask_images(), strict=False):
-        if before is not None:
-            covered = at_pixels(before, matches.prev_left) | at_pixels(mask, matches.cur_left)
+    previous_mask: Image | None = None
+    # A single mask for all frames is repeated endlessly, so the matches end first.
+    for (matches, ms), mask in zip(timed_matches, sequence.mask_images(), strict=False):
+        if previous_mask is not None:
+            covered = at_pixels(previous_mask, matches.prev_left) | at_pixels(mask, matches.cur_left)
             matches = matches[covered == 0]
-        before = mask
+        previous_mask = mask
         yield matches, ms
 
 
@@ -221,8 +252,9 @@ def run(
     *,
     calibration: Calibration | None = None,
 ) -> Run:
-    """Visual odometry over a sequence; arguments as in `run_methods`."""
-    return run_methods(sequence, {"": config}, progress, calibration=calibration)[""]
+    """Visual odometry of one method over a sequence; arguments and exceptions as in `run_methods`."""
+    (result,) = run_methods(sequence, {"method": config}, progress, calibration=calibration).values()
+    return result
 
 
 def run_methods(
@@ -252,12 +284,13 @@ def run_methods(
     if len(front_ends) != 1:
         raise ValueError("the methods need the same feature and matching settings to share their matches")
     method_runs = {name: MethodRun(sequence, config, calibration) for name, config in configs.items()}
+    # A label file is read once for all methods that take the same boxes from it.
     boxes_of = {_boxes_key(config): boxes_for(sequence, config.filter) for config in configs.values()}
-    any_config = next(iter(configs.values()))
-    for index, (given, ms) in enumerate(_matches(sequence, any_config, matches)):
-        boxes = {key: of_frame(index) for key, of_frame in boxes_of.items()}
+    any_config = next(iter(configs.values()))  # they have one front end
+    for index, (frame_matches, ms) in enumerate(_matches_outside_masks(sequence, any_config, matches)):
+        boxes = {key: boxes_of_frame(index) for key, boxes_of_frame in boxes_of.items()}
         for method_run in method_runs.values():
-            frame = Frame(index, given, boxes[_boxes_key(method_run.config)], ms)
+            frame = Frame(index, frame_matches, boxes[_boxes_key(method_run.config)], ms)
             if index == 0:
                 method_run.start(frame)
             else:

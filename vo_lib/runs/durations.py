@@ -12,16 +12,17 @@ from dataclasses import dataclass
 DETECTION = "detection"  # the kind of the detector's tasks
 MINUTE_S = 60.0
 HOUR_S = 3600.0
-# An estimate is corrected if it is wrong by more than this factor, and if more than this time is left.
+# The first estimate is corrected if it is wrong by more than this factor, and if more than this time is left.
 CORRECTED_FACTOR = 1.5
 CORRECTED_S = 60.0
 
 
 @dataclass(frozen=True)
 class Task:
-    """Work on a number of frames.
+    """Work on a number of frames: the matches of a sequence, a run, or the detection of its boxes.
 
-    Tasks of one `kind` take the same time per frame, and tasks of one `family` a similar one.
+    Tasks of one `kind` take the same time per frame, and tasks of one `family` a similar one. A kind has, for
+    instance, one method with one set of settings; a family has all runs of a variant.
     """
 
     kind: Hashable
@@ -32,7 +33,8 @@ class Task:
 class Durations:
     """The time per frame of each kind of task, and the number of processes.
 
-    The tasks of this call count; for a kind without one, those that were done earlier and kept.
+    It is the time of the tasks that this call of a command has done. For a kind of which it did none, it is
+    the time of earlier calls, whose results were kept.
 
     Attributes
     ----------
@@ -56,17 +58,17 @@ class Durations:
 
     def has_measured(self, kind: Hashable | None = None) -> bool:
         """Whether a task of this kind, by default of any kind, was done in this call."""
-        return bool(self._measured.frames if kind is None else self._measured.frames.get(kind))
+        return self._measured.has_any() if kind is None else self._measured.knows(kind)
 
     def seconds_of(self, task: Task, by_family: bool = False) -> float | None:
         """Estimated seconds of a task in one process; None if no task of its kind is known.
 
         by_family : for an unknown kind, take the tasks of its family in this call.
         """
-        for rates, name in ((self._measured, task.kind), (self._kept, task.kind)):
-            if rates.frames.get(name):
-                return rates.seconds_of(name, task.frames)
-        if by_family and self._families.frames.get(task.family):
+        for rates in (self._measured, self._kept):
+            if rates.knows(task.kind):
+                return rates.seconds_of(task.kind, task.frames)
+        if by_family and self._families.knows(task.family):
             return self._families.seconds_of(task.family, task.frames)
         return None
 
@@ -78,29 +80,41 @@ class Durations:
         """
         total = 0.0
         for stage in stages:
-            ends = [0.0] * self.workers  # when each process is free
+            free_at = [
+                0.0
+            ] * self.workers  # when each process is free again: a heap, so the first is free first
             for task in stage:
                 seconds = self.seconds_of(task, by_family)
                 if seconds is None:
                     return None
-                heapq.heapreplace(ends, ends[0] + seconds)
-            total += max(ends)
+                heapq.heapreplace(free_at, free_at[0] + seconds)
+            total += max(free_at)
         return total
 
 
 class _Rates:
-    """Frames and seconds by name, added up."""
+    """The time per frame of groups of tasks: the kinds, or the families."""
 
     def __init__(self) -> None:
-        self.frames: dict[Hashable, int] = {}
-        self.seconds: dict[Hashable, float] = {}
+        self._frames: dict[Hashable, int] = {}
+        self._seconds: dict[Hashable, float] = {}
 
-    def add(self, name: Hashable, frames: int, seconds: float) -> None:
-        self.frames[name] = self.frames.get(name, 0) + frames
-        self.seconds[name] = self.seconds.get(name, 0.0) + seconds
+    def add(self, group: Hashable, frames: int, seconds: float) -> None:
+        """Count a task of a group."""
+        self._frames[group] = self._frames.get(group, 0) + frames
+        self._seconds[group] = self._seconds.get(group, 0.0) + seconds
 
-    def seconds_of(self, name: Hashable, frames: int) -> float:
-        return self.seconds[name] * frames / self.frames[name]
+    def has_any(self) -> bool:
+        """Whether any task was counted."""
+        return bool(self._frames)
+
+    def knows(self, group: Hashable) -> bool:
+        """Whether a task of this group, with at least one frame, was counted."""
+        return self._frames.get(group, 0) > 0
+
+    def seconds_of(self, group: Hashable, frames: int) -> float:
+        """The time of a number of frames of a group that `knows` knows, seconds."""
+        return self._seconds[group] * frames / self._frames[group]
 
 
 class Forecast:
@@ -116,16 +130,18 @@ class Forecast:
         said: Callable[[float, bool], None],
         clock: Callable[[], float] = time.monotonic,
     ):
-        """Tasks of stages that follow each other.
+        """Begin before the first task is done.
 
+        stages : the tasks of each stage; a stage begins when the one before is done.
         said : called with the estimated seconds of the rest, and whether this corrects the first estimate.
+        clock : returns the time in seconds, for tests.
         """
         self._durations = durations
         self._waiting = [Counter(stage) for stage in stages]
         self._said = said
         self._clock = clock
-        self._first: float | None = None  # the first estimate, and when it was made
-        self._start = 0.0
+        self._first_estimate: float | None = None  # seconds, from the time below on
+        self._estimated_at = 0.0
         self._corrected = False
         self._lock = threading.Lock()
 
@@ -138,28 +154,31 @@ class Forecast:
                 if stage[task]:
                     stage[task] -= 1
                     break
-            if self._first is not None and not self._corrected:
-                self._correct(self._first)
+            if self._first_estimate is not None and not self._corrected:
+                self._correct(self._first_estimate)
 
     def say(self) -> None:
         """Say how long the rest will take, unless nothing is left or nothing is known."""
         with self._lock:
             rest = self._rest()
             if rest:
-                self._first = rest
-                self._start = self._clock()
+                self._first_estimate = rest
+                self._estimated_at = self._clock()
                 self._said(rest, False)
 
     def _rest(self) -> float | None:
-        return self._durations.estimate(*(stage.elements() for stage in self._waiting), by_family=True)
+        """Estimated seconds of the tasks that are not done; None if nothing is known of one of them."""
+        stages = [stage.elements() for stage in self._waiting]
+        return self._durations.estimate(*stages, by_family=True)
 
-    def _correct(self, first: float) -> None:
+    def _correct(self, first_estimate: float) -> None:
         """Say the rest once more if the first estimate was much wrong."""
         rest = self._rest()
         if rest is None or rest < CORRECTED_S:
             return
-        whole = self._clock() - self._start + rest
-        if max(whole, first) > CORRECTED_FACTOR * min(whole, first):
+        better_estimate = self._clock() - self._estimated_at + rest
+        longer = max(better_estimate, first_estimate)
+        if longer > CORRECTED_FACTOR * min(better_estimate, first_estimate):
             self._corrected = True
             self._said(rest, True)
 
@@ -169,11 +188,11 @@ def duration_words(seconds: float) -> str:
     if seconds < MINUTE_S:
         return f"{max(seconds, 1.0):.0f} s"
     if seconds < 10 * MINUTE_S:
-        tens = round(seconds / 10)
-        return f"{tens // 6} min {10 * (tens % 6)} s".replace(" 0 s", "")
+        minutes, tens_of_seconds = divmod(round(seconds / 10), 6)
+        return f"{minutes} min {10 * tens_of_seconds} s" if tens_of_seconds else f"{minutes} min"
     if seconds < HOUR_S:
         return f"{seconds / MINUTE_S:.0f} min"
     if seconds < 10 * HOUR_S:
-        tens = round(seconds / (10 * MINUTE_S))
-        return f"{tens // 6} h {10 * (tens % 6)} min".replace(" 0 min", "")
+        hours, tens_of_minutes = divmod(round(seconds / (10 * MINUTE_S)), 6)
+        return f"{hours} h {10 * tens_of_minutes} min" if tens_of_minutes else f"{hours} h"
     return f"{seconds / HOUR_S:.0f} h"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import itertools
 import json
 import math
 import os
@@ -44,38 +43,57 @@ from .front_end import exchanged_cameras
 from .identity import machine_info
 
 CONFIG = "config.json"
-LOG = "frames.csv"
+LOG = "frames.csv"  # a row for each frame but the first
 METRICS = "metrics.json"
 POSES = "poses.txt"
 POSES_TUM = "poses_tum.txt"
 CALIBRATION = "calibration.json"
 PICTURE = "trajectory.png"
-# In config.json: a digest that shows whether somebody has edited the settings.
-SETTINGS_DIGEST = "settings_digest"
-DETECTOR_OF_BOXES = "detector_of_boxes"  # in config.json: which detector, if it was one
-DETECTOR_INPUTS = ("model", "sha256", "provider", "settings", "classes")  # of the record that are kept there
-MAX_CONTRADICTED_SHARE = 0.1  # of the frames; a run with more is told that its path is probably wrong
 # Only after the closing of loops.
 LOOPS = "loops.csv"
 LOOPS_POSES = "poses_loops.txt"
 RUN_FILES = (CONFIG, POSES, POSES_TUM, LOG, CALIBRATION, METRICS, PICTURE, LOOPS, LOOPS_POSES)
-USUAL_SHARE_MEASURED = 0.5  # of the motions; with fewer, the order of the cameras is checked
-# Values of config.json that are read back, with their types; "frames" has two texts.
+
+# Fields of config.json beside the identity of the run: a digest that shows whether somebody has edited the
+# settings, and what the record of the detector says of it, if a detector made the boxes.
+SETTINGS_DIGEST = "settings_digest"
+DETECTOR_OF_BOXES = "detector_of_boxes"
+DETECTOR_INPUTS = ("model", "sha256", "provider", "settings", "classes")  # the fields of that record
+# The type of each value that is read back, and its name in messages. "frames", with two texts, is read apart.
 CONFIG_VALUES: dict[str, tuple[type, str]] = {
-    **dict.fromkeys(("method", "variant", "sequence"), (str, "a text")),
-    **dict.fromkeys(("camera", "made_with", "files"), (dict, "an object")),
+    "method": (str, "a text"),
+    "variant": (str, "a text"),
+    "sequence": (str, "a text"),
+    "camera": (dict, "an object"),
+    "made_with": (dict, "an object"),
+    "files": (dict, "an object"),
 }
-WRITTEN_BY_RUNS = ("method", "variant", "frames", "images", "made_with")  # not all of it by a person
+# A config.json that a person writes, for --config, does not have all of these fields.
+WRITTEN_BY_RUNS = ("method", "variant", "frames", "images", "made_with")
+
+# Columns of frames.csv: the counts, by attribute of `FrameResult`, and the stages, each with a time.
 COUNTS = {"matches": "matches", "removed": "removed_by_boxes", "used": "used", "inliers": "inliers"}
 STAGES = ("wait_images", "matching", "cached_matches", "filter", "rotation", "translation", "calibration")
+
+# Limits beyond which a run has a warning.
+MAX_CONTRADICTED_SHARE = 0.1  # of the motions: with more of them, the path is probably wrong
+USUAL_SHARE_MEASURED = 0.5  # of the motions: with fewer, the order of the cameras is checked
+NOTHING_OR_ALL_REMOVED = ("0.0", "100.0")  # % of the features, as printed
+
+# The classes of earlier versions, which were numbers of COCO, and what they were by default: car, bus, truck.
+FORMER_VEHICLES = [2, 5, 7]
 
 
 @contextmanager
 def run_folder(folder: str | Path) -> Iterator[Path]:
     """A folder for results, created if it is missing.
 
-    Created folders that are still empty at the end are removed. The folder of a sequence is refused, since a
-    run's poses.txt would replace the ground truth.
+    Created folders that are still empty at the end are removed.
+
+    Raises
+    ------
+    DataError : the name is empty, the folder cannot be created, or it is the folder of a sequence, in which a
+        run's poses.txt would replace the ground truth.
     """
     if not str(folder):
         raise DataError("the folder's name is empty: give a folder for the results")
@@ -98,8 +116,9 @@ def run_folder(folder: str | Path) -> Iterator[Path]:
 def refuse_foreign_files(folder: Path, fresh: bool = False) -> None:
     """Raise `DataError` if a folder contains files that no run of the kit wrote.
 
-    A folder is the kit's if it has the config.json of a run, or the lock of a process that was killed. With
-    `fresh`, files that a run does not replace are allowed.
+    A folder is the kit's if it has the config.json of a run, or the lock of a process that was killed.
+
+    fresh : allow other files, as long as a run does not replace them.
     """
     if is_finished(folder):
         return
@@ -131,10 +150,12 @@ def changed_files(folder: Path) -> list[str]:
     if not is_finished(folder):
         return []
     digests = read_config(folder).get("files", {})
-    return [name for name in RUN_FILES if name in digests and _digest_or_none(folder / name) != digests[name]]
+    written = [name for name in RUN_FILES if name in digests]
+    return [name for name in written if _digest_or_none(folder / name) != digests[name]]
 
 
 def _digest_or_none(path: Path) -> str | None:
+    """SHA-256 of a file, or None."""
     try:
         return file_sha256(path)
     except DataError:  # a missing or unreadable file
@@ -142,14 +163,15 @@ def _digest_or_none(path: Path) -> str | None:
 
 
 def evaluate_run(result: Run) -> dict[str, Evaluation]:
-    """Errors of a run by kind, with speeds from the sequence's times; empty without ground truth.
+    """Errors of a run, with speeds from the sequence's times; empty without ground truth.
 
-    "kitti" has the benchmark's lengths and starts, "short" (only for short paths) has short lengths.
+    They are named after the sub-sequences: "kitti" has the benchmark's lengths and starts, and "short", only
+    for a path that is too short for all of these lengths, has shorter ones.
     """
     sequence = result.sequence
-    estimates = {result.sequence.name: result.poses}
     if sequence.truth is None:
         return {}
+    estimates = {sequence.name: result.poses}
     is_part = sequence.is_part
     errors = {"kitti": evaluate(sequence.truth, estimates, times=sequence.times, is_part=is_part)}
     if trajectory_distances(sequence.truth)[-1] < KITTI_LENGTHS[-1]:
@@ -164,6 +186,8 @@ def write_run(folder: Path, result: Run, identity: dict[str, Any]) -> None:
     config.json has the SHA-256 of the other files.
 
     identity : result of `identity.run_identity`.
+
+    Raises `DataError` if the folder cannot be written.
     """
     sequence = result.sequence
     metrics: dict[str, Any] = {kind: errors.to_dict() for kind, errors in evaluate_run(result).items()}
@@ -172,7 +196,7 @@ def write_run(folder: Path, result: Run, identity: dict[str, Any]) -> None:
         "lost": path_lost(result),
         "warnings": warnings_of(result),
     }
-    # A picture and loops are of the run before, and so is a calibration without a successor.
+    # Files of an earlier run in this folder that this function does not replace are deleted.
     stale = [PICTURE, LOOPS, LOOPS_POSES]
     if result.calibration is None:
         stale.append(CALIBRATION)
@@ -183,13 +207,16 @@ def write_run(folder: Path, result: Run, identity: dict[str, Any]) -> None:
         if result.calibration is not None:
             write_atomic(draft / CALIBRATION, result.calibration.to_json())
         write_atomic(draft / METRICS, _json(metrics))
-        digests = {path.name: file_sha256(path) for path in sorted(draft.iterdir())}
-        about: dict[str, Any] = {"timing": timing(result), "machine_info": machine_info(), "files": digests}
-        about[SETTINGS_DIGEST] = _digest_of_settings(identity["settings"])
-        about[DETECTOR_OF_BOXES] = _detector_of_boxes(result)
-        write_atomic(
-            draft / (CONFIG + DRAFT), _json(identity | about | {"folder": str(sequence.folder.resolve())})
-        )
+        about_run: dict[str, Any] = {
+            "timing": timing(result),
+            "machine_info": machine_info(),
+            "files": {path.name: file_sha256(path) for path in sorted(draft.iterdir())},
+            SETTINGS_DIGEST: _digest_of_settings(identity["settings"]),
+            DETECTOR_OF_BOXES: _detector_of_boxes(result),
+            "folder": str(sequence.folder.resolve()),
+        }
+        # Under this name, a search for finished runs does not find it (`written_together`).
+        write_atomic(draft / (CONFIG + DRAFT), _json(identity | about_run))
 
 
 def _detector_of_boxes(result: Run) -> dict[str, Any] | None:
@@ -203,50 +230,81 @@ def _detector_of_boxes(result: Run) -> dict[str, Any] | None:
 
 def path_lost(result: Run) -> bool:
     """Whether more than `MAX_MISSING_FRAMES` frames in a row have no measured motion."""
-    groups = itertools.groupby(motion.measured for motion in result.motions)
-    return any(len(list(group)) > MAX_MISSING_FRAMES for measured, group in groups if not measured)
+    missing_in_a_row = 0
+    for motion in result.motions:
+        missing_in_a_row = 0 if motion.measured else missing_in_a_row + 1
+        if missing_in_a_row > MAX_MISSING_FRAMES:
+            return True
+    return False
 
 
 def warnings_of(result: Run) -> list[str]:
-    """Warnings about the input and the motions of a run, one sentence each."""
-    warnings = []
+    """Warnings about the times, the motions, the cameras and the boxes of a run, one sentence each."""
+    possible = [
+        _warning_about_times(result),
+        _warning_about_stereo(result),
+        _warning_about_cameras(result),
+        _warning_about_boxes(result),
+    ]
+    return [warning for warning in possible if warning]
+
+
+def _warning_about_times(result: Run) -> str:
+    """A warning if the times are no seconds of a camera, or may be numbers of frames; otherwise ""."""
     seconds = float(np.median(np.diff(result.sequence.times)))
     shortest, longest = FRAME_INTERVALS_S
     if not shortest <= seconds <= longest:
         expected = f"expected {shortest:g} to {longest:g} s: speeds are wrong"
-        warnings.append(f"times.txt has an interval of {seconds:.3g} s between frames, {expected}")
-    elif are_frame_numbers(result.sequence.times):
-        warnings.append("times.txt has whole numbers: if these are numbers of frames, speeds are wrong")
+        return f"times.txt has an interval of {seconds:.3g} s between frames, {expected}"
+    if are_frame_numbers(result.sequence.times):
+        return "times.txt has whole numbers: if these are numbers of frames, speeds are wrong"
+    return ""
+
+
+def _warning_about_stereo(result: Run) -> str:
+    """A warning if the depths of the stereo pairs contradict many motions; otherwise ""."""
     contradicted = sum(Flag.CONTRADICTS_STEREO in motion.flags for motion in result.motions)
-    if contradicted > MAX_CONTRADICTED_SHARE * len(result.motions):
-        warnings.append(
-            f"stereo contradicts the motion of {contradicted} of {len(result.motions)} frames, so the path "
-            "is probably wrong: a wall or a repeated pattern fits several motions, a wrong calibration none; "
-            f"the frames are marked {Flag.CONTRADICTS_STEREO} in {LOG}"
-        )
-    measured = np.mean([motion.measured for motion in result.motions])
-    if measured < USUAL_SHARE_MEASURED and exchanged_cameras(result.sequence):
-        warnings.append(
-            "the rows of left and right images agree, but the disparities are negative: the cameras are "
-            "exchanged, so exchange the left and the right images"
-        )
-    if result.config.filter.uses_boxes and result.sequence.labels is not None:
-        shown = f"{100 * result.removed_share:.1f}"
-        if shown in ("0.0", "100.0"):
-            warnings.append(
-                f"{shown} % of the features are removed in boxes: do the labels belong to these images, and "
-                "do their classes count (filter.classes)?"
-            )
-    return warnings
+    if contradicted <= MAX_CONTRADICTED_SHARE * len(result.motions):
+        return ""
+    return (
+        f"stereo contradicts the motion of {contradicted} of {len(result.motions)} frames, so the path "
+        "is probably wrong: a wall or a repeated pattern fits several motions, a wrong calibration none; "
+        f"the frames are marked {Flag.CONTRADICTS_STEREO} in {LOG}"
+    )
+
+
+def _warning_about_cameras(result: Run) -> str:
+    """A warning if few motions were measured, since the cameras are exchanged; otherwise ""."""
+    few_measured = np.mean([motion.measured for motion in result.motions]) < USUAL_SHARE_MEASURED
+    if not few_measured or not exchanged_cameras(result.sequence):
+        return ""
+    return (
+        "the rows of left and right images agree, but the disparities are negative: the cameras are "
+        "exchanged, so exchange the left and the right images"
+    )
+
+
+def _warning_about_boxes(result: Run) -> str:
+    """A warning if a method with boxes removed no feature, or all of them; otherwise ""."""
+    if not result.config.filter.uses_boxes or result.sequence.labels is None:
+        return ""
+    percent = f"{100 * result.removed_share:.1f}"
+    if percent not in NOTHING_OR_ALL_REMOVED:
+        return ""
+    return (
+        f"{percent} % of the features are removed in boxes: do the labels belong to these images, and "
+        "do their classes count (filter.classes)?"
+    )
 
 
 def timing(result: Run) -> dict[str, Any]:
     """Mean milliseconds per frame, of each stage and in total."""
-    stages = [stage for stage in STAGES if any(stage in motion.ms for motion in result.motions)]
-    mean = {}
-    for stage in stages:
-        mean[stage] = float(np.mean([motion.ms.get(stage, 0.0) for motion in result.motions]))
-    return {"ms_per_frame": result.ms_per_frame, "ms_per_frame_of": mean}
+    mean_of_stage = {}
+    for stage in STAGES:
+        if any(stage in motion.ms for motion in result.motions):
+            of_frames = [motion.ms.get(stage, 0.0) for motion in result.motions]
+            mean_of_stage[stage] = float(np.mean(of_frames))
+    return {"ms_per_frame": result.ms_per_frame, "ms_per_frame_of": mean_of_stage}
 
 
 def read_config(path: Path) -> dict[str, Any]:
@@ -257,12 +315,15 @@ def read_config(path: Path) -> dict[str, Any]:
     if not isinstance(data.get("settings"), dict):
         raise DataError(f"expected {expected}", path)
     for name, (kind, words) in CONFIG_VALUES.items():
-        if not isinstance(data.get(name, kind()), kind):
+        if name in data and not isinstance(data[name], kind):
             raise DataError(f"{name}: expected {words}, as written by `vo run`", path)
-    frames = data.get("frames", ["", ""])
-    if not (isinstance(frames, list) and len(frames) == 2 and all(isinstance(each, str) for each in frames)):
+    if "frames" in data and not _are_two_texts(data["frames"]):
         raise DataError("frames: expected the names of the first and the last frame", path)
     return data
+
+
+def _are_two_texts(value: object) -> bool:
+    return isinstance(value, list) and len(value) == 2 and all(isinstance(each, str) for each in value)
 
 
 def is_as_written(data: dict[str, Any]) -> bool:
@@ -272,15 +333,17 @@ def is_as_written(data: dict[str, Any]) -> bool:
     """
     if not all(name in data for name in WRITTEN_BY_RUNS):
         return False
-    return data.get(SETTINGS_DIGEST, "") in ("", _digest_of_settings(data["settings"]))
+    digest = data.get(SETTINGS_DIGEST, "")
+    return digest in ("", _digest_of_settings(data["settings"]))
 
 
 def _digest_of_settings(values: dict[str, Any]) -> str:
+    """A digest of the settings in config.json, 16 hexadecimal digits."""
     return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def settings_in(data: dict[str, Any], path: Path) -> MethodConfig:
-    """The settings in the content of config.json; a `DataError` names the file."""
+    """The settings in the content of the config.json at `path`; a `DataError` names this file."""
     try:
         values = _with_class_names(data["settings"])
         config: MethodConfig = settings.from_dict(config_class(str(data.get("variant"))), values)
@@ -290,13 +353,18 @@ def settings_in(data: dict[str, Any], path: Path) -> MethodConfig:
 
 
 def _with_class_names(values: dict[str, Any]) -> dict[str, Any]:
-    """Settings in which the class numbers of earlier versions are words; their default is the default."""
-    rule = values.get("filter")
-    classes = rule.get("classes") if isinstance(rule, dict) else None
+    """Settings in which classes are texts, as now, and not the numbers of earlier versions.
+
+    The numbers that were the default become the present default, `VEHICLES`.
+    """
+    box_rule = values.get("filter")
+    if not isinstance(box_rule, dict):
+        return values
+    classes = box_rule.get("classes")
     if not isinstance(classes, list) or not all(type(number) is int for number in classes):
         return values
-    words = [VEHICLES] if classes == [2, 5, 7] else list(map(str, classes))
-    return values | {"filter": values["filter"] | {"classes": words}}
+    texts = [VEHICLES] if classes == FORMER_VEHICLES else [str(number) for number in classes]
+    return values | {"filter": box_rule | {"classes": texts}}
 
 
 def is_finished(folder: Path) -> bool:
@@ -322,43 +390,54 @@ def read_run(folder: Path, sequence: Sequence) -> Run:
     frame.
     """
     changed = changed_files(folder)
+    if not changed:
+        return _parse_run(folder, sequence)
     fault = ""
     try:
-        result = _parse_run(folder, sequence)
+        _parse_run(folder, sequence)
     except DataError as error:
-        if not changed:
-            raise
         fault = f" ({str(error).removeprefix(f'{folder}/')})"
-    if changed:
-        raise DataError(
-            f"is missing or is not as the run wrote it: repeat the run{fault}", folder / changed[0]
-        )
-    return result
+    raise DataError(f"is missing or is not as the run wrote it: repeat the run{fault}", folder / changed[0])
 
 
 def _parse_run(folder: Path, sequence: Sequence) -> Run:
     """The run in a folder; a `DataError` names a file that is missing or damaged."""
     config = settings_in(read_config(folder), folder / CONFIG)
     poses = read_kitti_poses(folder / POSES)
-    path = folder / LOG
-    (_, heading), *lines = read_csv(path) or [(1, [])]
-    rows = [dict(zip(heading, cells, strict=False)) for _, cells in lines]
+    rows = _read_log(folder / LOG)
     if len(poses) != len(sequence) or len(rows) != len(sequence) - 1:
-        raise DataError(f"expected a row for each of the {len(sequence)} frames of {sequence.name}", path)
+        raise DataError(
+            f"expected a row for each of the {len(sequence)} frames of {sequence.name}", folder / LOG
+        )
     T_cp = inverse(poses[1:]) @ poses[:-1]
     try:
-        motions = [_read_motion(row, T) for row, T in zip(rows, T_cp, strict=True)]
+        motions = [_read_motion(row, T_cp_of_frame) for row, T_cp_of_frame in zip(rows, T_cp, strict=True)]
     except (KeyError, ValueError):
-        raise DataError("expected the columns of a per-frame log, as written by `vo run`", path) from None
+        raise DataError(
+            "expected the columns of a per-frame log, as written by `vo run`", folder / LOG
+        ) from None
     if config.variant == "published":
         return Run(sequence, config, poses, motions)
     from ..kit.calibration import read_learnt_calibration
 
-    return Run(sequence, config, poses, motions, read_learnt_calibration(folder / CALIBRATION, math.inf))
+    calibration = read_learnt_calibration(folder / CALIBRATION, math.inf)
+    return Run(sequence, config, poses, motions, calibration)
+
+
+def _read_log(path: Path) -> list[dict[str, str]]:
+    """The rows of frames.csv, each as cells by column; a row may lack the last columns."""
+    lines = [cells for _, cells in read_csv(path)]
+    if not lines:
+        return []
+    heading = lines[0]
+    return [dict(zip(heading, cells, strict=False)) for cells in lines[1:]]
 
 
 def _read_motion(row: dict[str, str], T_cp: Array) -> FrameResult:
-    """The result of a frame from its row of frames.csv and its motion."""
+    """The result of a frame from its row of frames.csv and its motion T_cp (4, 4).
+
+    Raises KeyError for a missing column, and ValueError for a cell that is no number or no flag.
+    """
     counts: dict[str, Any] = {name: int(row[column]) for name, column in COUNTS.items()}
     angle = float(row["prior_angle_deg"] or "nan")
     flags = tuple(map(Flag, row["flags"].split()))
@@ -368,14 +447,17 @@ def _read_motion(row: dict[str, str], T_cp: Array) -> FrameResult:
 
 def frames_csv(frames: tuple[str, ...], motions: list[FrameResult]) -> str:
     """The per-frame log as CSV, one row for each frame except the first."""
-    heading = ["frame", *COUNTS.values(), "prior_angle_deg", "step_m", "flags"]
-    rows: list[list[object]] = [[*heading, *(f"{stage}_ms" for stage in STAGES)]]
+    stage_columns = [f"{stage}_ms" for stage in STAGES]
+    rows: list[list[object]] = [
+        ["frame", *COUNTS.values(), "prior_angle_deg", "step_m", "flags", *stage_columns]
+    ]
     for frame, motion in zip(frames, motions, strict=True):
+        counts = [getattr(motion, name) for name in COUNTS]
         angle = "" if math.isnan(motion.prior_angle) else f"{motion.prior_angle:.4f}"
         step = f"{np.linalg.norm(motion.T_cp[:3, 3]):.4f}"
         flags = " ".join(motion.flags)
-        row = [frame, *(getattr(motion, name) for name in COUNTS), angle, step, flags]
-        rows.append(row + [f"{motion.ms[stage]:.2f}" if stage in motion.ms else "" for stage in STAGES])
+        times = [f"{motion.ms[stage]:.2f}" if stage in motion.ms else "" for stage in STAGES]
+        rows.append([frame, *counts, angle, step, flags, *times])
     return csv_text(rows)
 
 

@@ -19,8 +19,9 @@ from ..paper.settings import FeatureConfig, MatchingConfig, MethodConfig, Publis
 
 # Matches of a frame with the previous frame, and the milliseconds spent in each stage.
 TimedMatches = tuple[StereoMatches, dict[str, float]]
-Prepared = TypeVar("Prepared")
-# With exchanged images, a pair has 400 or more matches, and at most an eighth of them as given.
+Prepared = TypeVar("Prepared")  # what a front end makes of a single stereo pair
+# When the cameras are exchanged, two pairs have 400 or more matches after the images are exchanged back, and
+# at most an eighth of that number as they are given. The limits keep a distance from both.
 MIN_EXCHANGED_MATCHES = 50
 EXCHANGED_RATIO = 4
 
@@ -28,18 +29,19 @@ EXCHANGED_RATIO = 4
 class FrontEnd(Protocol):
     """The first half of a method: from stereo pairs to matches in four images.
 
-    `prepare` may run in other threads, in advance and in any order; `step` gets the results in order.
+    `prepare` may run in other threads, in advance and in any order; `step` gets the results in order. What
+    is handed from one to the other is the front end's own affair.
     """
 
     def prepare(self, pair: tuple[Image, Image]) -> Any:
-        """The work that needs only a single pair: left and right image, (H, W) uint8."""
+        """The result of the work that needs only a single pair: left and right image, (H, W) uint8."""
 
     def step(self, pair: Any) -> StereoMatches:
-        """Matches of the previous pair with this pair; empty for the first pair."""
+        """Matches of the previous pair with this one, both from `prepare`; empty for the first pair."""
 
 
 def make_front_end(camera: StereoCamera, config: MethodConfig) -> FrontEnd:
-    """The front end of the configuration's variant."""
+    """The front end of the configuration's variant; TypeError for settings of no variant."""
     if isinstance(config, PublishedConfig):
         return LoopMatcher(config.features, config.matching)
     if not isinstance(config, KitConfig):
@@ -53,18 +55,21 @@ def make_front_end(camera: StereoCamera, config: MethodConfig) -> FrontEnd:
 
 def _papers_matcher(config: MethodConfig) -> LoopMatcher:
     """The paper's matcher with the limits that both variants declare."""
-    limits = {item.name: getattr(config.matching, item.name) for item in fields(StereoLimits)}
-    return LoopMatcher(FeatureConfig(border=config.features.border), MatchingConfig(**limits))
+    common_limits = {limit.name: getattr(config.matching, limit.name) for limit in fields(StereoLimits)}
+    return LoopMatcher(FeatureConfig(border=config.features.border), MatchingConfig(**common_limits))
 
 
 def find_matches(sequence: Sequence, config: MethodConfig) -> Iterator[TimedMatches]:
     """Matches of every frame with the previous frame, computed from the images; empty for the first frame.
 
-    Raises `DataError` if the sequence has a gap: its sides are no neighbours.
+    Raises
+    ------
+    DataError : an image is invalid, or frames are missing between the frames of the sequence.
     """
     sequence.require_unbroken()
     front_end = make_front_end(sequence.camera, config)
-    # A thread for `step` would gain little: like the odometry, it holds Python's lock half of the time.
+    # `prepare` runs in other threads. For `step`, a thread would gain little: like the odometry, it holds
+    # Python's lock half of the time.
     clock = Clock()
     for prepared in stereo_ahead(sequence, front_end.prepare):
         clock.stage("wait_images")
@@ -80,19 +85,20 @@ def exchanged_cameras(sequence: Sequence) -> bool:
     The matcher requires equal rows and positive disparities. If far more matches fulfil this after an
     exchange of the images, then the rows agree and the disparities are negative.
     """
-    given = _count_matches(sequence, exchange=False)
-    exchanged = _count_matches(sequence, exchange=True)
-    return exchanged >= MIN_EXCHANGED_MATCHES and exchanged >= EXCHANGED_RATIO * given
+    count_as_given = _count_matches(sequence, exchange=False)
+    count_exchanged = _count_matches(sequence, exchange=True)
+    return count_exchanged >= max(MIN_EXCHANGED_MATCHES, EXCHANGED_RATIO * count_as_given)
 
 
 def _count_matches(sequence: Sequence, exchange: bool) -> int:
-    """Number of matches of the second pair with the first, by the paper's matcher."""
+    """Number of matches of the second pair with the first, by the paper's matcher with its usual settings."""
     matcher = LoopMatcher(FeatureConfig(), MatchingConfig())
     matcher.step(matcher.prepare(_pair(sequence, 0, exchange)))
     return len(matcher.step(matcher.prepare(_pair(sequence, 1, exchange))))
 
 
 def _pair(sequence: Sequence, index: int, exchange: bool) -> tuple[Image, Image]:
+    """The left and the right image of a frame, (H, W) uint8 each; with `exchange`, the right one first."""
     left, right = sequence.stereo(index)
     return (right, left) if exchange else (left, right)
 
@@ -100,11 +106,16 @@ def _pair(sequence: Sequence, index: int, exchange: bool) -> tuple[Image, Image]
 def stereo_ahead(
     sequence: Sequence, prepare: Callable[[tuple[Image, Image]], Prepared], ahead: int = 4
 ) -> Iterator[Prepared]:
-    """The result of `prepare` for each stereo pair, in order, computed by threads a few frames ahead."""
+    """The results of `prepare` for all stereo pairs, in order, which threads compute `ahead` frames ahead."""
+
+    def read_and_prepare(index: int) -> Prepared:
+        return prepare(sequence.stereo(index))
+
     with ThreadPoolExecutor(max_workers=2) as pool:
         waiting: deque[Future[Prepared]] = deque()
-        for index in range(len(sequence) + ahead):
-            if index < len(sequence):
-                waiting.append(pool.submit(lambda i: prepare(sequence.stereo(i)), index))
-            if index >= ahead:
+        for index in range(len(sequence)):
+            waiting.append(pool.submit(read_and_prepare, index))
+            if len(waiting) > ahead:
                 yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()

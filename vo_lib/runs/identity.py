@@ -27,11 +27,12 @@ from ..settings import to_dict
 if TYPE_CHECKING:
     from ..kit.calibration import Calibration
 
-PACKAGE = Path(__file__).resolve().parents[1]
+PACKAGE = Path(__file__).resolve().parents[1]  # the folder of vo_lib
 DIGEST_DIGITS = 16
 NOT_USED = "not used"
-# Entry modules of the code of matches and of poses; the modules that they import at top level belong to the
-# code.
+# The modules with which the code of matches and of poses begins, by variant. What they import at top level
+# belongs to this code as well. A module that only one variant needs is imported inside a function, so the
+# variant names it here.
 FRONT_END_CODE = {"published": ("runs.front_end",), "kit": ("runs.front_end", "kit.klt")}
 POSE_CODE = {
     "published": ("runs.drive",),
@@ -42,11 +43,10 @@ POSE_CODE = {
 @functools.cache
 def code_digest(modules: tuple[str, ...]) -> str:
     """Digest of modules (such as "runs.drive") and of the modules of vo_lib that they import at top level."""
-    paths = import_closure(modules)
-    names = [path.relative_to(PACKAGE).as_posix().encode() for path in paths]
-    return _digest(
-        b"".join(name + b"\n" + path.read_bytes() for name, path in zip(names, paths, strict=True))
-    )
+    content = b""
+    for path in import_closure(modules):
+        content += path.relative_to(PACKAGE).as_posix().encode() + b"\n" + path.read_bytes()
+    return _digest(content)
 
 
 def import_closure(modules: Iterable[str]) -> tuple[Path, ...]:
@@ -60,12 +60,15 @@ def import_closure(modules: Iterable[str]) -> tuple[Path, ...]:
         files.add(path)
         for node in ast.parse(path.read_bytes()).body:
             if isinstance(node, ast.ImportFrom) and node.level:
-                folder = path.parents[node.level - 1].joinpath(*(node.module or "").split("."))
-                waiting += [folder.with_suffix(".py"), *(folder / f"{name.name}.py" for name in node.names)]
+                # In "from .name import other", `name` is a module, or a package with the module `other`.
+                target = path.parents[node.level - 1].joinpath(*(node.module or "").split("."))
+                waiting.append(target.with_suffix(".py"))
+                waiting += [target / f"{imported.name}.py" for imported in node.names]
     return tuple(sorted(files))
 
 
 def _digest(data: bytes) -> str:
+    """The first digits of the SHA-256 of some bytes."""
     return hashlib.sha256(data).hexdigest()[:DIGEST_DIGITS]
 
 
@@ -82,28 +85,28 @@ def images_digest(sequence: Sequence) -> str:
 def labels_digest(sequence: Sequence, classes: tuple[str, ...]) -> str:
     """Digest of the label files of the sequence's frames and, if classes have names, of the chosen classes.
 
-    Without label files, the digest of an empty text. Raises as `ClassNames.choose`.
+    Without label files, it is the digest of an empty text. Raises as `ClassNames.choose`.
     """
     if sequence.labels is None:
         return _digest(b"")
     files = [sequence.labels / f"{frame}.txt" for frame in sequence.frames]
-    names = read_class_names(sequence.labels)
-    choice = names.choose(classes)
-    text = json.dumps(sorted(choice.kinds.items())) if names.names else ""
-    return _digest_of_data(files, text.encode())
+    class_names = read_class_names(sequence.labels)
+    chosen_classes = class_names.choose(classes)
+    words = json.dumps(sorted(chosen_classes.kinds.items())) if class_names.names else ""
+    return _digest(_content_of(files) + words.encode())
 
 
-def _digest_of_data(files: list[Path], more: bytes = b"") -> str:
-    """Digest of the stems and contents of the existing files, and of more data."""
+def _content_of(files: list[Path]) -> bytes:
+    """The stems and contents of the files that exist, one after the other."""
     contents = [f"{path.stem} ".encode() + read_bytes(path) for path in files if path.exists()]
-    return _digest(b"".join([*contents, more]))
+    return b"".join(contents)
 
 
 def truth_digest(sequence: Sequence) -> str:
     """Digest of the sequence's truth about moving vehicles, which the box rule `truth` reads."""
     folder = sequence.folder / "truth"
-    files = [folder / "objects.npz", *(folder / "instance" / f"{frame}.png" for frame in sequence.frames)]
-    return _digest_of_data(files)
+    instance_images = [folder / "instance" / f"{frame}.png" for frame in sequence.frames]
+    return _digest(_content_of([folder / "objects.npz", *instance_images]))
 
 
 def library_versions() -> dict[str, str]:
@@ -129,18 +132,23 @@ def run_identity(
     """All inputs that determine the poses of a run, and names of method and sequence, in types of JSON.
 
     Runs with equal identities have byte-identical poses.
+
+    Raises `DataError` for an input file that cannot be read, and as `ClassNames.choose`.
     """
-    identity = {"method": method, "variant": config.variant, "sequence": sequence.name}
-    identity |= matches_identity(sequence, config) | {
-        "settings": to_dict(config),
-        "times": _digest(sequence.times.tobytes()),
-        "labels": labels_digest(sequence, config.filter.classes) if config.filter.uses_boxes else NOT_USED,
-        "masks": _digest(b"".join(map(read_bytes, sequence.mask_files()))),
-        "moving": truth_digest(sequence) if config.filter.rule == "truth" else NOT_USED,
-        "calibration": calibration and _digest(calibration.to_json().encode()),
-        "made_with": library_versions() | {"code": code_digest(POSE_CODE[config.variant])},
-    }
-    return dict(json.loads(json.dumps(identity)))
+    identity: dict[str, Any] = {"method": method, "variant": config.variant, "sequence": sequence.name}
+    identity |= matches_identity(sequence, config)
+    identity["settings"] = to_dict(config)  # all of them, in place of those of the matches
+    identity["made_with"] = library_versions() | {"code": code_digest(POSE_CODE[config.variant])}
+    identity["times"] = _digest(sequence.times.tobytes())
+    identity["labels"] = NOT_USED
+    if config.filter.uses_boxes:
+        identity["labels"] = labels_digest(sequence, config.filter.classes)
+    masks = [read_bytes(path) for path in sequence.mask_files()]
+    identity["masks"] = _digest(b"".join(masks))
+    identity["moving"] = truth_digest(sequence) if config.filter.rule == "truth" else NOT_USED
+    identity["calibration"] = None if calibration is None else _digest(calibration.to_json().encode())
+    types_of_json: dict[str, Any] = json.loads(json.dumps(identity))  # as `read_config` returns them
+    return types_of_json
 
 
 def machine_info() -> dict[str, str | None]:
@@ -156,17 +164,19 @@ def machine_info() -> dict[str, str | None]:
 def processor_name() -> str:
     """The processor as Linux names it, elsewhere as Python does."""
     cpuinfo = Path("/proc/cpuinfo")
-    lines = cpuinfo.read_text(encoding="utf-8").splitlines() if cpuinfo.is_file() else []
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor() or platform.machine()
+    if cpuinfo.is_file():
+        for line in cpuinfo.read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
 
 
 def git_commit() -> str | None:
     """Commit of the kit's work tree, with "-dirty" after local changes; None outside git."""
     if not (PACKAGE.parent / ".git").exists():
         return None
-    describe = "describe --always --dirty --abbrev=40 --exclude=*"
-    words = ["git", "-C", str(PACKAGE.parent), *describe.split()]
+    command = ["git", "-C", str(PACKAGE.parent), "describe"]
+    command += ["--always", "--dirty", "--abbrev=40", "--exclude=*"]  # without tags, so it is the commit
     with suppress(OSError, subprocess.SubprocessError):
-        return subprocess.check_output(words, text=True, stderr=subprocess.DEVNULL).strip()
+        return subprocess.check_output(command, text=True, stderr=subprocess.DEVNULL).strip()
     return None

@@ -43,9 +43,10 @@ from .match_cache import CachedMatches
 if TYPE_CHECKING:
     from ..kit.calibration import Calibration
 
-MATCHING_FRAMES = 4  # cost of matching one frame, in back-end frames
-MOST_FIRST_JOBS = 0.25  # of the jobs: those that are done first, for the estimate of the others
-SIZE_CLASSES = 4  # of images, from a number of pixels to its double
+MATCHING_FRAMES = 4  # the matches of a frame take as long as the back end takes for so many frames
+MOST_FIRST_JOBS = 0.25  # of the jobs: at most so many are done first, for the estimate of the others
+SIZE_CLASSES = 4  # images of twice as many pixels are so many classes further on, see `_size_class`
+NAMED_INPUTS = 3  # of those that differ, a message names so many
 DASK_WORKER_KILLED = "KilledWorker"  # the exception of Dask, which is not always installed
 CONNECT_TIMEOUT_S = 10.0
 
@@ -65,13 +66,19 @@ def run_once(
     """The run with its files in `folder`, and whether the run was read from these files, not computed.
 
     Files are written after the last frame. A run that is killed and repeated gives the same bytes. A finished
-    run whose files have changed (`changed_files`) is computed again. `matches`, `calibration` and `progress`
-    are as in `run_methods`; `method` is the name written into the folder. `fresh` computes the run in any
-    case; the new files replace the old files at the end. `own` : the files in the folder are known to be the
-    kit's, even without a config.json.
+    run whose files have changed (`changed_files`) is computed again.
 
-    Raises `DataError` if the folder is missing, not writable, in use by another process, or contains another
-    run or other files.
+    Parameters
+    ----------
+    method : the name written into the folder.
+    matches, calibration, progress : as in `run_methods`.
+    fresh : compute the run in any case; the new files replace the old files at the end.
+    own : the files in the folder are known to be the kit's, even without a config.json.
+
+    Raises
+    ------
+    DataError : the folder is missing, not writable, in use by another process, or contains another run or
+        other files.
     """
     if not own:
         refuse_foreign_files(folder, fresh)  # before the lock, which marks the folder as the kit's
@@ -92,7 +99,8 @@ def refuse_another(folder: Path, identity: dict[str, Any], detector: dict[str, A
 
     detector : as in `inputs_that_differ`.
     """
-    if differing := inputs_that_differ(folder, identity, detector):
+    differing = inputs_that_differ(folder, identity, detector)
+    if differing:
         raise DataError(
             f"the folder contains another run, which differs in {_few_of(differing)}; choose another folder",
             folder,
@@ -101,9 +109,10 @@ def refuse_another(folder: Path, identity: dict[str, Any], detector: dict[str, A
 
 
 def _few_of(names: list[str]) -> str:
-    """The first of some names, and how many there are more."""
-    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
-    return f"{', '.join(names[:3])}{more}"
+    """Words with the first of some names, and with the number of the others."""
+    words = ", ".join(names[:NAMED_INPUTS])
+    others = len(names) - NAMED_INPUTS
+    return f"{words} and {others} more" if others > 0 else words
 
 
 def _flat(mapping: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -150,25 +159,30 @@ def refuse_other_runs(
         None for a job that has its boxes. So a table with another detector is refused before it detects.
     remedy : of the `DataError`.
     """
-    refused: dict[Path, list[str]] = {}
-    identities: dict[tuple[int, MethodConfig, str], dict[str, Any]] = {}
+    refused_folders: list[Path] = []
+    all_differing: list[str] = []
+    # An identity has digests of many files. All seeds of a method share them, so they are computed once.
+    identity_of_seeds: dict[tuple[int, MethodConfig, str], dict[str, Any]] = {}
     for job in jobs:
         if not is_finished(job.folder):
             continue
         key = (id(job.sequence), replace(job.config, seed=0), job.method)
-        if key not in identities:  # the seeds share all that has to be read
-            identities[key] = run_identity(job.sequence, job.config, job.method)
-        identity = identities[key] | {"settings": identities[key]["settings"] | {"seed": job.config.seed}}
-        if differing := inputs_that_differ(job.folder, identity, detector_of(job)):
-            refused[job.folder] = differing
-    if not refused:
+        if key not in identity_of_seeds:
+            identity_of_seeds[key] = run_identity(job.sequence, job.config, job.method)
+        identity = dict(identity_of_seeds[key])
+        identity["settings"] = identity["settings"] | {"seed": job.config.seed}
+        differing = inputs_that_differ(job.folder, identity, detector_of(job))
+        if differing:
+            refused_folders.append(job.folder)
+            all_differing += differing
+    if not refused_folders:
         return
-    names = list(dict.fromkeys(name for differing in refused.values() for name in differing))
-    count = len(refused)
+    names = list(dict.fromkeys(all_differing))
+    count = len(set(refused_folders))
     start = "a finished run here differs" if count == 1 else f"{count} finished runs here differ"
     raise DataError(
         f"{start} in {_few_of(names)} from the runs to do, so nothing was computed; choose another folder",
-        os.path.commonpath(refused),
+        os.path.commonpath(refused_folders),
         remedy=remedy,
     )
 
@@ -176,9 +190,11 @@ def refuse_other_runs(
 def inputs_that_differ(
     folder: Path, identity: dict[str, Any], detector: dict[str, Any] | None = None
 ) -> list[str]:
-    """Names of the inputs of a finished run in a folder that are not those of an identity.
+    """Names of the inputs in which the finished run of a folder differs from an identity.
 
-    detector : the record of the detector whose boxes a run of this identity will get, instead of its labels.
+    identity : result of `run_identity`.
+    detector : the record of the detector whose boxes a run of this identity will get. Then its labels are not
+        those of the identity yet, and the detectors are compared in their place.
     """
     stored = dict(_flat(read_config(folder)))
     expected = dict(_flat(identity))
@@ -207,9 +223,10 @@ def _has_other_detector(folder: Path, detector: dict[str, Any]) -> bool:
 
 @dataclass(frozen=True)
 class Outcome:
-    """A job, and the cause of its failure as one line; None for success.
+    """How a job ended.
 
-    `changed` : names of files that differed from what an earlier run wrote, so that the run was repeated.
+    error : the cause of its failure as one line; None for success.
+    changed : names of files that differed from what an earlier run wrote, so that the run was repeated.
     """
 
     job: Job
@@ -248,9 +265,10 @@ def run_jobs(
     -------
     An outcome for each job, in order; a failure does not stop the other jobs.
 
-    Raises `DataError` if two jobs share a folder, if a folder contains a finished run with other inputs, if
-    the scheduler cannot be reached, or if a worker process is killed; a second call then does the unfinished
-    runs.
+    Raises
+    ------
+    DataError : two jobs share a folder, a folder contains a finished run with other inputs, the scheduler
+        cannot be reached, or a worker process is killed; a second call then does the unfinished runs.
     """
     jobs = [replace(job, folder=job.folder.resolve()) for job in jobs]
     if len({job.folder for job in jobs}) < len(jobs):
@@ -261,85 +279,129 @@ def run_jobs(
     durations = Durations() if durations is None else durations
     changed = {job.folder: () if fresh else tuple(changed_files(job.folder)) for job in jobs}
     to_run = [job for job in jobs if fresh or changed[job.folder] or not is_finished(job.folder)]
-    front_ends = {_front_end(job): job for job in to_run}  # one job per front end to run
     for sequence in {job.sequence.folder: job.sequence for job in jobs}.values():
         images_digest(sequence)  # hash here once; workers read the stored hashes
-    total = sum(len(job.sequence) for job in [*jobs, *MATCHING_FRAMES * list(front_ends.values())])
-    done = 0
-
-    def frames_done(frames: int) -> None:
-        nonlocal done
-        done += frames
-        if progress is not None:
-            progress(done, total)
-
-    frames_done(0)
+    # Of the jobs that share a front end, and so their matches, one stands for all.
+    front_ends = {_front_end(job): job for job in to_run}
+    matching = _Stage(partial(_fill, cache=cache), matching_task, MATCHING_FRAMES)
+    running = _Stage(partial(_run, cache=cache, fresh=fresh), running_task, 1)
+    frames_done = _FramesDone(matching.cost(front_ends.values()) + running.cost(jobs), progress)
     unfilled = {}
     for key, job in front_ends.items():
         if not CachedMatches(job.sequence, job.config, cache).path.exists():
             unfilled[key] = job
     _add_kept_times(jobs, to_run, unfilled.values(), cache, durations)
-    stages = [map(matching_task, unfilled.values()), map(running_task, to_run)]
-    forecast = Forecast(durations, stages, estimated)
-    causes: dict[Path, str | None] = {}
-    failures: dict[Hashable, str] = {}
+    tasks = [map(matching_task, unfilled.values()), map(running_task, to_run)]
+    forecast = Forecast(durations, tasks, estimated)
     with executor(min(workers, max(len(jobs), 1)), scheduler, durations) as pool:
-
-        def job_done(stage: _Stage, job: Job, future: Future[_Attempt]) -> None:
-            frames_done(stage.weight * len(job.sequence))
-            if future.exception() is not None:
-                return
-            attempt = future.result()
-            if attempt.worked or attempt.cause:  # otherwise its result was there
-                forecast.done(stage.task(job), attempt.seconds if attempt.worked else None)
-
-        def in_pool(stage: _Stage, jobs: Iterable[Job]) -> list[str | None]:
-            """Do a stage of each job; return the causes of failure, in order, None for success."""
-            futures = []
-            for job in jobs:
-                futures.append(pool.submit(_attempt, stage.function, job))
-                futures[-1].add_done_callback(partial(job_done, stage, job))
-            return [future.result().cause for future in futures]
-
-        def do(fronts: dict[Hashable, Job], runs: list[Job]) -> None:
-            """Run the front ends, then the jobs whose front ends have not failed."""
-            for key, cause in zip(fronts, in_pool(matching, list(fronts.values())), strict=True):
-                if cause:
-                    failures[key] = cause
-            ready = [job for job in runs if _front_end(job) not in failures]
-            for job, cause in zip(ready, in_pool(running, ready), strict=True):
-                causes[job.folder] = cause
-
-        matching = _Stage(partial(_fill, cache=cache), matching_task, MATCHING_FRAMES)
-        running = _Stage(partial(_run, cache=cache, fresh=fresh), running_task)
+        runner = _JobRunner(pool, matching, running, frames_done, forecast)
         try:
             # The first jobs say how long the others will take.
             first_runs = _first_jobs(to_run, running_task, workers)
             first_fronts = {_front_end(job): front_ends[_front_end(job)] for job in first_runs}
             for job in _first_jobs(list(unfilled.values()), matching_task, workers):
                 first_fronts[_front_end(job)] = job
-            do(first_fronts, first_runs)
+            runner.do(first_fronts, first_runs)
             forecast.say()
             other_fronts = {key: job for key, job in front_ends.items() if key not in first_fronts}
-            do(other_fronts, [job for job in jobs if job not in first_runs])
+            runner.do(other_fronts, [job for job in jobs if job not in first_runs])
         except Exception as error:  # `_attempt` catches the exceptions of the jobs
-            if isinstance(error, BrokenExecutor) or type(error).__name__ == DASK_WORKER_KILLED:
-                raise DataError(
-                    "a worker process was killed, perhaps for lack of memory; repeat the command to continue"
-                ) from error
-            raise DataError(f"the workers failed: {_in_one_line(error)}") from error
-    return [
-        Outcome(job, causes.get(job.folder, failures.get(_front_end(job))), changed[job.folder])
-        for job in jobs
-    ]
+            raise _error_of_workers(error) from error
+    return [Outcome(job, runner.failure_of(job), changed[job.folder]) for job in jobs]
+
+
+def _error_of_workers(error: Exception) -> DataError:
+    """What is said of an exception of the pool, not of a job."""
+    if isinstance(error, BrokenExecutor) or type(error).__name__ == DASK_WORKER_KILLED:
+        return DataError(
+            "a worker process was killed, perhaps for lack of memory; repeat the command to continue"
+        )
+    return DataError(f"the workers failed: {_in_one_line(error)}")
 
 
 class _Stage(NamedTuple):
-    """One half of the jobs: the function that does it, its task for an estimate, and the cost of a frame."""
+    """One half of the work on jobs: their matches, or their runs.
+
+    function : does it for a job, and returns whether there was work to do.
+    task : describes it for an estimate.
+    frame_cost : how long a frame takes, compared with a frame of a run.
+    """
 
     function: Callable[[Job], bool]
     task: Callable[[Job], Task]
-    weight: int = 1
+    frame_cost: int
+
+    def cost(self, jobs: Iterable[Job]) -> int:
+        """How long the stage takes for some jobs, in frames of a run."""
+        return sum(self.frame_cost * len(job.sequence) for job in jobs)
+
+
+class _FramesDone:
+    """Counts frames, and tells a progress function of them."""
+
+    def __init__(self, total: int, progress: Progress | None):
+        self._total = total
+        self._progress = progress
+        self._done = 0
+        self.add(0)
+
+    def add(self, frames: int) -> None:
+        """Count further frames."""
+        self._done += frames
+        if self._progress is not None:
+            self._progress(self._done, self._total)
+
+
+class _JobRunner:
+    """Does jobs in a pool of processes: first the front ends that they need, then their runs."""
+
+    def __init__(
+        self, pool: Executor, matching: _Stage, running: _Stage, frames_done: _FramesDone, forecast: Forecast
+    ):
+        self._pool = pool
+        self._matching = matching
+        self._running = running
+        self._frames_done = frames_done
+        self._forecast = forecast
+        self._failed_front_ends: dict[Hashable, str] = {}  # the causes
+        self._ended_runs: dict[Path, str | None] = {}  # the cause of a failure by folder; None for success
+
+    def do(self, front_ends: dict[Hashable, Job], jobs: list[Job]) -> None:
+        """Run front ends, then the jobs whose front ends have not failed."""
+        causes = self._do_stage(self._matching, list(front_ends.values()))
+        for key, cause in zip(front_ends, causes, strict=True):
+            if cause:
+                self._failed_front_ends[key] = cause
+        ready = [job for job in jobs if _front_end(job) not in self._failed_front_ends]
+        causes = self._do_stage(self._running, ready)
+        for job, cause in zip(ready, causes, strict=True):
+            self._ended_runs[job.folder] = cause
+
+    def failure_of(self, job: Job) -> str | None:
+        """The cause of a job's failure, in its run or in its front end; None for success."""
+        if job.folder in self._ended_runs:
+            return self._ended_runs[job.folder]
+        return self._failed_front_ends.get(_front_end(job))
+
+    def _do_stage(self, stage: _Stage, jobs: list[Job]) -> list[str | None]:
+        """Do a stage of each job; return the causes of failure, in order, None for success."""
+        futures = []
+        for job in jobs:
+            future = self._pool.submit(_attempt, stage.function, job)
+            future.add_done_callback(partial(self._job_done, stage, job))
+            futures.append(future)
+        return [future.result().cause for future in futures]
+
+    def _job_done(self, stage: _Stage, job: Job, future: Future[_Attempt]) -> None:
+        """Count the frames of a job, and its time if it took any."""
+        self._frames_done.add(stage.cost([job]))
+        if future.exception() is not None:
+            return
+        attempt = future.result()
+        if (
+            attempt.worked or attempt.cause
+        ):  # otherwise its result was there, so the forecast has no task of it
+            self._forecast.done(stage.task(job), attempt.seconds if attempt.worked else None)
 
 
 def matching_task(job: Job) -> Task:
@@ -356,20 +418,24 @@ def running_task(job: Job) -> Task:
 
 
 def _size_class(job: Job) -> int:
-    """A number that is equal for images whose numbers of pixels differ by less than about a tenth."""
+    """A number that is equal for images whose numbers of pixels differ by less than about a tenth.
+
+    It counts how often the number of pixels doubles, in quarters.
+    """
     return round(SIZE_CLASSES * math.log2(job.sequence.camera.width * job.sequence.camera.height))
 
 
 def _first_jobs(jobs: list[Job], task: Callable[[Job], Task], workers: int) -> list[Job]:
-    """A job of each kind, on the shortest sequence, and others until every process has work.
+    """A job of each kind of task, on the shortest sequence, and others until every process has work.
 
     Where this would be much of the work, as with many settings and one seed, it is a job of each family.
     """
     by_length = sorted(jobs, key=lambda job: len(job.sequence))
-    first: dict[Hashable, Job] = {task(job).kind: job for job in reversed(by_length)}
-    if len(first) > MOST_FIRST_JOBS * len(jobs):
-        first = {task(job).family: job for job in reversed(by_length)}
-    chosen = list(first.values())
+    # The shortest comes last, so it is the one that stays.
+    shortest_of: dict[Hashable, Job] = {task(job).kind: job for job in reversed(by_length)}
+    if len(shortest_of) > MOST_FIRST_JOBS * len(jobs):
+        shortest_of = {task(job).family: job for job in reversed(by_length)}
+    chosen = list(shortest_of.values())
     for job in by_length:
         if len(chosen) >= workers:
             break
@@ -381,30 +447,34 @@ def _first_jobs(jobs: list[Job], task: Callable[[Job], Task], workers: int) -> l
 def _add_kept_times(
     jobs: list[Job], to_run: list[Job], unfilled: Iterable[Job], cache: Path | None, durations: Durations
 ) -> None:
-    """Count the durations of finished runs and of cached matches, as far as they are known."""
-    fronts = {_front_end(job): job for job in jobs}
-    missing = {_front_end(job) for job in unfilled}
-    for key, job in fronts.items():
-        if key not in missing:
+    """Count the durations of finished runs and of cached matches, as far as they are known.
+
+    to_run : those of the jobs that have no finished run; unfilled : a job for each front end without matches.
+    """
+    front_ends = {_front_end(job): job for job in jobs}
+    without_matches = {_front_end(job) for job in unfilled}
+    for key, job in front_ends.items():
+        if key not in without_matches:
             seconds = seconds_of_matches(CachedMatches(job.sequence, job.config, cache))
             if seconds is not None:
                 durations.add_kept(matching_task(job), seconds)
-    folders = {job.folder for job in to_run}
+    unfinished = {job.folder for job in to_run}
     for job in jobs:
-        if job.folder not in folders:
+        if job.folder not in unfinished:
             seconds = seconds_of_run(job.folder, len(job.sequence))
             if seconds is not None:
                 durations.add_kept(running_task(job), seconds)
 
 
 def seconds_of_jobs(jobs: Iterable[Job], cache: Path | None) -> tuple[float, int]:
-    """How long the matches and runs of finished jobs took, each once, and for how many this is not known.
+    """Seconds that the matches and runs of finished jobs took, each once, and for how many it is not known.
 
     cache : folder of the match cache; default the user's cache folder.
     """
     finished = [job for job in jobs if is_finished(job.folder)]
     times = [seconds_of_run(job.folder, len(job.sequence)) for job in finished]
-    for job in {_front_end(job): job for job in finished}.values():
+    front_ends = {_front_end(job): job for job in finished}
+    for job in front_ends.values():
         times.append(seconds_of_matches(CachedMatches(job.sequence, job.config, cache)))
     known = [seconds for seconds in times if seconds is not None]
     return math.fsum(known), len(times) - len(known)
@@ -431,7 +501,8 @@ def _run(job: Job, cache: Path | None, fresh: bool) -> bool:
     """Run the back end in the job's folder; return whether it ran, because its run was not there."""
     matches = CachedMatches(job.sequence, job.config, cache)
     with run_folder(job.folder) as folder:
-        # Beside other runs, a folder of a table without a config.json has an unfinished run.
+        # A folder of a table with files, but without a config.json, has an unfinished run if its neighbours
+        # have finished ones.
         own = has_runs(folder.parent)
         _, read_back = run_once(
             folder, job.sequence, job.config, job.method, matches=matches, fresh=fresh, own=own
@@ -440,7 +511,7 @@ def _run(job: Job, cache: Path | None, fresh: bool) -> bool:
 
 
 class _Attempt(NamedTuple):
-    """The end of a job: the cause of its failure or None, whether it had work to do, and its seconds."""
+    """How a stage of a job ended: the cause of a failure or None, whether there was work, and its seconds."""
 
     cause: str | None
     worked: bool
@@ -448,7 +519,7 @@ class _Attempt(NamedTuple):
 
 
 def _attempt(function: Callable[[Job], bool], job: Job) -> _Attempt:
-    """Do one job; an exception becomes one line with its origin."""
+    """Do a stage of one job; an exception becomes one line with its origin."""
     start = time.perf_counter()
     try:
         worked = function(job)
@@ -462,6 +533,7 @@ def _attempt(function: Callable[[Job], bool], job: Job) -> _Attempt:
 
 
 def _in_one_line(error: BaseException) -> str:
+    """The type of an exception and its message, without line breaks."""
     return f"{type(error).__name__}: {' '.join(str(error).split())}"
 
 
@@ -469,9 +541,14 @@ def _in_one_line(error: BaseException) -> str:
 def executor(
     workers: int, scheduler: str | None = None, durations: Durations | None = None
 ) -> Iterator[Executor]:
-    """Local processes, or the workers of a Dask scheduler; `DataError` if the scheduler has no workers.
+    """Local processes, or the workers of a Dask scheduler.
 
+    workers : number of local processes; scheduler : as in `run_jobs`.
     durations : gets the number of jobs that are done at the same time.
+
+    Raises
+    ------
+    DataError : Dask is not installed, the address is wrong, no scheduler answers, or it has no workers.
     """
     durations = Durations() if durations is None else durations
     if scheduler is None:

@@ -13,39 +13,46 @@ from .identity import processor_name
 from .match_cache import CachedMatches
 
 FRONT_END_STAGES = ("wait_images", "matching", "cached_matches")  # of a frame, before the back end
-ENDING = ".json"  # of the file beside the matches
-EXPECTED = "the time that matches took"
+TIME_ENDING = ".json"  # the file with the time is beside that of the matches, with this ending
+EXPECTED = "the time that matches took"  # in the message on such a file
 
 
 def write_seconds(matches: CachedMatches, seconds: float) -> None:
     """Write down how long this machine took for matches in the cache."""
     data = {"seconds": round(seconds, 3), "processor": processor_name()}
-    write_atomic(matches.path.with_suffix(ENDING), json.dumps(data) + "\n")
+    write_atomic(matches.path.with_suffix(TIME_ENDING), json.dumps(data) + "\n")
 
 
 def seconds_of_matches(matches: CachedMatches) -> float | None:
     """How long matches in the cache took; None if that is not known of this processor."""
-    path = matches.path.with_suffix(ENDING)
+    path = matches.path.with_suffix(TIME_ENDING)
     try:
         data = read_mapping(path, EXPECTED) if path.exists() else {}
     except DataError:
         return None
-    return _positive(data.get("seconds")) if data.get("processor") == processor_name() else None
+    if data.get("processor") != processor_name():
+        return None
+    return _positive_number(data.get("seconds"))
 
 
 def seconds_of_run(folder: Path, frames: int) -> float | None:
     """How long a finished run took after its matches; None if that is not known of this processor."""
     data = read_config(folder)
-    if _mapping(data.get("machine_info")).get("processor") != processor_name():
+    machine = _mapping_or_empty(data.get("machine_info"))
+    if machine.get("processor") != processor_name():
         return None
-    stages = _mapping(_mapping(data.get("timing")).get("ms_per_frame_of"))
-    ms = [_positive(value) or 0.0 for stage, value in stages.items() if stage not in FRONT_END_STAGES]
-    return _positive(sum(ms) * frames / 1000.0)
+    timing = _mapping_or_empty(data.get("timing"))
+    ms_of_stages = _mapping_or_empty(timing.get("ms_per_frame_of"))
+    of_back_end = [ms for stage, ms in ms_of_stages.items() if stage not in FRONT_END_STAGES]
+    ms_per_frame = sum(_positive_number(ms) or 0.0 for ms in of_back_end)
+    return _positive_number(ms_per_frame * frames / 1000.0)
 
 
-def _mapping(value: Any) -> dict[str, Any]:
+def _mapping_or_empty(value: Any) -> dict[str, Any]:
+    """A value of JSON if it is an object, else {}: a person may have edited the file."""
     return value if isinstance(value, dict) else {}
 
 
-def _positive(value: Any) -> float | None:
+def _positive_number(value: Any) -> float | None:
+    """A value of JSON if it is a number above 0, else None."""
     return float(value) if isinstance(value, (int, float)) and value > 0 else None

@@ -26,6 +26,7 @@ from .front_end import TimedMatches, find_matches
 from .identity import FRONT_END_CODE, code_digest, matches_identity
 
 LAYOUT_VERSION = 2  # of the npz file; increase with every change of its layout
+POSITIONS = 4  # of a match, in the left and right images of the previous and of the current pair
 
 
 def match_folder(cache: Path | None) -> Path:
@@ -47,6 +48,8 @@ class CachedMatches:
     Attributes
     ----------
     path : the file for this sequence and front end.
+
+    Raises `DataError` if an image is invalid, or if the cache cannot be written.
     """
 
     def __init__(self, sequence: Sequence, config: MethodConfig, cache: Path | None = None):
@@ -59,7 +62,7 @@ class CachedMatches:
 
     def __iter__(self) -> Iterator[TimedMatches]:
         if not self._is_intact():
-            yield from self._find()
+            yield from self._find_and_store()
             return
         with np.load(self.path, allow_pickle=False) as frames:
             for index in range(len(self.sequence)):
@@ -72,8 +75,8 @@ class CachedMatches:
         """Compute and store the matches unless they are in the cache; return whether they were computed."""
         if self._is_intact():
             return False
-        for _ in self._find():
-            pass
+        for _ in self._find_and_store():
+            pass  # the file is complete after the last frame
         return True
 
     def _is_intact(self) -> bool:
@@ -84,7 +87,7 @@ class CachedMatches:
         except (OSError, ValueError, zipfile.BadZipFile, NotImplementedError, RuntimeError):
             return False
 
-    def _find(self) -> Iterator[TimedMatches]:
+    def _find_and_store(self) -> Iterator[TimedMatches]:
         """Matches of all frames from the images, written frame by frame; the file appears at the end."""
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -92,22 +95,32 @@ class CachedMatches:
             raise DataError(f"the cache cannot be written: {error.strerror}", self.path.parent) from None
         delete_abandoned_drafts(self.path.parent)
         with writing(self.path, locked=True) as target, zipfile.ZipFile(target, "w") as file:
-            for index, frame in enumerate(find_matches(self.sequence, self.config)):
+            for index, (matches, ms) in enumerate(find_matches(self.sequence, self.config)):
                 with file.open(f"{index}.npy", "w") as member:
-                    np.lib.format.write_array(member, _to_rows(frame[0]), allow_pickle=False)
-                yield frame
+                    np.lib.format.write_array(member, _to_rows(matches), allow_pickle=False)
+                yield matches, ms
 
 
 def _to_rows(matches: StereoMatches) -> Array:
-    """All columns of N matches side by side, (N, 11); floats represent the integers exactly."""
+    """The fields of N matches side by side in their order, (N, 11): four positions, age, strength, id.
+
+    Floats represent the integers among them exactly.
+    """
     return np.column_stack([*vars(matches).values()])
 
 
 def _from_rows(rows: Array) -> StereoMatches:
-    """The matches of an array from `_to_rows`."""
-    prev_left, prev_right, cur_left, cur_right = np.ascontiguousarray(
-        rows[:, :8].reshape(-1, 4, 2).swapaxes(0, 1)
+    """The matches of an array (N, 11) from `_to_rows`."""
+    xy = rows[:, : 2 * POSITIONS].reshape(-1, POSITIONS, 2)
+    # Each field gets memory of its own without gaps, as matches from the images have it.
+    prev_left, prev_right, cur_left, cur_right = np.ascontiguousarray(xy.swapaxes(0, 1))
+    age, strength, feature_id = np.ascontiguousarray(rows[:, 2 * POSITIONS :].T)
+    return StereoMatches(
+        prev_left,
+        prev_right,
+        cur_left,
+        cur_right,
+        age.astype(np.int64),
+        strength,
+        feature_id.astype(np.int64),
     )
-    age, strength, number = np.ascontiguousarray(rows[:, 8:].T)
-    columns = age.astype(np.int64), strength, number.astype(np.int64)
-    return StereoMatches(prev_left, prev_right, cur_left, cur_right, *columns)
