@@ -32,7 +32,7 @@ from vo_lib.report.film import (
     round_length,
 )
 from vo_lib.report.plots import METHOD_COLOURS, REMOVED, TRUTH_COLOUR, bgr
-from vo_lib.report.webm import FILM_MARK, WAITING, webm_file
+from vo_lib.report.webm import FILM_MARK, MOST_WAITING, webm_file
 
 PATH_COLOUR = bgr(METHOD_COLOURS["feature_selection"])
 
@@ -149,7 +149,7 @@ def test_scale_of_the_map_is_as_long_as_it_says(bands: Path) -> None:
 
 
 def test_memory_does_not_grow_with_the_frames(tmp_path: Path) -> None:
-    """While an encoder is slow, at most `WAITING` pictures and the one in work are kept."""
+    """While an encoder is slow, at most `MOST_WAITING` pictures and the one in work are kept."""
     pictures = list[weakref.ref[Image]]()
     most = 0
     with webm_file(tmp_path / "film.webm", 64, 48, 10) as encoder:
@@ -159,7 +159,7 @@ def test_memory_does_not_grow_with_the_frames(tmp_path: Path) -> None:
             encoder.add(picture)
             del picture
             most = max(most, sum(each() is not None for each in pictures))
-    assert most <= WAITING + 2
+    assert most <= MOST_WAITING + 2
     assert cv2.VideoCapture(str(tmp_path / "film.webm")).get(cv2.CAP_PROP_FRAME_COUNT) == 60
 
 

@@ -14,10 +14,17 @@ from ..config import SETTINGS, change, preset
 from ..errors import DataError, did_you_mean
 from ..paper.settings import MethodConfig
 
-Axes = dict[str, tuple[Any, ...]]  # values of each setting, by dotted name; the last changes fastest
-Changes = tuple[tuple[str, Any], ...]  # names of settings and their values
+# The values of each setting, by dotted name. In a table, the values of the last setting change fastest.
+Axes = dict[str, tuple[Any, ...]]
+Changes = tuple[tuple[str, Any], ...]  # dotted names of settings, and a value for each
 LONGEST_NAME = 100  # characters of a folder's name
-LOOP_SETTINGS = "reprojection."  # the places of loops are compared with these settings of the method
+LOOP_SETTINGS = "reprojection."  # the beginning of the settings with which the places of loops are compared
+
+
+def settings_of(config: MethodConfig) -> dict[str, settings.Setting]:
+    """The settings of both variants by dotted name; of a name that both have, that of the configuration."""
+    own = {item.name: item for item in settings.declared(type(config))}
+    return SETTINGS | own
 
 
 def parse_axis(text: str, config: MethodConfig) -> tuple[str, tuple[Any, ...]]:
@@ -27,15 +34,16 @@ def parse_axis(text: str, config: MethodConfig) -> tuple[str, tuple[Any, ...]]:
 
     Raises `DataError` for an unknown setting or an invalid value.
     """
-    name, equals, rest = text.partition("=")
-    item = (SETTINGS | {item.name: item for item in settings.declared(type(config))}).get(name)
+    name, equals, values_text = text.partition("=")
+    item = settings_of(config).get(name)
     if name == "seed":
         raise DataError("--set seed: all cells have the same seeds; set the number of seeds with --seeds")
     if item is None or not equals:
         near = did_you_mean(name, SETTINGS) if item is None else ""
         page = f"`vo run --variant {config.variant} --help-settings`"
         raise DataError(f"--set {text!r}: {near}expected SETTING=VALUE,VALUE,… with a setting of {page}")
-    values = tuple(item.parse(word) for word in rest.split(";" if isinstance(item.default, tuple) else ","))
+    separator = ";" if isinstance(item.default, tuple) else ","
+    values = tuple(item.parse(word) for word in values_text.split(separator))
     for value in values:
         change(config, name, value)  # raises for a setting or value of the other variant
     if len(set(values)) < len(values):
@@ -55,12 +63,13 @@ def parse_axes(texts: Iterable[str], config: MethodConfig) -> Axes:
 
 
 def combinations(axes: Axes) -> list[Changes]:
-    """All combinations of the values; without axes, one combination of nothing."""
-    return [tuple(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())]
+    """All combinations of the values on the axes; without axes, one combination without changes."""
+    every = itertools.product(*axes.values())
+    return [tuple(zip(axes, values, strict=True)) for values in every]
 
 
 def changed(config: MethodConfig, changes: Changes) -> MethodConfig:
-    """A configuration with changes; `DataError` for settings that contradict each other."""
+    """A configuration with changes; `DataError` for an invalid or a contradictory value."""
     for name, value in changes:
         config = change(config, name, value)
     return config
@@ -68,12 +77,12 @@ def changed(config: MethodConfig, changes: Changes) -> MethodConfig:
 
 def differences(config: MethodConfig, usual: MethodConfig) -> Changes:
     """The settings of a configuration, other than the seed, that differ from those of another one."""
-    items = []
+    found = []
     for item in settings.declared(type(config)):
         value = settings.value_of(config, item.name)
         if item.name != "seed" and value != settings.value_of(usual, item.name):
-            items.append((item.name, value))
-    return tuple(items)
+            found.append((item.name, value))
+    return tuple(found)
 
 
 def settings_words(changes: Iterable[tuple[str, Any]]) -> str:
@@ -83,18 +92,20 @@ def settings_words(changes: Iterable[tuple[str, Any]]) -> str:
 
 def settings_folder(changes: Iterable[tuple[str, Any]]) -> str:
     """A folder's name for changes; other changes have another name."""
-    text = "+".join(f"{name}={settings.as_typed(value)}" for name, value in changes)
-    name = re.sub(r"[^\w.=+-]+", "_", text)  # a class name may have any letter
-    if name == text and len(name) <= LONGEST_NAME:
-        return name
-    return f"{name[:LONGEST_NAME]}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
+    words = "+".join(f"{name}={settings.as_typed(value)}" for name, value in changes)
+    folder = re.sub(r"[^\w.=+-]+", "_", words)  # a class name may have any letter
+    if folder == words and len(folder) <= LONGEST_NAME:
+        return folder
+    # A name with fewer letters could stand for several changes, so it also has their digest.
+    return f"{folder[:LONGEST_NAME]}-{hashlib.sha256(words.encode()).hexdigest()[:8]}"
 
 
 @dataclass(frozen=True)
 class Block:
     """A part of a table: the methods of a variant with their presets, changed in the same settings.
 
-    `loops` : whether loops are closed after the runs, with the settings `LOOP_SETTINGS` of every method.
+    loops : whether loops are closed after the runs. Then the settings `LOOP_SETTINGS` have an effect on every
+        method.
     """
 
     variant: str
@@ -135,30 +146,31 @@ class Block:
 
     def described(self, methods: Iterable[str]) -> list[str]:
         """For each changed setting, a sentence on what differs from the presets of the methods."""
-        sentences = []
-        for name, value in self.changes:
-            of_preset: dict[str, list[str]] = {}
-            unused: dict[str, list[str]] = {}
-            for method in methods:
-                reason = self.unused(method).get(name)
+        methods = list(methods)
+        return [self._described(name, settings.as_typed(value), methods) for name, value in self.changes]
+
+    def _described(self, name: str, value: str, methods: list[str]) -> str:
+        """A sentence on a changed setting: its value, those of the presets, and who does not use it."""
+        methods_of_preset: dict[str, list[str]] = {}  # by the value in their presets, as typed
+        methods_without: dict[str, list[str]] = {}  # by the reason why they do not use the setting
+        for method in methods:
+            reason = self.unused(method).get(name)
+            if reason:
+                methods_without.setdefault(reason, []).append(method)
+            else:
                 usual = settings.value_of(preset(method, variant=self.variant), name)
-                if reason:
-                    unused.setdefault(reason, []).append(method)
-                else:
-                    of_preset.setdefault(settings.as_typed(usual), []).append(method)
-            words = []
-            for usual_words, which in of_preset.items():
-                same = usual_words == settings.as_typed(value)
-                was = "as in the presets" if same else f"instead of {usual_words}"
-                words.append(was if len(of_preset) == 1 else f"{was} in {', '.join(which)}")
-            sentence = f"{name} is {settings.as_typed(value)}"
-            if words:
-                sentence += f", {'; '.join(words)}"
-            for reason, which in unused.items():
-                verb = "does" if len(which) == 1 else "do"
-                sentence += f"; {', '.join(which)} {verb} not use it, since {reason}"
-            sentences.append(f"{sentence}.")
-        return sentences
+                methods_of_preset.setdefault(settings.as_typed(usual), []).append(method)
+        comparisons = []
+        for usual_value, who in methods_of_preset.items():
+            words = "as in the presets" if usual_value == value else f"instead of {usual_value}"
+            comparisons.append(words if len(methods_of_preset) == 1 else f"{words} in {', '.join(who)}")
+        sentence = f"{name} is {value}"
+        if comparisons:
+            sentence += f", {'; '.join(comparisons)}"
+        for reason, who in methods_without.items():
+            verb = "does" if len(who) == 1 else "do"
+            sentence += f"; {', '.join(who)} {verb} not use it, since {reason}"
+        return f"{sentence}."
 
 
 def make_blocks(
@@ -170,57 +182,72 @@ def make_blocks(
 ) -> list[Block]:
     """A block for each variant with methods and each combination of the values on the axes.
 
-    base : changes in every block, which a value on an axis replaces; refused : names of those that a method
-    must use.
+    Parameters
+    ----------
+    methods : names by variant.
+    base : changes in every block, which a value on an axis replaces.
+    axes : the values of settings.
+    loops : as in `Block`.
+    refused : names of settings in `base` that at least one method must use.
 
-    Raises `DataError` if no method uses a setting of an axis or of `refused`, or if changes make two methods
-    the same.
+    Raises
+    ------
+    DataError : no method uses a setting of an axis or of `refused`, or changes make two methods the same.
     """
     blocks = []
     for variant, of_variant in methods.items():
-        if not of_variant:
-            continue
-        for values in combinations(axes):
-            changes = tuple((dict(base) | dict(values)).items())
-            blocks.append(Block(variant, changes, loops))
+        if of_variant:
+            for combination in combinations(axes):
+                changes = dict(base) | dict(combination)
+                blocks.append(Block(variant, tuple(changes.items()), loops))
     for name in dict.fromkeys([*axes, *refused]):
         reasons = []
         for block in blocks:
-            of_variant = methods[block.variant]
-            reasons += [(method, block.unused(method).get(name, "")) for method in of_variant]
-        if reasons and all(reason for _, reason in reasons):
-            who = {method for of_variant in methods.values() for method in of_variant}
-            words = f"{who.pop()} does not use" if len(who) == 1 else "no method of the table uses"
-            raise DataError(f"{name}: {words} this setting, since {reasons_words(reasons)}")
+            for method in methods[block.variant]:
+                reasons.append((method, block.unused(method).get(name, "")))
+        refuse_if_unused(name, reasons, "no method of the table uses")
     for block in blocks:
         _refuse_equal_methods(block, methods[block.variant])
     return blocks
 
 
+def refuse_if_unused(name: str, reasons: list[tuple[str, str]], nobody_uses: str) -> None:
+    """Raise `DataError` if no method uses a setting.
+
+    reasons : pairs of a method and why it does not use the setting, "" where it does.
+    nobody_uses : subject and verb of the message, for several methods.
+    """
+    if not reasons or not all(reason for _, reason in reasons):
+        return
+    methods = {method for method, _ in reasons}
+    words = f"{methods.pop()} does not use" if len(methods) == 1 else nobody_uses
+    raise DataError(f"{name}: {words} this setting, since {reasons_words(reasons)}")
+
+
 def reasons_words(reasons: Iterable[tuple[str, str]]) -> str:
     """Why methods do not use a setting, from pairs of a method and a reason; a common reason stands alone."""
-    methods_of: dict[str, list[str]] = {}
+    methods_by_reason: dict[str, list[str]] = {}
     for method, reason in dict.fromkeys(reasons):
-        methods_of.setdefault(reason, []).append(method)
-    if len(methods_of) == 1:
-        return next(iter(methods_of))
-    return ", and ".join(f"{reason} ({', '.join(methods)})" for reason, methods in methods_of.items())
+        methods_by_reason.setdefault(reason, []).append(method)
+    if len(methods_by_reason) == 1:
+        return next(iter(methods_by_reason))
+    return ", and ".join(f"{reason} ({', '.join(who)})" for reason, who in methods_by_reason.items())
 
 
 def _refuse_equal_methods(block: Block, methods: list[str]) -> None:
     """Raise `DataError` if the changes make two methods the same: one would be shown under two names."""
-    seen: dict[Changes, str] = {}
+    method_with: dict[Changes, str] = {}
     for method in methods:
-        effective = _effective(block.config(method))
-        if effective in seen:
+        used = _used_settings(block.config(method))
+        if used in method_with:
             raise DataError(
-                f"with {block.words}, {seen[effective]} and {method} are the same method: choose one of them "
-                "with --methods"
+                f"with {block.words}, {method_with[used]} and {method} are the same method: choose one of "
+                "them with --methods"
             )
-        seen[effective] = method
+        method_with[used] = method
 
 
-def _effective(config: MethodConfig) -> Changes:
+def _used_settings(config: MethodConfig) -> Changes:
     """The settings that a configuration uses, with their values."""
     return tuple(
         (item.name, settings.value_of(config, item.name))

@@ -6,11 +6,11 @@ import re
 from collections.abc import Callable
 
 GLUE = "\N{NO-BREAK SPACE}"
-_NUMBER = re.compile(r" ?± ?|(?<=\d) (?=[A-Za-z%°])")  # with its deviation, with its unit
-_COMMAND = re.compile(r"`[^`\n]{1,60}`|\bvo data( \S+){1,3}")  # between backquotes, or with its first words
-_PIECE = re.compile(r"[^,;/=_.+-]*[,;/=_.+-]*")
+_NUMBER = re.compile(r" ?± ?|(?<=\d) (?=[A-Za-z%°])")  # the blanks around "±", or that before a unit
+_COMMAND = re.compile(r"`[^`\n]{1,60}`|\bvo data( \S+){1,3}")  # between backquotes, or the words of `vo data`
+_PIECE = re.compile(r"[^,;/=_.+-]*[,;/=_.+-]*")  # a part of a word, and the punctuation behind it
 
-Width = Callable[[str], int]  # of a text in the terminal: some letters take two columns
+Width = Callable[[str], int]  # the columns that a text takes in the terminal: for some letters, two each
 
 
 def glued(text: str) -> str:
@@ -23,17 +23,18 @@ def glued(text: str) -> str:
 def broken(text: str, width: int, width_of: Width = len) -> str:
     """A text in lines of at most `width`, broken at blanks or, in a longer word, behind punctuation."""
     lines = []
-    for line in text.split("\n"):
-        current = ""
-        for word in line.split(" "):
-            if current and width_of(current) + 1 + width_of(word) <= width:
-                current += f" {word}"
+    for paragraph in text.split("\n"):
+        line = ""
+        for word in paragraph.split(" "):
+            if line and width_of(line) + 1 + width_of(word) <= width:
+                line += f" {word}"
                 continue
-            if current:
-                lines.append(current)
-            *full, current = _broken_word(word, width, width_of)
-            lines += full
-        lines.append(current)
+            if line:
+                lines.append(line)
+            pieces = _broken_word(word, width, width_of)
+            lines += pieces[:-1]
+            line = pieces[-1]  # the next word may have room behind it
+        lines.append(line)
     return "\n".join(lines).replace(GLUE, " ")
 
 

@@ -44,7 +44,11 @@ WORDS_HEIGHT_PX = 88  # height of the text at the top
 # Wide enough for a film at half size: the truth is a thin line on the path.
 PATH_WIDTH_PX = 9
 LINE_WIDTH_PX = 3  # width of the truth and of loops
-Pairs = Sequence[tuple[int, int]]
+TEXT_MARGIN_PX = 12  # left and right of the text
+DOT_RADIUS_PX = 5  # of the dots of the legend
+DOT_GAP_PX = 10  # from the centre of such a dot to its word
+LEGEND_GAP_PX = 20  # from a word of the legend to the next dot
+FramePairs = Sequence[tuple[int, int]]
 BLACK = (0, 0, 0)  # BGR
 WHITE = (255, 255, 255)
 PALE = (200, 200, 200)
@@ -54,7 +58,7 @@ LOOP_LINE_COLOUR = plots.bgr(plots.LOOP_COLOUR)
 
 @dataclass(frozen=True, eq=False)
 class FilmFrame:
-    """A frame of a film: its matches, what the box rule did to them, and the motion."""
+    """A frame of a film: its number, its matches, what the box rule did to them, and the motion."""
 
     index: int
     matches: StereoMatches
@@ -84,10 +88,10 @@ def removal_image(run: Run, calibration: Calibration | None = None) -> tuple[int
     if max(removed, default=0) == 0:
         return None
     index = removed.index(max(removed)) + 1  # the first motion leads to frame 1
-    pair = replace(run, sequence=run.sequence.part(index - 1, index + 1))
-    (frame,) = film_frames(pair, calibration=calibration)
+    run_of_pair = replace(run, sequence=run.sequence.part(index - 1, index + 1))
+    (frame,) = film_frames(run_of_pair, calibration=calibration)
     removal = frame.removal
-    left = pair.sequence.left(frame.index)
+    left = run_of_pair.sequence.left(frame.index)
     return index, plots.match_image(left, frame.matches, removal.kept, removal.boxes, removal.state)
 
 
@@ -98,8 +102,8 @@ def refuse_foreign_film(path: Path) -> None:
     if not os.path.lexists(path) or is_finished(path.parent):
         return
     with open_binary(path) as file:
-        file.seek(0, os.SEEK_END)
-        file.seek(max(file.tell() - len(FILM_MARK), 0))
+        size = file.seek(0, os.SEEK_END)
+        file.seek(max(size - len(FILM_MARK), 0))
         if file.read() != FILM_MARK:
             raise DataError("is not a film of the kit: choose another name for the film", path)
 
@@ -116,11 +120,19 @@ def poster(path: Path) -> bytes:
 class Film:
     """A video file of a run's frames; the complete file appears at the end of the context.
 
-    `loops` : pairs of frames at one place; a pair is drawn from its second frame on. `method` : name of the
-    method, for the colour of the path.
+    Parameters
+    ----------
+    label : text in the first line of each picture.
+    loops : pairs of frames at one place; a pair is drawn from its second frame on.
+    method : name of the method, for the colour of the path.
+
+    Raises
+    ------
+    DataError : the name has not the ending of films, or belongs to a file that the kit did not write; within
+        the context, the film cannot be written.
     """
 
-    def __init__(self, path: Path, run: Run, label: str, loops: Pairs = (), method: str = PROPOSAL):
+    def __init__(self, path: Path, run: Run, label: str, loops: FramePairs = (), method: str = PROPOSAL):
         refuse_foreign_film(path)
         self.path = path
         self.run = run
@@ -132,31 +144,34 @@ class Film:
         self._image_size = (round(self._scale * camera.width), round(self._scale * camera.height))
         width, height = self._image_size
         side = max(height, MIN_PATH_SIDE_PX)
-        # Encoders require even numbers of pixels.
-        self._shape = (side + WORDS_HEIGHT_PX + side % 2, (width + side + 1) // 2 * 2)
-        self._paths = [run.poses]
-        self._drift = None
+        # Height and width of a picture, with text, image and path. Encoders require even numbers of pixels.
+        self._shape = (_even(WORDS_HEIGHT_PX + side), _even(width + side))
+        self._paths = [run.poses]  # and that of the truth, if there is one
+        self._distance_from_truth = None  # (N,) metres
         truth = run.sequence.truth
         if truth is not None:
             self._paths.append(from_first(truth))
-            self._drift = plots.distance_from_truth(run.poses, truth)
-        self._driven = trajectory_distances(self._paths[-1])
-        self._open = ExitStack()
+            self._distance_from_truth = plots.distance_from_truth(run.poses, truth)
+        self._driven = trajectory_distances(self._paths[-1])  # (N,) metres
+        self._open_file = ExitStack()
 
     def __enter__(self) -> Film:
         height, width = self._shape
-        self._video = self._open.enter_context(webm_file(self.path, width, height, FILM_FPS))
+        self._video = self._open_file.enter_context(webm_file(self.path, width, height, FILM_FPS))
         return self
 
     def __exit__(self, *details: Any) -> None:
-        self._open.__exit__(*details)
+        self._open_file.__exit__(*details)
 
     def add(self, frame: FilmFrame) -> None:
         """Write a frame."""
         self._video.add(self.picture(frame))
 
     def picture(self, frame: FilmFrame) -> Image:
-        """The picture of a frame, BGR: text (at the top, clear of a player's controls), image and path."""
+        """The picture of a frame, BGR (H, W, 3): text, image, and path beside it.
+
+        The text is at the top, since the controls of a player are at the bottom.
+        """
         page = np.full((*self._shape, 3), WHITE, np.uint8)
         left = self.run.sequence.left(frame.index)
         matches = frame.matches
@@ -184,14 +199,14 @@ class Film:
         """Draw the path up to a frame, and the complete truth in a pale colour, both seen from above."""
         height, width = part.shape[:2]
         room = np.array([width - 2 * MAP_MARGIN_PX, height - 2 * MAP_MARGIN_PX - LINE_HEIGHT_PX])
-        points = [poses[:, [0, 2], 3] for poses in self._paths]
-        low = np.concatenate(points).min(axis=0)
-        high = np.concatenate(points).max(axis=0)
+        paths_xz = [poses[:, [0, 2], 3] for poses in self._paths]
+        low = np.concatenate(paths_xz).min(axis=0)
+        high = np.concatenate(paths_xz).max(axis=0)
         scale = float((room / np.maximum(high - low, 1.0)).min())  # pixels per metre
         middle = np.array([MAP_MARGIN_PX, MAP_MARGIN_PX + LINE_HEIGHT_PX]) + room / 2
-        lines = [scale * (xz - (low + high) / 2) * [1.0, -1.0] + middle for xz in points]
-        path = lines[0]
-        truth = lines[1:]
+        # Rows are counted downwards, while z grows upwards on a map.
+        lines = [scale * (xz - (low + high) / 2) * [1.0, -1.0] + middle for xz in paths_xz]
+        path, *truth = lines
         _draw_line(part, path[: index + 1], self._colour, PATH_WIDTH_PX)
         for line in truth:
             _draw_line(part, line, PALE, LINE_WIDTH_PX)
@@ -204,41 +219,60 @@ class Film:
         _draw_scale(part, scale)
 
     def _write_words(self, part: Image, frame: FilmFrame) -> None:
-        index = frame.index
-        sequence = self.run.sequence
-        driven = self._driven[index]
-        progress = [
-            f"frame {sequence.frames[index]}",
-            f"{sequence.times[index] - sequence.times[0]:.1f} s",
-            f"{driven:.0f} m driven",
-        ]
-        if self._drift is not None:
-            drift = self._drift[index]
-            progress.append(f"{drift:.2f} m from the truth ({100 * drift / max(driven, 1e-9):.2f} %)")
+        """Write three lines: label and progress of the drive, counts of the matches, and the legend."""
         motion = frame.motion
+        facts = "  ".join(["", *self._progress_words(frame.index), *motion.flags])
+        room = part.shape[1] - 2 * TEXT_MARGIN_PX - _width(facts)
+        _write(part, _shortened(self.label, room) + facts, (TEXT_MARGIN_PX, LINE_HEIGHT_PX))
         counts = [
             f"{motion.matches} matches",
             f"{motion.removed} removed",
             f"{motion.used} used after bucketing",
             f"{motion.inliers} inliers",
         ]
-        facts = "  ".join(["", *progress, *motion.flags])
-        room = part.shape[1] - 2 * 12 - _width(facts)
-        _write(part, _shortened(self.label, room) + facts, (12, LINE_HEIGHT_PX))
-        _write(part, "  ".join(counts), (12, 2 * LINE_HEIGHT_PX))
-        new, *_, old = plots.AGE_COLOURS
-        legend = [("new match", new), ("old", old), ("removed", plots.REMOVED), ("path", self._colour)]
-        if self._drift is not None:
+        _write(part, "  ".join(counts), (TEXT_MARGIN_PX, 2 * LINE_HEIGHT_PX))
+        row = 3 * LINE_HEIGHT_PX
+        column = TEXT_MARGIN_PX + DOT_RADIUS_PX
+        for text, colour in self._legend(frame):
+            middle_of_letters = row - 6
+            cv2.circle(part, (column, middle_of_letters), DOT_RADIUS_PX, colour, -1, cv2.LINE_AA)
+            column = _write(part, text, (column + DOT_GAP_PX, row)) + LEGEND_GAP_PX
+
+    def _progress_words(self, index: int) -> list[str]:
+        """What is said of the drive up to a frame: its number, time, way, and distance from the truth."""
+        sequence = self.run.sequence
+        driven = self._driven[index]
+        words = [
+            f"frame {sequence.frames[index]}",
+            f"{sequence.times[index] - sequence.times[0]:.1f} s",
+            f"{driven:.0f} m driven",
+        ]
+        if self._distance_from_truth is not None:
+            distance = self._distance_from_truth[index]
+            words.append(f"{distance:.2f} m from the truth ({100 * distance / max(driven, 1e-9):.2f} %)")
+        return words
+
+    def _legend(self, frame: FilmFrame) -> list[tuple[str, tuple[int, int, int]]]:
+        """The words of the legend, each with the colour (BGR) of its dot."""
+        legend = [
+            ("new match", plots.AGE_COLOURS[0]),
+            ("old", plots.AGE_COLOURS[-1]),
+            ("removed", plots.REMOVED),
+            ("path", self._colour),
+        ]
+        if self._distance_from_truth is not None:
             legend += [("truth", TRUE_PATH_COLOUR), ("truth ahead", PALE)]
         if self.loops:
-            closed = sum(second <= index for _, second in self.loops)
+            closed = sum(second <= frame.index for _, second in self.loops)
             legend.append((f"{closed} loops", LOOP_LINE_COLOUR))
         if frame.removal.state is not None:
             legend.append(("boxes: solid moving, dashed parked, dotted unknown", WHITE))
-        column = 17
-        for text, colour in legend:
-            cv2.circle(part, (column, 3 * LINE_HEIGHT_PX - 6), 5, colour, -1, cv2.LINE_AA)
-            column = _write(part, text, (column + 10, 3 * LINE_HEIGHT_PX)) + 20
+        return legend
+
+
+def _even(pixels: int) -> int:
+    """The number, or the next one if it is odd."""
+    return pixels + pixels % 2
 
 
 def _draw_scale(part: Image, scale: float) -> None:
@@ -251,24 +285,25 @@ def _draw_scale(part: Image, scale: float) -> None:
     left = MAP_MARGIN_PX
     right = left + round(scale * length)
     row = MAP_MARGIN_PX // 2
-    for start, end in (
-        ((left, row), (right, row)),
-        ((left, row - 4), (left, row + 4)),
-        ((right, row - 4), (right, row + 4)),
-    ):
-        cv2.line(part, start, end, BLACK, 1)
+    cv2.line(part, (left, row), (right, row), BLACK, 1)
+    for end in (left, right):
+        cv2.line(part, (end, row - 4), (end, row + 4), BLACK, 1)
     _write(part, f"{length:g} m", (right + 8, row + 5))
 
 
 def round_length(most: float) -> float:
     """The largest of the lengths …, 1, 2, 5, 10, 20, … that is at most `most`, which is positive."""
     power = 10.0 ** math.floor(math.log10(most))
-    return max(step * power for step in (1, 2, 5) if step == 1 or step * power <= most)
+    for digit in (5, 2):
+        if digit * power <= most:
+            return digit * power
+    return power
 
 
 def _draw_line(part: Image, points: Array, colour: tuple[int, int, int], width: int) -> None:
-    fixed = np.rint(points * 16).astype(np.int32)  # OpenCV's fixed-point format, four binary digits
-    cv2.polylines(part, [fixed], False, colour, width, cv2.LINE_AA, shift=4)
+    """Draw a line through points (N, 2), pixels, in a colour, BGR."""
+    corners = plots.fixed_point(points)
+    cv2.polylines(part, [corners], False, colour, width, cv2.LINE_AA, shift=plots.FIXED_BITS)
 
 
 def _write(part: Image, text: str, at: tuple[int, int]) -> int:

@@ -20,9 +20,11 @@ FEW_NOTE = f"few: fewer than {FEW_SUBSEQUENCES} sub-sequences, so a single place
 
 @dataclass(frozen=True)
 class ReportTable:
-    """A table of formatted cells, some with a line break; the first `names` columns name the rows.
+    """A table of formatted cells, some with a line break.
 
-    `head` : sentences above the table; `notes` : sentences below the table.
+    head : sentences above the table.
+    notes : sentences below the table.
+    names : number of columns, from the first one, that name the rows.
     """
 
     title: str
@@ -35,9 +37,13 @@ class ReportTable:
 
 def without_empty_columns(table: ReportTable) -> ReportTable:
     """The table without columns that contain only dashes."""
-    filled = [k for k in range(len(table.columns)) if any(row[k] != NO_NUMBER for row in table.rows)]
-    rows = [[row[k] for k in filled] for row in table.rows]
-    return replace(table, columns=[table.columns[k] for k in filled], rows=rows)
+    filled = []
+    for place in range(len(table.columns)):
+        if any(row[place] != NO_NUMBER for row in table.rows):
+            filled.append(place)
+    columns = [table.columns[place] for place in filled]
+    rows = [[row[place] for place in filled] for row in table.rows]
+    return replace(table, columns=columns, rows=rows)
 
 
 def finite_or_none(value: float | None) -> float | None:
@@ -57,14 +63,14 @@ def signed(value: float, digits: int) -> str:
 
 def few_marked(subsequences: int) -> str:
     """A number of sub-sequences as a cell, with "few" beside a small number."""
-    return str(subsequences) + (" (few)" if subsequences < FEW_SUBSEQUENCES else "")
+    return f"{subsequences} (few)" if subsequences < FEW_SUBSEQUENCES else str(subsequences)
 
 
 def plus_minus(mean: float | None, deviation: float | None) -> str:
     """The text "mean ± deviation"; without a deviation, only the mean; without a mean, a dash."""
-    return format_number(mean) + (
-        "" if finite_or_none(deviation) is None else f" ± {format_number(deviation)}"
-    )
+    if finite_or_none(deviation) is None:
+        return format_number(mean)
+    return f"{format_number(mean)} ± {format_number(deviation)}"
 
 
 def seeds_text(count: int) -> str:
@@ -74,20 +80,27 @@ def seeds_text(count: int) -> str:
 
 def markdown(table: ReportTable) -> str:
     """A table with its title and notes in Markdown."""
-    lines = [table.columns, ["---", *["---:"] * (len(table.columns) - 1)], *table.rows]
-    rows = "".join("| " + " | ".join(cell.replace("\n", "<br>") for cell in line) + " |\n" for line in lines)
-    head = "".join(f"{line}\n\n" for line in table.head)
-    return f"## {table.title}\n\n{head}{rows}" + "".join(f"\n{note}\n" for note in table.notes)
+    right_aligned = ["---:"] * (len(table.columns) - 1)
+    text = f"## {table.title}\n\n"
+    for sentence in table.head:
+        text += f"{sentence}\n\n"
+    for row in [table.columns, ["---", *right_aligned], *table.rows]:
+        cells = [cell.replace("\n", "<br>") for cell in row]
+        text += f"| {' | '.join(cells)} |\n"
+    for note in table.notes:
+        text += f"\n{note}\n"
+    return text
 
 
 def records_csv(records: list[dict[str, Any]]) -> str:
     """Records with equal keys as CSV; None is an empty cell."""
+    heading = list(records[0]) if records else []
     rows = [[_csv_cell(value) for value in record.values()] for record in records]
-    return csv_text([list(records[0]) if records else [], *rows])
+    return csv_text([heading, *rows])
 
 
 def _csv_cell(value: Any) -> Any:
-    """A value of a record as a cell of a CSV table."""
+    """A value of a record as a cell of a CSV table: six decimals for a float, nothing for None."""
     if value is None:
         return ""
     return f"{value:.6f}" if isinstance(value, float) else value
@@ -114,8 +127,9 @@ class ShownFilm:
 class Picture:
     """The bytes of a PNG or JPEG, and a caption.
 
-    place : where it is in a report: "" in one column; "tall" in one column, beside two rows; "wide" in two
-    columns; "two" in two columns as well, but a telephone shows only one of its two panels at a time.
+    place : its size in the columns of a report: "" for one column and one row; "tall" for one column and two
+        rows; "wide" for two columns; "two" for two columns as well, of which a telephone shows one at a time,
+        since the picture has two panels.
     """
 
     data: bytes
@@ -125,7 +139,8 @@ class Picture:
     @property
     def address(self) -> str:
         """The picture as a data URL."""
-        return data_url("png" if self.data.startswith(PNG_START) else "jpeg", self.data)
+        kind = "png" if self.data.startswith(PNG_START) else "jpeg"
+        return data_url(kind, self.data)
 
 
 def data_url(kind: str, data: bytes) -> str:
@@ -135,11 +150,14 @@ def data_url(kind: str, data: bytes) -> str:
 
 def provenance() -> list[str]:
     """Lines for a report with the versions of the kit, Python and libraries, the commit and the machine."""
-    version = library_versions()
-    system = machine_info()
-    libraries = f"numpy {version['numpy']}, OpenCV {version['opencv']}"
-    kit = f"stereo-vo-kit {version['kit']}, commit {system['commit'] or 'unknown'}"
-    return [f"{kit}, Python {system['python']}, {libraries}", f"{system['system']}, {system['processor']}"]
+    version_of = library_versions()
+    machine = machine_info()
+    kit = f"stereo-vo-kit {version_of['kit']}, commit {machine['commit'] or 'unknown'}"
+    libraries = f"numpy {version_of['numpy']}, OpenCV {version_of['opencv']}"
+    return [
+        f"{kit}, Python {machine['python']}, {libraries}",
+        f"{machine['system']}, {machine['processor']}",
+    ]
 
 
 def render_report(
@@ -151,15 +169,22 @@ def render_report(
     problems: Sequence[str] = (),
     films: Sequence[ShownFilm] = (),
 ) -> str:
-    """The report as HTML, with all text escaped: results, problems, two pictures, tables, more pictures.
+    """The report as HTML, with all text escaped.
 
-    `origin` : command and duration.
+    Parameters
+    ----------
+    results : sentences at the top; without them, the first problem is there.
+    tables : shown one below the other; folded : tables after them that the reader has to open.
+    pictures : the first two or three are above the tables, the others below.
+    origin : command and duration.
+    problems : sentences in a box of their own.
+    films : shown after the last picture.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     loader = PackageLoader("vo_lib.report")
-    pages = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
-    return pages.get_template("report.html").render(
+    environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
+    return environment.get_template("report.html").render(
         results=results,
         problems=problems,
         tables=tables,

@@ -21,12 +21,14 @@ from .paths import ComparedPaths, PathsWithoutTruth, WholePath, leap_warnings
 from .plots import error_curves_figure, png, trajectories_figure
 from .table1 import ERROR_KINDS, STILL_M, slug
 
-# Smallest number of points of a curve: the devkit's speed bins overlap, so one speed falls into two or three.
+# A curve with fewer points has no figure. The devkit's speed bins overlap, so that a single speed falls into
+# two or three of them.
 MIN_CURVE_POINTS = {"length": 2, "speed": 4}
-USUAL_LENGTH_RATIOS = 0.5, 2.0  # of a path and its truth
-# By the axis along which poses move: how a camera would do so, and what else would be the reason.
-ROBOT_AXES = "other axes (in those of a robot or an IMU, x is often forward and z up)"
+USUAL_LENGTH_RATIOS = (0.5, 2.0)  # least and largest length of a path, divided by that of its truth
 WRITE_INVERSES = "write their inverses (camera to world)"
+# For poses that do not move along +z, by the axis along which they move: how the camera would have to move
+# for that, and what the file probably has instead.
+ROBOT_AXES = "other axes (in those of a robot or an IMU, x is often forward and z up)"
 OTHER_MOTIONS = {
     "x": ("sideways", ROBOT_AXES),
     "y": ("up or down", ROBOT_AXES),
@@ -62,19 +64,14 @@ def _table_of_systems(name: str, result: Evaluation, of_run: bool) -> ReportTabl
             ]
         )
     first = result.paths[0]
-    shorter = f"the path, {first.distance:.1f} m in {first.frames} frames, is shorter"
     title = name
     head = list[str]()
-    notes = [f"ATE {first.ate.alignment.words}: root mean square.", _rpe_note(result, shorter)]
+    notes = [f"ATE {first.ate.alignment.words}: root mean square.", _rpe_note(result)]
     if result.subsequences:
         title += f": {subsequences_text(result.subsequences)} of {measure.words_with(result.as_kitti)}"
         head += _caveats(result)
     else:
-        notes.append(f"No TE and RE: {shorter} than the shortest sub-sequence, {min(measure.lengths):g} m.")
-        if first.distance < STILL_M:
-            notes[-1] += " The truth stands still, so no choice of lengths gives errors."
-        elif not of_run:
-            notes[-1] += " The option --lengths chooses shorter ones."
+        notes.append(_note_without_subsequences(result, of_run))
     if result.frame_step > 1:
         notes.append(
             f"The compared poses are {result.frame_step} frames of the truth apart; intervals and starts in "
@@ -87,41 +84,66 @@ def _table_of_systems(name: str, result: Evaluation, of_run: bool) -> ReportTabl
     return without_empty_columns(ReportTable(title, columns, rows, notes, head))
 
 
+def _note_without_subsequences(result: Evaluation, of_run: bool) -> str:
+    """Why a path has no TE and RE, and what helps; `of_run` : as in `evaluation_tables`."""
+    shortest = min(result.measure.lengths)
+    note = f"No TE and RE: {_too_short(result)} than the shortest sub-sequence, {shortest:g} m."
+    if result.paths[0].distance < STILL_M:
+        return f"{note} The truth stands still, so no choice of lengths gives errors."
+    return note if of_run else f"{note} The option --lengths chooses shorter ones."
+
+
+def _too_short(result: Evaluation) -> str:
+    """The beginning of a sentence on a path that is too short."""
+    first = result.paths[0]
+    return f"the path, {first.distance:.1f} m in {first.frames} frames, is shorter"
+
+
 def _table_by_length(result: Evaluation) -> ReportTable:
     """TE and RE of each system, with a row for each length that has sub-sequences."""
     rows = []
     for length in result.measure.lengths:
         for system in result.paths:
-            part = system.kitti[system.kitti.length == length]
-            if len(part):
+            of_length = system.kitti[system.kitti.length == length]
+            if len(of_length):
                 label = f"{length:g} m" if len(result.paths) == 1 else f"{length:g} m, {system.name}"
-                rows.append([label, format_number(part.te), format_number(part.re), str(len(part))])
+                errors = [format_number(of_length.te), format_number(of_length.re)]
+                rows.append([label, *errors, str(len(of_length))])
     columns = ["length", *(unit for unit, _ in ERROR_KINDS.values()), COUNT_COLUMN]
     return ReportTable("TE and RE by length", columns, rows, [])
 
 
 def spread_table(result: Evaluation) -> ReportTable:
     """Root mean square, mean, median and maximum of ATE and RPE of each system, as evo prints them."""
-    kinds = {
-        "ATE m": [each.ate.distance for each in result.paths],
-        "RPE m": [each.rpe.translation for each in result.paths],
-        "RPE deg": [np.degrees(each.rpe.rotation) for each in result.paths],
+    errors_of_systems = {
+        "ATE m": [system.ate.distance for system in result.paths],
+        "RPE m": [system.rpe.translation for system in result.paths],
+        "RPE deg": [np.degrees(system.rpe.rotation) for system in result.paths],
     }
     rows = []
-    for kind, errors in kinds.items():
-        for system, of_system in zip(result.paths, errors, strict=True):
-            if len(of_system):
-                values = (rmse(of_system), of_system.mean(), np.median(of_system), of_system.max())
-                rows.append([f"{kind}, {system.name}", *(format_number(value, 4) for value in values)])
+    for kind, of_kind in errors_of_systems.items():
+        for system, errors in zip(result.paths, of_kind, strict=True):
+            if len(errors):
+                spread = (rmse(errors), errors.mean(), np.median(errors), errors.max())
+                rows.append([f"{kind}, {system.name}", *(format_number(value, 4) for value in spread)])
     return ReportTable("ATE and RPE", ["error, system", "rmse", "mean", "median", "max"], rows, [])
 
 
 def tables_without_truth(paths: PathsWithoutTruth) -> list[ReportTable]:
     """A table of the length, duration, speed and end of each path, and one of the distances of each pair."""
+    tables = [_table_of_facts(paths)]
+    if len(paths.common) > 1:
+        tables.append(_table_of_distances(paths))
+    return tables
+
+
+def _table_of_facts(paths: PathsWithoutTruth) -> ReportTable:
+    """The length, duration, speed and end of each path, with warnings above."""
     rows = []
     for name, path in paths.wholes.items():
         facts = path_facts(path.poses, path.times)
-        end = ", ".join(format_number(value, 1) for value in facts.end.round(1) + 0.0)  # no "-0.0"
+        rounded_end = facts.end.round(1) + 0.0  # a sum of -0.0 and 0.0 is 0.0, so there is no "-0.0"
+        end = ", ".join(format_number(value, 1) for value in rounded_end)
         rows.append(
             [
                 name,
@@ -141,26 +163,28 @@ def tables_without_truth(paths: PathsWithoutTruth) -> list[ReportTable]:
     if len(untimed) == len(paths.wholes):
         notes.append("No duration and no speed: no file has times.")
     elif untimed:
-        whose = "its file has" if len(untimed) == 1 else "their files have"
-        notes.append(f"No duration and no speed of {' and '.join(untimed)}: {whose} no times.")
-    tables = [ReportTable(title, columns, rows, notes, warnings_without_truth(paths))]
-    pairs = path_differences(paths.common)
-    if pairs:
-        rows = []
-        for pair in pairs:
-            distances = (pair.end, pair.largest, pair.rmse)
-            rows.append([f"{pair.first} – {pair.second}", *(format_number(each) for each in distances)])
-        columns = ["two paths from the same start", "at the end m", "largest m", "rmse m"]
-        which = "all" if paths.is_all_common else "only the"
-        title = f"Distances between the paths, at {which} {paths.compared} poses that all paths have"
-        notes = [
-            "Distances between positions of the same frame: they tell how far the paths differ, not which "
-            "one is right."
-        ]
-        if not paths.is_all_common:
-            notes.append("Start and end are the first and the last of these common poses.")
-        tables.append(ReportTable(title, columns, rows, notes))
-    return tables
+        files_have = "its file has" if len(untimed) == 1 else "their files have"
+        notes.append(f"No duration and no speed of {' and '.join(untimed)}: {files_have} no times.")
+    return ReportTable(title, columns, rows, notes, warnings_without_truth(paths))
+
+
+def _table_of_distances(paths: PathsWithoutTruth) -> ReportTable:
+    """How far the paths of each pair are apart at their common frames."""
+    rows = []
+    for pair in path_differences(paths.common):
+        distances = (pair.end, pair.largest, pair.rmse)
+        cells = [format_number(distance) for distance in distances]
+        rows.append([f"{pair.first} – {pair.second}", *cells])
+    columns = ["two paths from the same start", "at the end m", "largest m", "rmse m"]
+    which = "all" if paths.is_all_common else "only the"
+    title = f"Distances between the paths, at {which} {paths.compared} poses that all paths have"
+    notes = [
+        "Distances between positions of the same frame: they tell how far the paths differ, not which "
+        "one is right."
+    ]
+    if not paths.is_all_common:
+        notes.append("Start and end are the first and the last of these common poses.")
+    return ReportTable(title, columns, rows, notes)
 
 
 def facts_without_truth(paths: PathsWithoutTruth) -> dict[str, Any]:
@@ -188,12 +212,16 @@ def warnings_without_truth(paths: PathsWithoutTruth) -> list[str]:
 def _doubts_about_axes(paths: Mapping[str, WholePath]) -> list[str]:
     """Warnings about paths from outside that do not move in the direction in which a camera looks."""
     inverted = list[str]()
-    moved = dict[str, list[str]]()
+    names_by_axis = dict[str, list[str]]()
     for name, path in paths.items():
-        if path.from_outside and probably_inverted(path.poses):
+        if not path.from_outside:
+            continue
+        if probably_inverted(path.poses):
             inverted.append(name)
-        elif path.from_outside and (axis := unusual_axis(path.poses)):
-            moved.setdefault(axis, []).append(name)
+            continue
+        axis = unusual_axis(path.poses)
+        if axis:
+            names_by_axis.setdefault(axis, []).append(name)
     doubts = []
     if inverted:
         doubts.append(
@@ -201,13 +229,13 @@ def _doubts_about_axes(paths: Mapping[str, WholePath]) -> list[str]:
             "only their inverses move along their own +z axis, in which a camera looks: so length, speed, "
             f"end and picture are wrong: {WRITE_INVERSES}."
         )
-    for axis, names in moved.items():
-        way, other = OTHER_MOTIONS[axis[-1]]
+    for axis, names in names_by_axis.items():
+        direction, likely_reason = OTHER_MOTIONS[axis[-1]]
         doubts.append(
             f"warning: {' and '.join(names)}: the poses move along their own {axis} axis rather than along "
-            f"+z, in which a camera looks. Unless the camera really moved {way}, the file has {other}, and "
-            "then the end and the picture are in other axes than they say: write poses of the left camera, "
-            "with x right, y down and z forward."
+            f"+z, in which a camera looks. Unless the camera really moved {direction}, the file has "
+            f"{likely_reason}, and then the end and the picture are in other axes than they say: write poses "
+            "of the left camera, with x right, y down and z forward."
         )
     return doubts
 
@@ -216,8 +244,8 @@ def _doubts_between(paths: Mapping[str, Array]) -> list[str]:
     """Warnings about paths that are probably not in the same units or axes as the first one."""
     doubts = []
     (first, reference), *others = paths.items()
-    length = path_facts(reference, None).length
-    shortest, longest = USUAL_LENGTH_RATIOS
+    reference_length = path_facts(reference, None).length
+    least_ratio, largest_ratio = USUAL_LENGTH_RATIOS
     for name, poses in others:
         if inverses_agree(reference, poses):
             doubts.append(
@@ -225,8 +253,9 @@ def _doubts_between(paths: Mapping[str, Array]) -> list[str]:
                 f"camera), so their distances are meaningless: {WRITE_INVERSES}."
             )
             continue
-        ratio = path_facts(poses, None).length / length if length > 0 else None
-        if ratio is not None and not shortest <= ratio <= longest:
+        length = path_facts(poses, None).length
+        ratio = length / reference_length if reference_length > 0 else None
+        if ratio is not None and not least_ratio <= ratio <= largest_ratio:
             doubts.append(
                 f"warning: the path of {name} is {ratio:.3g} times as long as that of {first}: another unit, "
                 "or a path without scale."
@@ -257,8 +286,8 @@ def _caveats(result: Evaluation) -> list[str]:
     return head
 
 
-def _rpe_note(result: Evaluation, shorter: str) -> str:
-    """The interval of the RPE, or why there is none; `shorter` : words that the path is too short."""
+def _rpe_note(result: Evaluation) -> str:
+    """The interval of the RPE, or why there is none."""
     first = result.paths[0]
     interval = first.rpe.delta.words
     if len(first.rpe.rotation):
@@ -266,7 +295,7 @@ def _rpe_note(result: Evaluation, shorter: str) -> str:
     step = result.frame_step
     if first.rpe.delta.unit == "frames" and step > first.rpe.delta.size:
         return f"No RPE {interval}: the compared poses are {step} frames apart; use --delta {step}f."
-    return f"No RPE {interval}: {shorter}."
+    return f"No RPE {interval}: {_too_short(result)}."
 
 
 def _doubts(system: PathErrors, of_run: bool) -> list[str]:
@@ -283,8 +312,8 @@ def _doubts(system: PathErrors, of_run: bool) -> list[str]:
             f"errors are meaningless: one file seems to have poses from world to camera{straight}: "
             f"{WRITE_INVERSES}."
         ]
-    shortest, longest = USUAL_LENGTH_RATIOS
-    if system.length_ratio is not None and not shortest <= system.length_ratio <= longest:
+    least_ratio, largest_ratio = USUAL_LENGTH_RATIOS
+    if system.length_ratio is not None and not least_ratio <= system.length_ratio <= largest_ratio:
         reason = "other frames, another unit, or a path without scale (--alignment sim3)"
         if of_run:
             reason = "the motion was not found, or the calibration does not fit the images"
@@ -317,30 +346,39 @@ def write_pictures(folder: Path, paths: ComparedPaths, result: Evaluation) -> li
     Returns sentences if there are too few points for a figure of curves, and if the truth moves in another
     direction than that in which a camera looks.
     """
-    file = slug(paths.name)
+    file_name = slug(paths.name)
     alignment = result.paths[0].ate.alignment
-    # The axes of the first camera, in which the path can be seen from above.
     truth = paths.compared_truth
-    to_start = np.linalg.inv(truth[0])
-    aligned = {name: to_start @ align(truth, T, alignment)[0] for name, T in paths.estimates.items()}
-    figure = trajectories_figure({f"{paths.name}\n{alignment.words}": (truth, aligned)})
-    write_atomic(folder / f"trajectory_{file}.png", png(figure))
+    # In the axes of the first camera, the path can be seen from above.
+    to_first_camera = np.linalg.inv(truth[0])
+    aligned_paths = {}
+    for name, poses in paths.estimates.items():
+        aligned, _ = align(truth, poses, alignment)
+        aligned_paths[name] = to_first_camera @ aligned
+    figure = trajectories_figure({f"{paths.name}\n{alignment.words}": (truth, aligned_paths)})
+    write_atomic(folder / f"trajectory_{file_name}.png", png(figure))
     missing = []
     for by, least in MIN_CURVE_POINTS.items():
         curves = {path.name: path.kitti.curve(by, result.measure.lengths) for path in result.paths}
         if max(map(len, curves.values())) < least:
             missing.append(by)
             continue
-        write_atomic(folder / f"errors_{file}_by_{by}.png", png(error_curves_figure(paths.name, by, curves)))
-    names = " and ".join(missing)
-    reason = f"{paths.name}: no figure of errors by {names}, since too few sub-sequences differ in {names}."
-    sentences = [reason] if missing else []
+        curves_figure = error_curves_figure(paths.name, by, curves)
+        write_atomic(folder / f"errors_{file_name}_by_{by}.png", png(curves_figure))
+    sentences = []
+    if missing:
+        by_words = " and ".join(missing)
+        sentences.append(
+            f"{paths.name}: no figure of errors by {by_words}, since too few sub-sequences differ in "
+            f"{by_words}."
+        )
     axis = unusual_axis(paths.truth) if paths.truth_from_outside else ""
     if axis:
+        direction, _ = OTHER_MOTIONS[axis[-1]]
         sentences.append(
             f"warning: {paths.name}: the true poses move along their own {axis} axis rather than along +z, "
-            f"in which a camera looks: unless the camera moved {OTHER_MOTIONS[axis[-1]][0]}, the picture of "
-            "the paths is in other axes than it says."
+            f"in which a camera looks: unless the camera moved {direction}, the picture of the paths is in "
+            "other axes than it says."
         )
     return sentences
 

@@ -33,12 +33,14 @@ from .blocks import differences, settings_words
 
 COMMON_STEMS = ("poses", "poses_tum", "data")  # file names in many folders, useless as labels
 NEAREST_RUNS = 3  # number of run folders that a message names
-# Shares of the poses of the shorter of two files that have a partner in the other. Two unsynchronised cameras
-# with 10 frames a second have a fifth by chance: their frames are 0.1 s apart, and a partner may be 0.01 s
-# earlier or later. So fewer than a quarter tell nothing, and up to a half cause a warning.
+# Shares of the poses of the shorter of two files that have a pose of equal time in the other. Between two
+# cameras of 10 frames a second that know nothing of each other, it is a fifth by chance: their frames are
+# 0.1 s apart, and a time counts as equal if it is up to 0.01 s earlier or later. So less than a quarter tells
+# nothing and is refused, and less than a half causes a warning.
 FEWEST_MATCHES = 0.25
 USUAL_MATCHES = 0.5
-# Two paths that differ by less than this share of the way that another clock would mean have one clock.
+# If another clock were the reason, positions of equal time would differ by the way that is driven in the
+# difference of the clocks. Paths that differ by less than this share of that way have one clock.
 AGREEING_POSITIONS = 0.25
 GIVE_TRUTH = "give its ground truth with --truth FILE"
 UNNAMED = "paths"  # the name of pose files that no run gives a sequence
@@ -50,8 +52,9 @@ class WholePath:
 
     Attributes
     ----------
-    poses : (N, 4, 4). times : (N,) seconds, its own or those of its sequence for exactly these frames, or
-    None. from_outside : whether it comes from a file of another system, so that its axes are not known.
+    poses : (N, 4, 4) T_w_c, metres.
+    times : (N,) seconds: those of its file or, if it has none, of its sequence; None if nobody knows them.
+    from_outside : whether it comes from a file of another system, so that its axes are not known.
     """
 
     poses: Array
@@ -65,7 +68,8 @@ class ComparedPaths:
 
     Attributes
     ----------
-    name : name of the sequence or of the truth file. truth : (N, 4, 4).
+    name : name of the sequence or of the truth file.
+    truth : (N, 4, 4) T_w_c, metres.
     times : (N,) seconds of the true poses, or None if unknown.
     estimates : paths (M, 4, 4) by label.
     frames : (M,) numbers of the true poses that have an estimate in every path.
@@ -123,6 +127,27 @@ class _NoTruth(DataError):
     """The truth of a run is not there; the message says why, without the run and without a remedy."""
 
 
+class _Member(NamedTuple):
+    """A path to compare: its pose file, possible labels, the shortest first, and whether it is a run's."""
+
+    file: Path
+    labels: list[str]
+    is_run: bool
+
+
+class _MatchedFile(NamedTuple):
+    """A pose file and the poses in it that correspond to true ones.
+
+    rows : (M,) numbers of these true poses; poses : (M, 4, 4), the corresponding ones; file : all poses;
+    notes : sentences on how the file was read, and on how few poses correspond.
+    """
+
+    rows: Index
+    poses: Array
+    file: PoseFile
+    notes: list[str]
+
+
 def read_paths(
     sources: list[Path], truth_file: Path | None = None, tolerance: float = TIME_TOLERANCE_S
 ) -> list[ComparedPaths] | list[PathsWithoutTruth]:
@@ -132,7 +157,9 @@ def read_paths(
     times. Only frames that occur in all paths are compared. If no path has a truth, the paths are grouped by
     sequence and correspond to each other in the same way.
 
-    Raises `DataError` if only some paths have a truth, or if files do not correspond.
+    Raises
+    ------
+    DataError : a source is no run and no pose file, only some paths have a truth, or files do not correspond.
     """
     for source in sources:
         if not source.is_dir():
@@ -141,58 +168,81 @@ def read_paths(
             raise _without_run(source)
     sources = list(dict.fromkeys(source.absolute() for source in sources))
     configs = {source: read_config(source) for source in sources if source.is_dir()}
-    if truth_file is None:
-        truths = dict[Path, ComparedPaths]()
-        without = dict[Path, _NoTruth]()
-        for source, config in configs.items():
-            try:
-                truths[source] = _truth_of_run(config)
-            except _NoTruth as error:
-                without[source] = error
-        if not truths:
-            return _read_without_truth(sources, configs, without, tolerance)
-        for source, reason in without.items():
-            raise DataError(f"{reason}: {GIVE_TRUTH}, or evaluate this path alone", source)
-    else:
-        _refuse_several_sequences(configs, truth_file)
-        file = read_path(truth_file)
-        name = _names(truth_file.absolute(), None)[0]
-        file_truth = replace(
-            _truth_alone(name, file.poses, file.times, notes=file.notes), truth_from_outside=True
-        )
-        truths = dict.fromkeys(sources, file_truth)
-    by_name: dict[str, ComparedPaths] = {}
+    if truth_file is not None:
+        return [_read_with_truth_file(sources, configs, truth_file, tolerance)]
+    truths = dict[Path, ComparedPaths]()
+    without_truth = dict[Path, _NoTruth]()
+    for source, config in configs.items():
+        try:
+            truths[source] = _truth_of_run(config)
+        except _NoTruth as error:
+            without_truth[source] = error
+    if not truths:
+        return _read_without_truth(sources, configs, without_truth, tolerance)
+    for source, reason in without_truth.items():
+        raise DataError(f"{reason}: {GIVE_TRUTH}, or evaluate this path alone", source)
+    return _read_with_truth_of_runs(sources, configs, truths, tolerance)
+
+
+def _read_with_truth_file(
+    sources: list[Path], configs: Mapping[Path, dict[str, Any]], truth_file: Path, tolerance: float
+) -> ComparedPaths:
+    """All paths, compared with the truth in a file; `configs` : those of the runs among the sources."""
+    _refuse_several_sequences(configs, truth_file)
+    file = read_path(truth_file)
+    name = _labels(truth_file.absolute(), None)[0]
+    truth = _truth_alone(name, file.poses, file.times, notes=file.notes)
+    run_file = POSES if file.times is None else POSES_TUM  # a truth with times needs paths with times
+    members = [_member(source, configs.get(source), run_file) for source in sources]
+    compared = _compared_with_truth(truth, members, tolerance, None)
+    times_of_files = {truth_file: file.times}
+    for member in members:
+        times_of_files[member.file] = read_path(member.file).times
+    wholes = dict(compared.wholes)
+    wholes[f"the truth {name}"] = WholePath(file.poses, file.times, from_outside=True)
+    notes = (*compared.notes, *_whole_times(times_of_files), *leap_warnings(wholes))
+    if file.times is not None:
+        refuse_intervals(file.times, truth_file, as_column=True)
+    return replace(compared, notes=notes, truth_from_outside=True)
+
+
+def _read_with_truth_of_runs(
+    sources: list[Path],
+    configs: Mapping[Path, dict[str, Any]],
+    truths: Mapping[Path, ComparedPaths],
+    tolerance: float,
+) -> list[ComparedPaths]:
+    """The paths by sequence, compared with the truths of the runs; pose files belong to the only sequence."""
+    truth_by_name: dict[str, ComparedPaths] = {}
     for truth in truths.values():
-        if not np.array_equal(truth.truth, by_name.setdefault(truth.name, truth).truth):
+        first = truth_by_name.setdefault(truth.name, truth)
+        if not np.array_equal(truth.truth, first.truth):
             raise DataError(f"two sequences have the name {truth.name}: evaluate them separately")
     for source in sources:
-        if source not in truths and len(by_name) != 1:
+        if source not in truths and len(truth_by_name) != 1:
             raise DataError(
-                f"is a pose file, and the runs are of {' and '.join(by_name)}: evaluate it with the runs of "
-                "its sequence only",
+                f"is a pose file, and the runs are of {' and '.join(truth_by_name)}: evaluate it with the "
+                "runs of its sequence only",
                 source,
             )
-    compared = []
-    for name, truth in by_name.items():
-        members = [source for source in sources if truths.get(source, truth).name == name]
-        # A truth file with times needs paths with times.
-        run_file = POSES if truth_file is None or truth.times is None else POSES_TUM
-        files = [_member(source, configs.get(source), run_file) for source in members]
-        frame_times = truth.times if truth_file is None else None
-        each = _compared(truth, files, tolerance, f"the truth of {name}", frame_times)
-        if len(each.frames) < len(truth.truth):
-            matched = f"Matched {len(each.frames)} of {len(truth.truth)} true poses."
-            each = replace(each, notes=(*each.notes, matched))
-        if truth_file is not None:
-            timed = {truth_file: truth.times} | {file.file: read_path(file.file).times for file in files}
-            each = replace(each, notes=(*each.notes, *_whole_times(timed)))
-        wholes = dict(each.wholes)
-        if truth_file is not None:
-            wholes[f"the truth {name}"] = WholePath(truth.truth, truth.times, from_outside=True)
-        compared.append(replace(each, notes=(*each.notes, *leap_warnings(wholes))))
-    if truth_file is not None and file_truth.times is not None:
-        refuse_intervals(file_truth.times, truth_file, as_column=True)
-    return compared
+    result = []
+    for name, truth in truth_by_name.items():
+        of_sequence = [source for source in sources if truths.get(source, truth).name == name]
+        members = [_member(source, configs.get(source), POSES) for source in of_sequence]
+        compared = _compared_with_truth(truth, members, tolerance, truth.times)
+        result.append(replace(compared, notes=(*compared.notes, *leap_warnings(compared.wholes))))
+    return result
+
+
+def _compared_with_truth(
+    truth: ComparedPaths, members: list[_Member], tolerance: float, frame_times: Array | None
+) -> ComparedPaths:
+    """The result of `_compared`, with a note if the common frames are not all frames of the truth."""
+    compared = _compared(truth, members, tolerance, f"the truth of {truth.name}", frame_times)
+    if len(compared.frames) == len(truth.truth):
+        return compared
+    note = f"Matched {len(compared.frames)} of {len(truth.truth)} true poses."
+    return replace(compared, notes=(*compared.notes, note))
 
 
 def _refuse_several_sequences(configs: Mapping[Path, dict[str, Any]], truth_file: Path) -> None:
@@ -217,25 +267,25 @@ def _read_without_truth(
 
     reasons : why each run has no truth.
     """
-    names = {source: _frames_name(config) for source, config in configs.items()}
-    runs_are_of = list(dict.fromkeys(names.values()))
-    files_are_of = runs_are_of[0] if runs_are_of else UNNAMED
+    name_of_run = {source: _frames_name(config) for source, config in configs.items()}
+    names = list(dict.fromkeys(name_of_run.values()))
+    name_of_files = names[0] if names else UNNAMED
     groups: dict[str, list[Path]] = {}
     for source in sources:
-        if source not in configs and len(runs_are_of) > 1:
+        if source not in configs and len(names) > 1:
             raise DataError(
-                f"is a pose file, and the runs are of {' and '.join(runs_are_of)}: evaluate each alone",
+                f"is a pose file, and the runs are of {' and '.join(names)}: evaluate each alone",
                 source,
             )
-        groups.setdefault(names.get(source, files_are_of), []).append(source)
+        groups.setdefault(name_of_run.get(source, name_of_files), []).append(source)
     result = []
     for name, group in groups.items():
         runs = [configs[source] for source in group if source in configs]
         if any(config["images"] != runs[0]["images"] for config in runs):
             raise DataError(f"two sequences have the name {name}: evaluate them separately")
         members = [_member(source, configs.get(source), POSES_TUM) for source in group]
-        why = dict.fromkeys(str(reasons[source]) for source in group if source in reasons)
-        result.append(_group_without_truth(name, members, tuple(why), tolerance))
+        of_group = dict.fromkeys(str(reasons[source]) for source in group if source in reasons)
+        result.append(_group_without_truth(name, members, tuple(of_group), tolerance))
     return result
 
 
@@ -243,33 +293,37 @@ def _group_without_truth(
     name: str, members: list[_Member], reasons: tuple[str, ...], tolerance: float
 ) -> PathsWithoutTruth:
     """Paths without truth of the same frames; `name` : of their sequence, `reasons` : why it has no truth."""
-    read = {member.file: read_path(member.file) for member in members}
-    # The reference takes the place of the truth only to find the frames of all paths. A run is the best one,
-    # since it has a pose and a time for every frame.
-    timed = [member for member in members if read[member.file].times is not None]
-    reference = next((member for member in timed if member.is_run), timed[0] if timed else members[0])
-    of_reference = read[reference.file]
-    alone = _truth_alone(
-        name if reference.is_run else reference.file.name, of_reference.poses, of_reference.times
-    )
+    files = {member.file: read_path(member.file) for member in members}
+    reference = _reference_of(members, files)
+    of_reference = files[reference.file]
+    reference_name = name if reference.is_run else reference.file.name
+    in_place_of_truth = _truth_alone(reference_name, of_reference.poses, of_reference.times)
     frame_times = of_reference.times if reference.is_run else None
-    each = _compared(alone, members, tolerance, str(reference.file), frame_times)
+    compared = _compared(in_place_of_truth, members, tolerance, str(reference.file), frame_times)
     notes = [f"No ground truth: {reason}." for reason in reasons]
-    notes += each.notes
-    for member in members:
-        file = read[member.file]
+    notes += compared.notes
+    for path, file in files.items():
         if file.times is None and of_reference.times is not None:
-            words = f"{member.file}: has no times, so row k is compared with row k of {reference.file}"
+            words = f"{path}: has no times, so row k is compared with row k of {reference.file}"
             if frame_times is not None:
                 words += f", and gets the times of {name}"
             notes.append(f"{words}.")
-    notes += _whole_times({path: file.times for path, file in read.items()})
-    paths = PathsWithoutTruth(name, each.wholes, each.estimates, tuple(notes))
+    notes += _whole_times({path: file.times for path, file in files.items()})
+    paths = PathsWithoutTruth(name, compared.wholes, compared.estimates, tuple(notes))
     if paths.is_all_common:
         return paths
-    return replace(
-        paths, notes=(*notes, f"Compared: the {paths.compared} poses at times that all paths have.")
-    )
+    notes.append(f"Compared: the {paths.compared} poses at times that all paths have.")
+    return replace(paths, notes=tuple(notes))
+
+
+def _reference_of(members: list[_Member], files: Mapping[Path, PoseFile]) -> _Member:
+    """The path that takes the place of a truth, but only to find the frames that all paths have.
+
+    It is the first run with times, since a run has a pose for every frame; else the first file with times.
+    """
+    timed = [member for member in members if files[member.file].times is not None]
+    timed_runs = [member for member in timed if member.is_run]
+    return [*timed_runs, *timed, *members][0]
 
 
 def _whole_times(files: Mapping[Path, Array | None]) -> list[str]:
@@ -293,27 +347,28 @@ def leap_warnings(paths: Mapping[str, WholePath]) -> list[str]:
         if path.from_outside and probably_inverted(path.poses):
             continue  # its steps are no motions
         speed = None if path.times is None else usual_speed(path.poses, path.times)
-        found = leaps(path.poses, path.times)
+        leap = leaps(path.poses, path.times)
         if speed is not None and speed > MAX_SPEED:
             warnings.append(
                 f"warning: {name}: a usual speed of {speed:.3g} m/s is impossible for a vehicle: the "
                 "positions are probably in another unit than metres, or the times in another than seconds."
             )
-        elif found is not None:
-            at = "" if path.times is None else f" (at {path.times[found.pose]:.3f} s)"
-            fast = "" if found.speed is None else f", at {found.speed:.4g} m/s"
-            more = f" There are {found.count - 1} more such leaps." if found.count > 1 else ""
+        elif leap is not None:
+            at_time = "" if path.times is None else f" (at {path.times[leap.pose]:.3f} s)"
+            at_speed = "" if leap.speed is None else f", at {leap.speed:.4g} m/s"
+            more = f" There are {leap.count - 1} more such leaps." if leap.count > 1 else ""
+            where = f"from pose {leap.pose - 1} to pose {leap.pose}{at_time}, counted from 0"
+            length = f"{leap.length:.4g} m{at_speed}"
             warnings.append(
-                f"warning: {name}: from pose {found.pose - 1} to pose {found.pose}{at}, counted from 0, the "
-                f"path leaps by {found.length:.4g} m{fast}, and its median step is {found.usual:.3g} m: the "
-                "map was probably reset, or the place lost, so numbers over this leap are wrong: evaluate "
-                f"the parts before and after it alone.{more}"
+                f"warning: {name}: {where}, the path leaps by {length}, and its median step is "
+                f"{leap.usual:.3g} m: the map was probably reset, or the place lost, so numbers over this "
+                f"leap are wrong: evaluate the parts before and after it alone.{more}"
             )
     return warnings
 
 
 def _frames_name(config: dict[str, Any]) -> str:
-    """The sequence of a run and its first and last frame."""
+    """The sequence of a run and its first and last frame, such as "kitti/07, frames 0-99"."""
     name = str(config.get("sequence"))
     numbers = [frame.lstrip("0") or "0" for frame in config.get("frames", ())]
     return f"{name}, frames {'-'.join(numbers)}" if numbers else name
@@ -322,8 +377,9 @@ def _frames_name(config: dict[str, Any]) -> str:
 def _truth_alone(
     name: str, poses: Array, times: Array | None, is_part: bool = False, notes: tuple[str, ...] = ()
 ) -> ComparedPaths:
-    """A true path before any estimate is compared with it."""
-    return ComparedPaths(name, poses, times, {}, np.arange(len(poses)), is_part, notes)
+    """A true path before any estimate is compared with it; poses (N, 4, 4), times (N,) seconds or None."""
+    all_frames = np.arange(len(poses))
+    return ComparedPaths(name, poses, times, {}, all_frames, is_part, notes)
 
 
 def _without_run(folder: Path) -> DataError:
@@ -339,7 +395,7 @@ def _without_run(folder: Path) -> DataError:
 
 
 def _truth_of_run(config: dict[str, Any]) -> ComparedPaths:
-    """The truth of a run's frames, from the folder of its sequence."""
+    """The truth of a run's frames, from the folder of its sequence; `_NoTruth` if it is not there."""
     location = str(config.get("folder"))
     (first, last) = config.get("frames", ("", ""))
     if not Path(location).is_dir():
@@ -359,87 +415,89 @@ def _truth_of_run(config: dict[str, Any]) -> ComparedPaths:
     return _truth_alone(name, sequence.truth, sequence.times, sequence.is_part, notes)
 
 
-class _Member(NamedTuple):
-    """A path to compare: its pose file, possible labels, the shortest first, and whether it is a run's."""
-
-    file: Path
-    names: list[str]
-    is_run: bool
-
-
 def _member(source: Path, config: dict[str, Any] | None, run_file: str) -> _Member:
-    """A run, if there is its configuration, with its pose file `run_file`, or else a pose file."""
-    is_run = config is not None
-    return _Member(source / run_file if is_run else source, _names(source, config), is_run)
-
-
-def _names(source: Path, config: dict[str, Any] | None) -> list[str]:
-    """Possible labels of a run or a pose file, the shortest first."""
+    """A pose file or, with the content of its config.json, a run, whose poses are in `run_file`."""
     if config is None:
-        names = list(source.parent.parts[:0:-1])  # the folders, the nearest first, without the root
-        if source.stem not in COMMON_STEMS:
-            names[:0] = [source.stem, source.name]
-        return [*names, str(source)]
+        return _Member(source, _labels(source, None), is_run=False)
+    return _Member(source / run_file, _labels(source, config), is_run=True)
+
+
+def _labels(source: Path, config: dict[str, Any] | None) -> list[str]:
+    """Possible labels of a run or, without `config`, of a pose file, the shortest first."""
+    if config is None:
+        folders = source.parent.parts[1:]  # without the root
+        of_file = [] if source.stem in COMMON_STEMS else [source.stem, source.name]
+        return [*of_file, *reversed(folders), str(source)]
     method = str(config.get("method"))
     variant = config.get("variant")
-    seed = config["settings"].get("seed")
-    label = method if variant == "published" else f"{method}, {variant}"
-    names = [label]
-    whole = f"{method}, {variant}"
+    short = method if variant == "published" else f"{method}, {variant}"
+    long = f"{method}, {variant}"
+    labels = [short]
     with suppress(DataError):  # a method or settings of another version
         changes = differences(settings_in(config, source), preset(method, variant=str(variant)))
         if changes:
-            names.append(f"{label}, {settings_words(changes)}")
-            whole += f", {settings_words(changes)}"
-    return [*names, f"{whole}, seed {seed}", str(source)]
+            labels.append(f"{short}, {settings_words(changes)}")
+            long += f", {settings_words(changes)}"
+    seed = config["settings"].get("seed")
+    return [*labels, f"{long}, seed {seed}", str(source)]
 
 
 def _compared(
     truth: ComparedPaths, members: list[_Member], tolerance: float, what: str, frame_times: Array | None
 ) -> ComparedPaths:
-    """The paths at their common frames, with the shortest distinct labels; `what` names the truth.
+    """The paths at their common frames, with the shortest distinct labels.
 
-    frame_times : times of the frames of the truth, for paths without times, if their sequence has them.
+    Parameters
+    ----------
+    truth : the truth, or the path in its place, before any path is compared with it.
+    tolerance : seconds between two times that are equal.
+    what : the truth in words, for messages.
+    frame_times : times of the frames of the truth, seconds, for paths without times, if their sequence has
+        them.
     """
-    matched = [_matched(member.file, truth, tolerance, what) for member in members]
-    common = functools.reduce(np.intersect1d, [each.rows for each in matched])
+    matched_files = [_matched(member.file, truth, tolerance, what) for member in members]
+    common = functools.reduce(np.intersect1d, [matched.rows for matched in matched_files])
     notes = list(truth.notes)
-    for each in matched:
-        notes += each.notes
-    notes += _notes_on_common(common, truth, members, matched, tolerance)
+    for matched in matched_files:
+        notes += matched.notes
+    notes += _notes_on_common(common, truth, members, matched_files, tolerance)
     estimates = {}
     wholes = {}
-    for member, each in zip(members, matched, strict=True):
-        others = {name for other in members if other is not member for name in other.names}
-        label = next(name for name in member.names if name not in others)
-        estimates[label] = each.poses[np.searchsorted(each.rows, common)]
-        times = each.file.times
-        if times is None and frame_times is not None and len(frame_times) == len(each.file.poses):
+    for member, matched in zip(members, matched_files, strict=True):
+        label = _distinct_label(member, members)
+        estimates[label] = matched.poses[np.searchsorted(matched.rows, common)]
+        file = matched.file
+        times = file.times
+        if times is None and frame_times is not None and len(frame_times) == len(file.poses):
             times = frame_times
-        wholes[label] = WholePath(each.file.poses, times, from_outside=not member.is_run)
+        wholes[label] = WholePath(file.poses, times, from_outside=not member.is_run)
     return replace(truth, estimates=estimates, frames=common, notes=tuple(notes), wholes=wholes)
 
 
-class _MatchedFile(NamedTuple):
-    """Rows (M,) of the truth with a corresponding pose in a file, these poses (M, 4, 4), and notes."""
-
-    rows: Index
-    poses: Array
-    file: PoseFile
-    notes: list[str]
+def _distinct_label(member: _Member, members: list[_Member]) -> str:
+    """The shortest label of a path that no other path could have; the last one, its place, is always one."""
+    taken = set[str]()
+    for other in members:
+        if other is not member:
+            taken.update(other.labels)
+    return next(label for label in member.labels if label not in taken)
 
 
 def _notes_on_common(
-    common: Index, truth: ComparedPaths, members: list[_Member], matched: list[_MatchedFile], tolerance: float
+    common: Index,
+    truth: ComparedPaths,
+    members: list[_Member],
+    matched_files: list[_MatchedFile],
+    tolerance: float,
 ) -> list[str]:
     """A warning if few frames are `common` to several paths, each of which shares more with the truth.
 
     Raises `DataError` if they are too few to compare the paths.
     """
-    shortest = min(len(truth.truth), *(len(each.file.poses) for each in matched))
+    shortest = min(len(truth.truth), *(len(matched.file.poses) for matched in matched_files))
     if len(common) >= 2 and len(common) >= USUAL_MATCHES * shortest:
         return []
-    if len(common) == min(len(each.rows) for each in matched):
+    if len(common) == min(len(matched.rows) for matched in matched_files):
         return []  # the file with the fewest matches has its own warning
     files = ", ".join(str(member.file) for member in members)
     words = (
@@ -471,23 +529,22 @@ def _matched(path: Path, truth: ComparedPaths, tolerance: float, what: str) -> _
     refuse_intervals(file.times, path, as_column=True)
     shorter = min(len(file.poses), len(truth.truth))
     ranges = time_ranges(file.times, truth.times, truth.name)
-    counts = f"only {len(rows)} of {len(file.poses)} poses have one of the {len(truth.truth)} poses of {what}"
-    counts += f" within --t-max-diff {tolerance:g} s: {ranges}"
+    counts = (
+        f"{len(rows)} of {len(file.poses)} poses have one of the {len(truth.truth)} poses of {what} "
+        f"within --t-max-diff {tolerance:g} s: {ranges}"
+    )
     if len(rows) < USUAL_MATCHES * shorter and are_frame_numbers(file.times):
         raise DataError(f"the times are frame numbers, expected seconds: {ranges}", path)
     if len(rows) < FEWEST_MATCHES * shorter:
         raise DataError(
-            f"{counts}. If their clocks differ, write the times of one clock in both files; if not, give a "
-            "larger --t-max-diff, or leave out the poses at times that only one file has",
+            f"only {counts}. If their clocks differ, write the times of one clock in both files; if not, "
+            "give a larger --t-max-diff, or leave out the poses at times that only one file has",
             path,
         )
     if len(rows) < USUAL_MATCHES * shorter:
-        notes.append(f"warning: {path}: {counts}; with two clocks, these would be matches by chance.")
+        notes.append(f"warning: {path}: only {counts}; with two clocks, these would be matches by chance.")
     elif doubt := _clock_doubt(file, truth, rows, pose_rows):
-        notes.append(
-            f"warning: {path}: {len(rows)} of {len(file.poses)} poses have one of the {len(truth.truth)} "
-            f"poses of {what} within --t-max-diff {tolerance:g} s: {ranges}. {doubt}"
-        )
+        notes.append(f"warning: {path}: {counts}. {doubt}")
     return _MatchedFile(rows, file.poses[pose_rows], file, notes)
 
 
@@ -498,7 +555,7 @@ def _clock_doubt(file: PoseFile, truth: ComparedPaths, rows: Index, pose_rows: I
     """
     if file.times is None or truth.times is None:
         return ""
-    wrong_clock = (
+    consequence = (
         "so its clock may differ by this, and then every pose is compared with that of another frame."
     )
     turns = turn_agreement(file.times, file.poses, truth.times, truth.truth)
@@ -506,22 +563,23 @@ def _clock_doubt(file: PoseFile, truth: ComparedPaths, rows: Index, pose_rows: I
         way = "earlier" if turns.lag > 0 else "later"
         return (
             f"The turns of both would agree far better if its times were {abs(turns.lag):.3g} s {way}, "
-            f"{wrong_clock}"
+            f"{consequence}"
         )
     if turns is not None and turns.is_one_clock:
         return ""
-    slow = slow_turn_agreement(file.times, file.poses, truth.times, truth.truth)
-    if turns is not None and slow is not None and turns.is_another_drive and slow.is_another_drive:
+    slow_turns = slow_turn_agreement(file.times, file.poses, truth.times, truth.truth)
+    agreements = (turns, slow_turns)
+    if all(agreement is not None and agreement.is_another_drive for agreement in agreements):
         return (
             "But the turns of both agree at no lag between their times, so perhaps one is of another drive, "
             "or the orientations of one are wrong."
         )
     all_match = len(rows) == min(len(file.poses), len(truth.truth))
-    shift = None if all_match else clock_shift(file.times, truth.times)
+    shift = None if all_match else clock_shift(file.times, truth.times)  # seconds
     if shift is None or _positions_agree(truth.truth[rows], file.poses[pose_rows], truth.times[rows], shift):
         return ""
     way = "later" if shift > 0 else "earlier"
-    return f"Its first and its last time are both about {abs(shift):.3g} s {way}, {wrong_clock}"
+    return f"Its first and its last time are both about {abs(shift):.3g} s {way}, {consequence}"
 
 
 def _positions_agree(true_poses: Array, poses: Array, times: Array, shift: float) -> bool:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from ..data.poses import from_first
 from ..errors import DataError, shorten
@@ -37,25 +38,44 @@ SMALL_PAGE = (4.8, 5.6)  # inches; the text is legible on a telephone
 TRUTH = "ground truth"
 # Okabe and Ito's colours, distinct for colour-blind readers too.
 CYCLE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442")
-STYLED = PROPOSAL, "solution_selection", "viso2", "mesvo_f", "moving_selection"
-METHOD_COLOURS = dict(zip(STYLED, CYCLE, strict=False))
-METHOD_MARKERS = dict(zip(STYLED, "D^sov", strict=True))
+METHOD_COLOURS = {
+    PROPOSAL: CYCLE[0],
+    "solution_selection": CYCLE[1],
+    "viso2": CYCLE[2],
+    "mesvo_f": CYCLE[3],
+    "moving_selection": CYCLE[4],
+}
+METHOD_MARKERS = {
+    PROPOSAL: "D",
+    "solution_selection": "^",
+    "viso2": "s",
+    "mesvo_f": "o",
+    "moving_selection": "v",
+}
 TRUTH_COLOUR = "#222222"
 LOOP_COLOUR = CYCLE[5]
 LINE_WIDTHS = {PROPOSAL: 4.0, TRUTH: 0.9}  # points; other lines have widths between these
 TRUTH_EDGE = 0.6  # points, of the white edge on each side of the truth
-# Width of a path, divided by its length, below which a view from above with equal axes is nearly empty.
+# A path is straight if its width, divided by its length, is less: then a view from above with equal axes
+# would be nearly empty.
 STRAIGHT = 0.2
 MAGNIFIED = "(the axes have different scales: sideways is magnified)"
-AXIS_LETTERS = 54  # of a line below it
+# Texts, and the room for them. "Letters" is their number in a line or in an inch, heights are in inches.
 LETTERS = 12  # in an inch, of the usual size
-LINE_HEIGHT = 0.18  # inches
+TITLE_LETTERS = 11  # in an inch, at Matplotlib's font size "medium"
+AXIS_LETTERS = 54  # in a line below an axis
+LINE_HEIGHT = 0.18
+TITLE_LINE_HEIGHT = 1.3 * LINE_HEIGHT
 LEGEND_SIGN = 0.8  # inches of a legend's column that are no letters
 USUAL_LEGEND_LINES = 3  # for which a figure has room
-# Names below an axis have at most this many lines, unless they would have more letters in a line.
+# A name below an axis is broken into at most `MOST_LINES` lines, but its lines have at most `MOST_LETTERS`.
 MOST_LINES = 4
 MOST_LETTERS = 20
-STRAIGHT_HEIGHT = 2.6  # inches, of the chart of a straight drive
+LEAST_LETTERS = 9  # in a line of a name below bars
+STRAIGHT_HEIGHT = 2.6  # of the chart of a straight drive
+BESIDE_CHARTS = 1.0  # of a page that are not in a chart
+NAMES_MARGIN = 0.8  # inches of a page's width that are not below an axis
+BARS_SHARE = 0.85  # of the room of a sequence is taken by its bars
 
 
 def require_matplotlib() -> None:
@@ -79,20 +99,24 @@ def figure_page(title: str = "", width: float = SMALL_PAGE[0], height: float = S
 
 
 def _wrapped(title: str, width: float) -> str:
-    """A title in lines that fit into a width in inches, at Matplotlib's font size "medium"."""
-    # Matplotlib's own wrapping interprets text between dollar signs as a formula.
-    whole = re.sub(r"(?<=\d) ", GLUE, title)  # a number keeps its unit
-    return broken(whole, int(11 * width))
+    """A title in lines that fit into a width in inches, at Matplotlib's font size "medium".
+
+    Matplotlib's own wrapping would interpret text between dollar signs as a formula.
+    """
+    with_units = re.sub(r"(?<=\d) ", GLUE, title)  # a number keeps its unit
+    return broken(with_units, int(TITLE_LETTERS * width))
 
 
 def add_legend(figure: Figure, lines: Mapping[str, Any], width: float, side: str = "center") -> None:
     """Put a legend of lines or bars by name below a figure, `width` inches wide; the figure grows for it."""
-    in_two = int((width - 2 * LEGEND_SIGN) / 2 * LETTERS)
-    columns = 2 if max(map(len, lines), default=0) <= in_two else 1
-    letters = in_two if columns == 2 else int((width - LEGEND_SIGN) * LETTERS)
+    columns = 2
+    letters = int((width - 2 * LEGEND_SIGN) / 2 * LETTERS)
+    if max(map(len, lines), default=0) > letters:  # the longest name has no room beside another
+        columns = 1
+        letters = int((width - LEGEND_SIGN) * LETTERS)
     names = [broken(name, letters) for name in lines]
-    count = math.ceil(sum(1 + name.count("\n") for name in names) / columns)
-    figure.set_figheight(figure.get_figheight() + LINE_HEIGHT * max(0, count - USUAL_LEGEND_LINES))
+    rows = math.ceil(sum(1 + name.count("\n") for name in names) / columns)
+    figure.set_figheight(figure.get_figheight() + LINE_HEIGHT * max(0, rows - USUAL_LEGEND_LINES))
     place: Any = f"outside lower {side}"
     figure.legend(lines.values(), names, loc=place, ncols=columns)
 
@@ -100,7 +124,8 @@ def add_legend(figure: Figure, lines: Mapping[str, Any], width: float, side: str
 def letters_beside(names: Iterable[str], least: int) -> int:
     """The number of letters in a line of names that stand beside each other below an axis.
 
-    At least `least`; more if the longest name would have more than `MOST_LINES` lines, up to `MOST_LETTERS`.
+    It is `least` or, if the longest name would then have more than `MOST_LINES` lines, as many as that name
+    needs, but at most `MOST_LETTERS`.
     """
     longest = max(map(len, names), default=0)
     return min(max(least, math.ceil(longest / MOST_LINES)), MOST_LETTERS)
@@ -113,8 +138,10 @@ def bgr(colour: str) -> tuple[int, int, int]:
 
 
 def method_colour(name: str, number: int) -> str:
-    """The colour of the truth or of a method; for another name, colour `number` of a list."""
-    return TRUTH_COLOUR if name == TRUTH else METHOD_COLOURS.get(name, CYCLE[number % len(CYCLE)])
+    """The colour of the truth or of a method; for another name, colour `number` of `CYCLE`."""
+    if name == TRUTH:
+        return TRUTH_COLOUR
+    return METHOD_COLOURS.get(name, CYCLE[number % len(CYCLE)])
 
 
 def styled(named: Mapping[str, Values]) -> Iterator[tuple[str, Values, dict[str, Any]]]:
@@ -124,7 +151,9 @@ def styled(named: Mapping[str, Values]) -> Iterator[tuple[str, Values, dict[str,
     """
     from matplotlib.patheffects import withStroke
 
-    for number, name in enumerate(sorted(named, key=lambda name: (name == TRUTH, name != PROPOSAL))):
+    # A pair of booleans sorts the truth behind all others, and the proposal before them.
+    names = sorted(named, key=lambda name: (name == TRUTH, name != PROPOSAL))
+    for number, name in enumerate(names):
         width = LINE_WIDTHS.get(name, 1.0 + 0.4 * (len(named) - 1 - number))
         style = {"color": method_colour(name, number), "linewidth": width, "label": name}
         if name == TRUTH:  # a white edge, so that the thin line is seen on a path below it
@@ -162,7 +191,8 @@ def is_straight(truth: Array | None, estimates: Mapping[str, Array]) -> bool:
     paths = [*estimates.values()] if truth is None else [from_first(truth), *estimates.values()]
     points = np.concatenate([poses[:, [0, 2], 3] for poses in paths])
     centred = points - points.mean(axis=0)
-    axes = np.linalg.svd(centred, full_matrices=False)[2]  # the direction of the drive, and across
+    # The principal axes of the points: the first row is the direction of the drive, the second one is across.
+    _, _, axes = np.linalg.svd(centred, full_matrices=False)
     length, width = np.ptp(centred @ axes.T, axis=0)
     return bool(width < STRAIGHT * length)
 
@@ -224,55 +254,75 @@ def trajectories_figure(
 
     loops : pairs of frames that a line on the first path joins; it is then always seen from above.
     """
-    rows = len(panels)
-    columns = 1 + any(truth is not None for truth, _ in panels.values())
+    has_truth = any(truth is not None for truth, _ in panels.values())
+    columns = 2 if has_truth else 1
     width, height = SMALL_PAGE
-    beside = {title: not loops and is_straight(*panel) for title, panel in panels.items()}
-    heights = [STRAIGHT_HEIGHT if beside[title] else height - 1.0 for title in panels]
+    shows_sideways = {title: not loops and is_straight(*panel) for title, panel in panels.items()}
+    heights = [STRAIGHT_HEIGHT if shows_sideways[title] else height - BESIDE_CHARTS for title in panels]
+    # A title of two lines has room in any case.
     more_lines = sum(max(0, _wrapped(title, width).count("\n") - 1) for title in panels)
-    figure = figure_page(width=width * columns, height=sum(heights) + 1.0 + 1.3 * LINE_HEIGHT * more_lines)
-    grid = figure.add_gridspec(rows, columns, height_ratios=heights)
-    labels: dict[str, Any] = {}
+    page_height = sum(heights) + BESIDE_CHARTS + TITLE_LINE_HEIGHT * more_lines
+    figure = figure_page(width=width * columns, height=page_height)
+    grid = figure.add_gridspec(len(panels), columns, height_ratios=heights)
+    line_of_name: dict[str, Any] = {}
     for row, (title, (truth, estimates)) in enumerate(panels.items()):
         axis = figure.add_subplot(grid[row, 0])
-        draw = draw_sideways if beside[title] else draw_trajectories
+        draw = draw_sideways if shows_sideways[title] else draw_trajectories
         draw(axis, title, truth, estimates)
         if loops:
-            ends = next(iter(estimates.values()))[np.array(loops).T, :3, 3]
-            x, _, z = np.moveaxis(ends, 2, 0)
-            axis.plot(x, z, "-o", color=LOOP_COLOUR, markersize=3, linewidth=1.2, label="loop")
-        lines = {str(line.get_label()): line for line in axis.get_lines()}
-        labels |= {name: line for name, line in lines.items() if not name.startswith("_")}
+            first_path = next(iter(estimates.values()))
+            ends = first_path[np.array(loops).T, :3, 3]  # (2, number of loops, 3)
+            axis.plot(
+                ends[:, :, 0],
+                ends[:, :, 2],
+                "-o",
+                color=LOOP_COLOUR,
+                markersize=3,
+                linewidth=1.2,
+                label="loop",
+            )
+        for line in axis.get_lines():
+            name = str(line.get_label())
+            if not name.startswith("_"):  # Matplotlib's names of lines without a label
+                line_of_name[name] = line
         if truth is not None:
             draw_drift(figure.add_subplot(grid[row, 1]), truth, estimates)
     # In the left half, so that a telephone shows the legend with the first panel.
-    add_legend(figure, labels, width, "left")
+    add_legend(figure, line_of_name, width, "left")
     return figure
 
 
 def errors_figure(title: str, errors: Mapping[tuple[str, str], Array]) -> Figure:
-    """Bars of TE and RE by sequence and method, with deviations over S seeds; `errors` are (2, S) each."""
+    """Bars of TE and RE by sequence and method, with deviations over S seeds.
+
+    errors : TE in % and RE in deg/100 m, (2, S), by sequence and method.
+    """
     sequences = list(dict.fromkeys(sequence for sequence, _ in errors))
     methods = list(dict.fromkeys(method for _, method in errors))
-    room = int((SMALL_PAGE[0] - 0.8) * LETTERS / len(sequences))
-    letters = max(letters_beside(sequences, 9), room)
+    letters_on_page = int((SMALL_PAGE[0] - NAMES_MARGIN) * LETTERS / len(sequences))
+    letters = max(letters_beside(sequences, LEAST_LETTERS), letters_on_page)
     names = [broken(name, letters) for name in sequences]
-    width = max(SMALL_PAGE[0], letters / LETTERS * len(sequences) + 0.8)
+    width = max(SMALL_PAGE[0], letters / LETTERS * len(sequences) + NAMES_MARGIN)
     name_lines = 1 + max(name.count("\n") for name in names)
     figure = figure_page(title, width, SMALL_PAGE[1] + LINE_HEIGHT * (name_lines - 1))
     axes = figure.subplots(2, sharex=True)
-    share = 0.85 / len(methods)
+    bar_width = BARS_SHARE / len(methods)
     for kind, (axis, label) in enumerate(zip(axes, ("TE [%]", "RE [deg/100 m]"), strict=True)):
-        for k, method in enumerate(methods):
-            values = {}
+        for number, method in enumerate(methods):
+            # The bars of a sequence stand side by side, with their middle at the sequence's place.
+            from_middle = bar_width * (number - (len(methods) - 1) / 2)
+            positions = []
+            means = []
+            deviations = []
             for place, sequence in enumerate(sequences):
                 if (sequence, method) in errors:
-                    values[place] = errors[sequence, method][kind]
-            x = [place + share * (k - (len(methods) - 1) / 2) for place in values]
-            means = [each.mean() for each in values.values()]
-            # One seed has no deviation, and no error bar.
-            deviations = [float(np.nan_to_num(standard_deviation(each))) for each in values.values()]
-            bars = axis.bar(x, means, share, yerr=deviations, color=method_colour(method, k), label=method)
+                    of_seeds = errors[sequence, method][kind]
+                    positions.append(place + from_middle)
+                    means.append(of_seeds.mean())
+                    # One seed has no deviation (NaN), and no error bar.
+                    deviations.append(float(np.nan_to_num(standard_deviation(of_seeds))))
+            colour = method_colour(method, number)
+            bars = axis.bar(positions, means, bar_width, yerr=deviations, color=colour, label=method)
             if len(sequences) == 1:
                 axis.bar_label(bars, fmt="%#.3g")
         axis.set(axisbelow=True, xticks=range(len(sequences)), xticklabels=names)
@@ -288,14 +338,20 @@ def error_curves_figure(title: str, by: str, curves: Mapping[str, ErrorCurve]) -
     figure = figure_page(title)
     axes = figure.subplots(2, sharex=True)
     for name, points, style in styled(curves):
-        # A marker on the edge is not clipped and does not enlarge the axis.
-        marker = {"marker": METHOD_MARKERS.get(name, "o"), "markerfacecolor": "none", "clip_on": False}
-        size = {"markersize": 3 + style["linewidth"], "in_layout": False}
-        x, *errors = np.reshape(np.asarray(points, np.float64), (-1, 3)).T
-        for axis, values in zip(axes, errors, strict=True):
-            axis.plot(x, values, **style, **marker, **size)
+        marker_style = {
+            "marker": METHOD_MARKERS.get(name, "o"),
+            "markerfacecolor": "none",
+            "markersize": 3 + style["linewidth"],
+            # A marker on the edge is whole, and does not enlarge the axis.
+            "clip_on": False,
+            "in_layout": False,
+        }
+        x, te, re_degrees = np.reshape(np.asarray(points, np.float64), (-1, 3)).T
+        axes[0].plot(x, te, **style, **marker_style)
+        axes[1].plot(x, re_degrees, **style, **marker_style)
     label_axis(axes[0], "", "TE [%]")
-    label_axis(axes[1], "sub-sequence length [m]" if by == "length" else "speed [km/h]", "RE [deg/100 m]")
+    abscissa = "sub-sequence length [m]" if by == "length" else "speed [km/h]"
+    label_axis(axes[1], abscissa, "RE [deg/100 m]")
     for axis in axes:
         axis.set_ylim(bottom=0.0)
     handles, of_handles = axes[0].get_legend_handles_labels()
@@ -311,6 +367,15 @@ REMOVED = bgr(CYCLE[1])
 BOX = (255, 255, 255)
 # BGR colours of kept features by age, from new (cyan) over green to old (yellow).
 AGE_COLOURS = [(255 - 17 * n, 220, 17 * n) for n in range(16)]
+# OpenCV draws with sub-pixel precision from fixed-point coordinates with so many binary digits.
+FIXED_BITS = 4
+FEATURE_RADIUS_PX = 2
+WORD_SIZE = 0.4  # of the words above boxes, in OpenCV's scale of its font
+
+
+def fixed_point(positions: Array) -> NDArray[np.int32]:
+    """Positions (..., 2), pixels, as OpenCV's functions take them with `shift=FIXED_BITS`."""
+    return np.asarray(np.rint(positions * 2**FIXED_BITS), np.int32)
 
 
 def match_image(
@@ -324,40 +389,54 @@ def match_image(
 ) -> Image:
     """The current left image in BGR (H, W, 3); a match is a line from the previous to the current position.
 
-    Kept matches are blue (`by_age`: cyan to yellow), removed matches orange. With the boxes' `state` (K,)
-    of a `Removal`, moving boxes have a thick solid line, parked boxes a dashed line, unknown boxes a
-    dotted line. `words` are written above the boxes.
+    Kept matches are blue, removed matches orange.
+
+    Parameters
+    ----------
+    image : (H, W) uint8.
+    kept : (N,) which of the N matches the box rule kept.
+    boxes : K boxes.
+    state : (K,) state of each box, of a `Removal`: moving boxes then have a thick solid line, parked boxes a
+        dashed line, unknown boxes a dotted line.
+    words : written above the boxes, in their order.
+    by_age : kept matches have the colours `AGE_COLOURS` instead of blue.
     """
     picture = np.asarray(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR), np.uint8)
     states = [MOVING] * len(boxes) if state is None else state.tolist()
     rectangles = np.rint(boxes.xyxy).astype(int).tolist()
     for corners, box_state in zip(rectangles, states, strict=True):
         _draw_box(picture, corners, box_state, thick=state is not None)
-    # OpenCV draws with sub-pixel precision from fixed-point coordinates with four binary digits.
-    ends = np.rint(np.stack([matches.prev_left, matches.cur_left], axis=1) * 16).astype(int)
+    starts = fixed_point(matches.prev_left).tolist()
+    ends = fixed_point(matches.cur_left).tolist()
     ages = np.clip(matches.age, 1, len(AGE_COLOURS)).tolist()
-    for (start, end), keep, age in zip(ends.tolist(), kept.tolist(), ages, strict=True):
+    radius = FEATURE_RADIUS_PX * 2**FIXED_BITS
+    for start, end, is_kept, age in zip(starts, ends, kept.tolist(), ages, strict=True):
         colour = REMOVED
-        if keep:
+        if is_kept:
             colour = AGE_COLOURS[age - 1] if by_age else KEPT
-        cv2.line(picture, start, end, colour, 1, cv2.LINE_AA, shift=4)
-        cv2.circle(picture, end, 2 * 16, colour, -1, cv2.LINE_AA, shift=4)
-    for corners, word in zip(rectangles, words, strict=False):  # above all lines, on a dark background
-        x = max(corners[0], 0)
-        y = max(corners[1] - 4, 12)
-        (width, high), _ = cv2.getTextSize(word, cv2.FONT_HERSHEY_SIMPLEX, 0.4, 1)
-        picture[y - high - 2 : y + 3, x : x + width] //= 4
-        cv2.putText(picture, word, (x, y), cv2.FONT_HERSHEY_SIMPLEX, 0.4, BOX, 1, cv2.LINE_AA)
+        cv2.line(picture, start, end, colour, 1, cv2.LINE_AA, shift=FIXED_BITS)
+        cv2.circle(picture, end, radius, colour, -1, cv2.LINE_AA, shift=FIXED_BITS)
+    for corners, word in zip(rectangles, words, strict=False):  # last, so that no line covers them
+        _write_above(picture, corners, word)
     return np.asarray(picture, np.uint8)
 
 
+def _write_above(picture: Image, corners: list[int], word: str) -> None:
+    """Write a word above a box, on a dark background, inside the picture."""
+    x = max(corners[0], 0)
+    y = max(corners[1] - 4, 12)
+    (width, height), _ = cv2.getTextSize(word, cv2.FONT_HERSHEY_SIMPLEX, WORD_SIZE, 1)
+    picture[y - height - 2 : y + 3, x : x + width] //= 4
+    cv2.putText(picture, word, (x, y), cv2.FONT_HERSHEY_SIMPLEX, WORD_SIZE, BOX, 1, cv2.LINE_AA)
+
+
 def _draw_box(picture: Image, corners: list[int], state: int, thick: bool) -> None:
-    """Draw a box in the line style of its state."""
+    """Draw a box with corners (x0, y0, x1, y1), pixels, in the line style of its state."""
     x0, y0, x1, y1 = corners
     if state == MOVING:
         cv2.rectangle(picture, (x0, y0), (x1, y1), BOX, 2 if thick else 1, cv2.LINE_AA)
         return
-    dash, period = (7, 12) if state == PARKED else (1, 5)
+    dash, period = (7, 12) if state == PARKED else (1, 5)  # pixels: dashed, or dotted
     for x in range(x0, x1 + 1, period):
         for y in (y0, y1):
             cv2.line(picture, (x, y), (min(x + dash, x1), y), BOX, 1)

@@ -11,7 +11,7 @@ import os
 import re
 import shlex
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path, PurePosixPath, PureWindowsPath
@@ -33,6 +33,7 @@ from .table1 import (
     BENCHMARK_COUNTS,
     BENCHMARK_FRAMES,
     ERROR_KINDS,
+    NOT_PRINTED,
     Entry,
     PaperTable,
     paper_fields,
@@ -41,15 +42,21 @@ from .table1 import (
 )
 
 RECORD = "reproduction.json"
-FORMAT = 1
+FORMAT = 1  # of the record; increase with every change of its fields that a reader must know of
 NO_REMOVAL = "none"  # the rule of the methods that remove no feature
 SAME_NUMBER = 1e-9  # how far two computations of one mean may be apart
+MOST_SHOWN = 40  # characters of a value in a message
+TOO_LARGE = 10**15  # a whole number from here on is no error and no count, and may not fit a float
 REMEDY = "repeat the `vo reproduce` that wrote it, with the same --out: finished runs are kept"
 
 
 @dataclass(frozen=True)
 class Call:
-    """A call of `vo reproduce`: date (UTC), command without places of the machine, duration, commit."""
+    """A call of `vo reproduce`.
+
+    date : in UTC; command : as typed, but without the places of the machine; seconds : its duration;
+    processes : their number; commit : that of the kit, or None outside git.
+    """
 
     date: str
     command: str
@@ -70,16 +77,18 @@ def earlier_calls(folder: Path) -> list[dict[str, Any]]:
         calls = read_mapping(folder / RECORD, "a record").get("calls")
     except DataError:
         return []
-    names = set(Call.__dataclass_fields__)
-    found = calls if isinstance(calls, list) else []
-    return [
-        call
-        for call in found
-        if isinstance(call, dict)
-        and set(call) == names
-        and _is_number(call["seconds"])
-        and call["seconds"] >= 0
-    ]
+    if not isinstance(calls, list):
+        return []
+    return [call for call in calls if _is_call(call)]
+
+
+def _is_call(value: object) -> bool:
+    """Whether a value of JSON has the fields of a `Call`, and a duration that can be added."""
+    names = {field.name for field in fields(Call)}
+    if not isinstance(value, dict) or set(value) != names:
+        return False
+    seconds = value["seconds"]
+    return _is_number(seconds) and bool(seconds >= 0)
 
 
 def without_places(line: str) -> str:
@@ -91,21 +100,24 @@ def without_places(line: str) -> str:
     words = []
     for word in shlex.split(line):
         pieces = re.split(r"([=,])", word)
-        words.append("".join(map(_without_place, pieces)))
+        words.append("".join(_without_place(piece) for piece in pieces))
     return shlex.join(words)
 
 
 def _without_place(piece: str) -> str:
-    scheme, address, _ = piece.partition("://")
+    """A part of a command line, as `without_places` describes it."""
+    scheme, _, address = piece.partition("://")
     if address:
         return f"{scheme}://..."
+    # The command may be that of any system: a backslash or a drive such as C: is a place only on Windows.
     windows = PureWindowsPath(piece)
     posix = PurePosixPath(piece)
-    leaves = ".." in posix.parts or ".." in windows.parts or piece.startswith("~")
-    if posix.is_absolute() or windows.drive or windows.root or leaves:
-        name = windows.name  # of a path with slashes, too
-        return name if name.strip("~.") else "..."
-    return piece
+    is_absolute = posix.is_absolute() or windows.drive or windows.root
+    leaves_folder = ".." in posix.parts or ".." in windows.parts or piece.startswith("~")
+    if not is_absolute and not leaves_folder:
+        return piece
+    name = windows.name  # of a path with slashes, too
+    return name if name.strip("~.") else "..."
 
 
 def reproduction_record(
@@ -121,11 +133,17 @@ def reproduction_record(
 ) -> dict[str, Any]:
     """What a reader needs to judge a reproduction: no path, image or pose.
 
-    entries : the errors of the table; paper : the printed numbers beside them; missing : sequences that were
-    asked for and not found; detector : the ONNX file of the boxes, if they are not labels; call : the one
-    that makes the record; earlier : the calls before it with the same folder (`earlier_calls`); jobs : all
-    runs, kept ones too; cache : folder of their matches; differs : for each block, sentences on what differs
-    from the presets.
+    Parameters
+    ----------
+    entries : the errors of the table.
+    paper : the printed numbers beside them.
+    missing : sequences that were asked for and not found.
+    detector : the ONNX file of the boxes, if they are not labels.
+    call : the one that makes the record.
+    earlier : the calls before it with the same folder, from `earlier_calls`.
+    jobs : all runs, kept ones too.
+    cache : folder of their matches.
+    differs : for each block, sentences on what differs from the presets.
 
     A call repeats no finished run, so its duration is not that of the table. "seconds_of_calls" is the sum
     over all calls that ended, and "seconds_of_work" what matches and runs took, each once and in one process,
@@ -133,7 +151,7 @@ def reproduction_record(
     """
     boxes = None if detector is None else {"file": detector.name, "sha256": file_sha256(detector)}
     calls = [*map(dict, earlier), asdict(call)]
-    work, unknown = seconds_of_jobs(jobs, cache)
+    seconds_of_work, of_unknown_duration = seconds_of_jobs(jobs, cache)
     return {
         "format": FORMAT,
         "about": "TE and RE of vo reproduce, one number for each seed",
@@ -145,8 +163,8 @@ def reproduction_record(
         "detector": boxes,
         "seconds": call.seconds,
         "seconds_of_calls": round(math.fsum(each["seconds"] for each in calls), 1),
-        "seconds_of_work": round(work, 1),
-        "work_of_unknown_duration": unknown,
+        "seconds_of_work": round(seconds_of_work, 1),
+        "work_of_unknown_duration": of_unknown_duration,
         "processes": call.processes,
         "calls": calls,
         "missing": missing,
@@ -169,10 +187,10 @@ def _version_of(*packages: str) -> str | None:
 
 
 def _row(entry: Entry, paper: PaperTable) -> dict[str, Any]:
-    errors = {
-        kind: [finite_or_none(value) for value in values.tolist()]
-        for kind, values in zip(ERROR_KINDS, entry.errors, strict=True)
-    }
+    """A row of the record, which `_read_row` reads."""
+    errors = {}
+    for kind, of_seeds in zip(ERROR_KINDS, entry.errors, strict=True):
+        errors[kind] = [finite_or_none(value) for value in of_seeds.tolist()]
     return {
         "variant": entry.variant,
         "settings": entry.settings,
@@ -198,9 +216,11 @@ def record_json(record: dict[str, Any]) -> str:
 class RecordRow:
     """The errors of a method on a sequence: a row of a record.
 
-    settings : what differs from the presets, as typed; whole : whether all frames of a sequence of the
-    benchmark were run, with the benchmark's measure; seeds : (S) different seeds; removed_share : share of
-    the matches removed in boxes; errors : (S,) of each seed by kind of `ERROR_KINDS`, NaN for a missing one.
+    settings : what differs from the presets, as typed.
+    whole : whether all frames of a sequence of the benchmark were run, with the benchmark's measure.
+    seeds : (S) different seeds.
+    removed_share : share of the matches removed in boxes, in [0, 1].
+    errors : (S,) of each seed, % or deg/100 m, by kind of `ERROR_KINDS`; NaN for a missing one.
     """
 
     variant: str
@@ -217,11 +237,17 @@ class RecordRow:
 def read_record(path: Path) -> tuple[dict[str, Any], list[RecordRow]]:
     """A record as it is, and its rows, tested.
 
-    Raises `DataError` with the row and what is expected there: another format, a field of another type,
-    different numbers of seeds and of errors, a seed or a row twice, an error that is negative or not finite,
-    a sequence that is called whole with another number of frames or of sub-sequences than the benchmark's or
-    with another measure, or called a part with the same frames and measure, features that were removed by a
-    method without removal, or a comparison with the paper that does not follow from the errors.
+    Raises
+    ------
+    DataError : with the row and what is expected there, for
+
+        - another format, or a field of another type;
+        - different numbers of seeds and of errors, or a seed or a row twice;
+        - an error that is negative or not finite;
+        - a sequence that is called whole with other frames, sub-sequences or another measure than the
+          benchmark's, or called a part with the same frames and measure;
+        - features that were removed by a method without removal;
+        - a comparison with the paper that does not follow from the errors.
     """
     record = read_mapping(path, f"a record of vo reproduce; {REMEDY}")
     if type(record.get("format")) is not int or record["format"] != FORMAT:
@@ -231,70 +257,62 @@ def read_record(path: Path) -> tuple[dict[str, Any], list[RecordRow]]:
     if not isinstance(rows, list):
         raise DataError(f"rows: expected a list of rows; {REMEDY}", path)
     read: dict[tuple[str, str, str, str], RecordRow] = {}
-    for number, fields in enumerate(rows, start=1):
+    for number, found_row in enumerate(rows, start=1):
         try:
-            row = _read_row(fields)
+            row = _read_row(found_row)
             key = (row.variant, row.settings, row.sequence, row.method)
             if key in read:
                 raise ValueError(
                     "expected one row for each variant, settings, sequence and method, found two"
                 )
         except ValueError as error:
-            where = f"row {number}{_row_words(fields)}"
+            where = f"row {number}{_row_words(found_row)}"
             raise DataError(f"{where}: {error}; {REMEDY}", path) from None
         read[key] = row
     return record, list(read.values())
 
 
-def _row_words(fields: object) -> str:
+def _row_words(row: object) -> str:
     """What a message says of a row beside its number: sequence and method, where they are readable."""
-    if not isinstance(fields, dict):
+    if not isinstance(row, dict):
         return ""
-    words = [fields.get("sequence"), fields.get("method")]
+    words = [row.get("sequence"), row.get("method")]
     named = [word for word in words if isinstance(word, str)]
     return f" ({', '.join(named)})" if named else ""
 
 
-def _read_row(fields: object) -> RecordRow:
-    """A row, tested; ValueError with what is expected."""
-    if not isinstance(fields, dict):
-        raise ValueError(f"expected an object, found {_shown(fields)}")
-    variant = _text(fields, "variant")
+def _read_row(row: object) -> RecordRow:
+    """A row, tested field by field; ValueError with what is expected."""
+    if not isinstance(row, dict):
+        raise ValueError(f"expected an object, found {_shown(row)}")
+    variant = _text(row, "variant")
     if variant not in VARIANTS:
         raise ValueError(f"variant: expected {' or '.join(VARIANTS)}, found {_shown(variant)}")
-    method = _text(fields, "method")
+    method = _text(row, "method")
     if method not in VARIANTS[variant]:
         raise ValueError(f"method: expected {', '.join(VARIANTS[variant])}, found {_shown(method)}")
-    sequence = _text(fields, "sequence")
-    frames = _field(fields, "frames")
-    if type(frames) is not int or frames < 1:
-        raise ValueError(f"frames: expected a whole number from 1, found {_shown(frames)}")
-    whole = _field(fields, "whole")
+    sequence = _text(row, "sequence")
+    frames = _whole_number(row, "frames", least=1)
+    whole = _field(row, "whole")
     if type(whole) is not bool:
         raise ValueError(f"whole: expected true or false, found {_shown(whole)}")
-    measure = _text(fields, "sub_sequences")
-    count = _field(fields, "sub_sequence_count")
-    if type(count) is not int or count < 0:
-        raise ValueError(f"sub_sequence_count: expected a whole number from 0, found {_shown(count)}")
+    measure = _text(row, "sub_sequences")
+    count = _whole_number(row, "sub_sequence_count", least=0)
     if whole:
         _test_whole(sequence, frames, measure, count)
     elif frames == BENCHMARK_FRAMES.get(sequence) and measure == KITTI_PROTOCOL.words:
         raise ValueError(f"whole is false: expected true, or other frames than all {frames} of {sequence}")
-    seeds = _field(fields, "seeds")
-    if not isinstance(seeds, list) or not seeds or not all(type(seed) is int and seed >= 0 for seed in seeds):
-        raise ValueError(f"seeds: expected a list of whole numbers from 0, found {_shown(seeds)}")
-    if len(set(seeds)) < len(seeds):
-        raise ValueError(f"seeds: expected each seed once, found {_shown(seeds)}")
-    settings = _text(fields, "settings")
-    share = _field(fields, "removed_share")
+    seeds = _seeds(row)
+    settings = _text(row, "settings")
+    share = _field(row, "removed_share")
     if not _is_number(share) or not 0.0 <= share <= 1.0:
         raise ValueError(f"removed_share: expected a number from 0 to 1, found {_shown(share)}")
     if share > 0 and _filter_rule(variant, method, settings) == NO_REMOVAL:
         raise ValueError(
             f"removed_share: expected 0, since {method} removes no feature, found {_shown(share)}"
         )
-    errors = {kind: _errors(fields, kind, len(seeds)) for kind in ERROR_KINDS}
-    _test_comparison(fields, whole, sequence, method, errors)
+    errors = {kind: _errors(row, kind, len(seeds)) for kind in ERROR_KINDS}
+    _test_comparison(row, whole, sequence, method, errors)
     return RecordRow(
         variant=variant,
         settings=settings,
@@ -302,7 +320,7 @@ def _read_row(fields: object) -> RecordRow:
         method=method,
         whole=whole,
         frames=frames,
-        seeds=tuple(seeds),
+        seeds=seeds,
         removed_share=float(share),
         errors=errors,
     )
@@ -332,18 +350,18 @@ def _filter_rule(variant: str, method: str, settings: str) -> str:
 
 
 def _test_comparison(
-    fields: Mapping[str, Any], whole: bool, sequence: str, method: str, errors: Mapping[str, Array]
+    row: Mapping[str, Any], whole: bool, sequence: str, method: str, errors: Mapping[str, Array]
 ) -> None:
     """ValueError if a field that compares a row with the paper is not what its errors give.
 
     Records of earlier versions have no such fields.
     """
-    printed = read_paper_table().value(sequence.removeprefix(KITTI), method) if whole else (None, None)
+    printed = read_paper_table().value(sequence.removeprefix(KITTI), method) if whole else NOT_PRINTED
     expected = paper_fields(printed, method, np.array([errors[kind] for kind in ERROR_KINDS]))
     for name, number in expected.items():
-        if name not in fields:
+        if name not in row:
             continue
-        found = fields[name]
+        found = row[name]
         if not _is_same(found, number):
             raise ValueError(f"{name}: expected {_shown(number)}, found {_shown(found)}")
 
@@ -355,21 +373,42 @@ def _is_same(found: object, number: float | None) -> bool:
     return abs(found - number) <= SAME_NUMBER
 
 
-def _field(fields: Mapping[str, Any], name: str) -> Any:
-    if name not in fields:
+def _field(row: Mapping[str, Any], name: str) -> Any:
+    """The value of a field; ValueError if it is missing."""
+    if name not in row:
         raise ValueError(f"expected a field {name}, found none")
-    return fields[name]
+    return row[name]
 
 
-def _text(fields: Mapping[str, Any], name: str) -> str:
-    value = _field(fields, name)
+def _text(row: Mapping[str, Any], name: str) -> str:
+    """The text in a field; ValueError for another value."""
+    value = _field(row, name)
     if not isinstance(value, str):
         raise ValueError(f"{name}: expected a text, found {_shown(value)}")
     return value
 
 
-def _errors(fields: Mapping[str, Any], kind: str, seeds: int) -> Array:
-    values = _field(fields, kind)
+def _whole_number(row: Mapping[str, Any], name: str, least: int) -> int:
+    """The whole number, `least` or more, in a field; ValueError for another value."""
+    value = _field(row, name)
+    if type(value) is not int or value < least:
+        raise ValueError(f"{name}: expected a whole number from {least}, found {_shown(value)}")
+    return value
+
+
+def _seeds(row: Mapping[str, Any]) -> tuple[int, ...]:
+    """The different seeds of a row, at least one; ValueError for others."""
+    seeds = _field(row, "seeds")
+    if not isinstance(seeds, list) or not seeds or not all(type(seed) is int and seed >= 0 for seed in seeds):
+        raise ValueError(f"seeds: expected a list of whole numbers from 0, found {_shown(seeds)}")
+    if len(set(seeds)) < len(seeds):
+        raise ValueError(f"seeds: expected each seed once, found {_shown(seeds)}")
+    return tuple(seeds)
+
+
+def _errors(row: Mapping[str, Any], kind: str, seeds: int) -> Array:
+    """The errors of a kind, (S,) for S seeds, NaN for a missing one; ValueError for others."""
+    values = _field(row, kind)
     if not isinstance(values, list):
         raise ValueError(f"{kind}: expected a list of errors, found {_shown(values)}")
     if len(values) != seeds:
@@ -385,11 +424,11 @@ def _errors(fields: Mapping[str, Any], kind: str, seeds: int) -> Array:
 def _is_number(value: object) -> bool:
     """Whether a value of JSON is a finite number; true and false are none."""
     if type(value) is int:
-        return abs(value) < 10**15  # a larger one is no error, and may not fit a float
+        return abs(value) < TOO_LARGE
     return type(value) is float and math.isfinite(value)
 
 
 def _shown(value: object) -> str:
     """A value as JSON writes it, shortened."""
     text = json.dumps(value)
-    return text if len(text) <= 40 else f"{text[:37]}..."
+    return text if len(text) <= MOST_SHOWN else f"{text[: MOST_SHOWN - 3]}..."

@@ -5,16 +5,15 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .. import settings
 from ..data.sequence import Sequence
-from ..errors import DataError
 from ..evaluation.kitti_errors import is_as_kitti, kitti_errors, subsequences_text, suitable_protocol
 from ..evaluation.path_facts import PathDifference, path_difference, path_facts
 from ..evaluation.statistics import change_limit, mean_and_deviation
@@ -23,7 +22,15 @@ from ..paper.settings import MethodConfig
 from ..runs.drive import Run
 from ..runs.folder import read_run, warnings_of
 from ..runs.jobs import Job, Outcome
-from .blocks import Axes, Changes, changed, combinations, reasons_words, settings_folder, settings_words
+from .blocks import (
+    Axes,
+    Changes,
+    changed,
+    combinations,
+    refuse_if_unused,
+    settings_folder,
+    settings_words,
+)
 from .breaking import broken
 from .page import (
     NO_NUMBER,
@@ -45,19 +52,28 @@ from .table1 import (
     too_short_words,
 )
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes as PlotAxes
+    from matplotlib.figure import Figure
+
 NOT_USED = " (not used)"
 CELLS = "cells"  # folder of the runs in the folder of a sweep
 DEFAULT = "default"  # folder of the runs with the settings that are not changed
-# Fields and columns for a path without ground truth: how far it is from that of the default settings.
+# Fields of a record, and their columns, for a path without ground truth: how far it is from that of the
+# reference, the default settings.
 APART_KINDS = {"end_apart_m": "end apart m", "rmse_apart_m": "rmse apart m"}
 # The same for a path with truth that is shorter than every sub-sequence: how far it is from the true one.
 POSITION_KINDS = {"end_error_m": "end error m", "rmse_error_m": "rmse error m"}
 METHOD_AXIS = "method"
 DEFAULT_SETTINGS = "the default settings"
-LEAST_LETTERS = 12  # in a line of a value below the heat map, whose column is then 1.1 inches wide
-ROW_LETTERS = 24  # in a line of the values beside it
 SAME_PATH_M = 0.0005  # a smaller distance is printed as 0.000 m
-NO_COLOUR = "0.9"  # grey of the cells without a colour in the heat map
+# The heat map. Heights and widths are in inches.
+LEAST_LETTERS = 12  # in a line of a value below it
+COLUMN_WIDTH = 1.1  # of a value with so few letters
+ROW_LETTERS = 24  # in a line of the values beside it
+ROW_HEIGHT = 0.55  # of values in few lines
+NO_COLOUR = "0.9"  # grey of the cells without a colour
+LIGHT_TEXT_FROM = 0.6  # of the range of colours: darker cells have white text
 
 
 class Measured(Enum):
@@ -88,19 +104,25 @@ def measured_on(sequence: Sequence) -> Measured:
 class Sweep:
     """The results on a grid, on one sequence.
 
-    The record of a combination has the sequence, the method, the value of each axis as text, the number of
-    successful seeds, errors and costs as in a record of Table 1, the settings that the method does not use
-    with the other values, and the causes of failed runs; without errors, it also has the length of the path
-    and its distance from the true path or, without ground truth, from the path of the settings that are not
-    on an axis. `reference` : these settings in words. `axes` : of the table, with the methods if there are
-    several. `measured` : what the numbers are. `notes` : sentences below the table. `outcomes` : of all
-    jobs, in order.
+    Attributes
+    ----------
+    axes : of the table; with several methods, the method is the first one.
+    records : of each combination of the values, see below.
+    outcomes : of all jobs, in order.
+    measured : what the numbers are.
+    notes : sentences below the table.
+    reference : the settings of `bases` in words, see `run_sweep`.
+
+    A record has the sequence, the method, the value of each axis as text, the number of successful seeds,
+    errors and costs as in a record of Table 1, the settings that the method does not use with the other
+    values, warnings, and the causes of failed runs. Where no errors are measured, it also has the length of
+    the path and its distance from the true path or, without ground truth, from that of the reference.
     """
 
     title: str
     axes: Axes
     records: list[dict[str, Any]]
-    outcomes: list[Outcome] = dataclasses.field(default_factory=list)
+    outcomes: list[Outcome] = field(default_factory=list)
     measured: Measured = Measured.ERRORS
     notes: tuple[str, ...] = ()
     reference: str = DEFAULT_SETTINGS
@@ -118,7 +140,7 @@ class Sweep:
 
 @dataclass(frozen=True)
 class _SweepCell:
-    """The runs of a method on a sequence with some changes, one per seed."""
+    """The runs of a method on a sequence with some changes, one per seed; `config` has the changes."""
 
     sequence: Sequence
     method: str
@@ -127,19 +149,22 @@ class _SweepCell:
     jobs: list[Job]
 
 
+# The cells with the settings that are not on an axis, by sequence and method, of sequences without truth.
+_ReferenceCells = dict[tuple[str, str], _SweepCell]
+
+
 def refuse_unused(bases: Mapping[str, MethodConfig], axes: Axes, more: Iterable[str] = ()) -> None:
     """Raise `DataError` for a setting that no method uses in any combination of the values.
 
-    bases : by method, the settings that are not on an axis; more : names of those that a method must use.
+    bases : by method, the settings that are not on an axis.
+    more : names of settings in `bases` that at least one method must use.
     """
     for name in dict.fromkeys([*axes, *more]):
         reasons = []
         for method, base in bases.items():
-            configs = [changed(base, changes) for changes in combinations(axes)]
-            reasons += [(method, settings.unused_because(config, name)) for config in configs]
-        if all(reason for _, reason in reasons):
-            words = f"{next(iter(bases))} does not use" if len(bases) == 1 else "no method uses"
-            raise DataError(f"{name}: {words} this setting, since {reasons_words(reasons)}")
+            for changes in combinations(axes):
+                reasons.append((method, settings.unused_because(changed(base, changes), name)))
+        refuse_if_unused(name, reasons, "no method uses")
 
 
 def run_sweep(
@@ -156,42 +181,54 @@ def run_sweep(
 
     Parameters
     ----------
-    sequences : names; bases : by method, the settings that are not on an axis.
-    opened : the sequence of a name for a configuration. Without ground truth, the settings of `bases` are run
-        as well, and the paths are compared with theirs.
+    sequences : names.
+    bases : by method, the settings that are not on an axis: the reference.
+    axes : the values of the others.
+    opened : the sequence of a name for a configuration. Without ground truth, the reference is run as well,
+        and the paths are compared with its path.
     run : function that does the jobs, such as `jobs.run_jobs` with its options.
     reference : the settings of `bases` in words.
 
     Returns
     -------
     A sweep for each sequence.
+
+    Raises
+    ------
+    DataError : no method uses a setting of an axis, or values contradict each other; and as `opened` and
+        `run`.
     """
     refuse_unused(bases, axes)
-    cells, defaults = _plan(sequences, bases, axes, seeds, folder, opened)
-    outcomes = run(_jobs_of(cells, defaults))
-    errors = {outcome.job.folder: outcome.error for outcome in outcomes}
+    cells, reference_cells = _plan(sequences, bases, axes, seeds, folder, opened)
+    outcomes = run(_jobs_of(cells, reference_cells))
+    error_of_job = {outcome.job.folder: outcome.error for outcome in outcomes}
     sweeps = []
     for name in sequences:
         of_sequence = [cell for cell in cells if cell.sequence.name == name]
         sequence = of_sequence[0].sequence
         records = []
         for cell in of_sequence:
-            default_cell = defaults.get((name, cell.method))
-            records.append(_record(cell, default_cell, errors))
-        title = _title(sequence, bases, seeds)
-        table_axes = {METHOD_AXIS: tuple(bases)} | axes if len(bases) > 1 else axes
-        notes = [
-            _seeds_note(default, errors, reference)
-            for (at, _), default in defaults.items()
-            if at == name and seeds > 1
-        ]
+            reference_cell = reference_cells.get((name, cell.method))
+            records.append(_record(cell, reference_cell, error_of_job))
+        notes = []
+        for (sequence_name, _), reference_cell in reference_cells.items():
+            if sequence_name == name and seeds > 1:
+                notes.append(_seeds_note(reference_cell, error_of_job, reference))
         if sequence.truth is not None:
             short = too_short_words(sequence.truth, suitable_protocol(sequence.truth))
             if short:
                 notes.append(f"No TE and RE, since {short}.")
-        done = [outcome for outcome in outcomes if outcome.job.sequence.name == name]
-        measured = measured_on(sequence)
-        sweeps.append(Sweep(title, table_axes, records, done, measured, tuple(notes), reference))
+        sweeps.append(
+            Sweep(
+                title=_title(sequence, bases, seeds),
+                axes={METHOD_AXIS: tuple(bases)} | axes if len(bases) > 1 else axes,
+                records=records,
+                outcomes=[outcome for outcome in outcomes if outcome.job.sequence.name == name],
+                measured=measured_on(sequence),
+                notes=tuple(notes),
+                reference=reference,
+            )
+        )
     return sweeps
 
 
@@ -204,7 +241,8 @@ def planned_jobs(
     opened: Callable[[str, MethodConfig], Sequence],
 ) -> list[Job]:
     """The jobs that `run_sweep` does with these parameters."""
-    return _jobs_of(*_plan(sequences, bases, axes, seeds, folder, opened))
+    cells, reference_cells = _plan(sequences, bases, axes, seeds, folder, opened)
+    return _jobs_of(cells, reference_cells)
 
 
 def _plan(
@@ -214,26 +252,30 @@ def _plan(
     seeds: int,
     folder: Path,
     opened: Callable[[str, MethodConfig], Sequence],
-) -> tuple[list[_SweepCell], dict[tuple[str, str], _SweepCell]]:
-    """The cells of a sweep, and those of `bases` by sequence without truth and method."""
+) -> tuple[list[_SweepCell], _ReferenceCells]:
+    """The cells of a sweep, and those of the reference; a cell of the sweep may be one of them."""
     cells = list[_SweepCell]()
-    defaults: dict[tuple[str, str], _SweepCell] = {}
+    reference_cells: _ReferenceCells = {}
     for name, (method, base) in itertools.product(sequences, bases.items()):
         of_method = [
             _make_cell(opened, name, method, base, changes, seeds, folder) for changes in combinations(axes)
         ]
         cells += of_method
         if of_method[0].sequence.truth is None:
-            same = [cell for cell in of_method if cell.config == base]
-            default = same[0] if same else _make_cell(opened, name, method, base, (), seeds, folder)
-            defaults[name, method] = default
-    return cells, defaults
+            with_base = [cell for cell in of_method if cell.config == base]
+            if not with_base:
+                with_base = [_make_cell(opened, name, method, base, (), seeds, folder)]
+            reference_cells[name, method] = with_base[0]
+    return cells, reference_cells
 
 
-def _jobs_of(cells: list[_SweepCell], defaults: Mapping[tuple[str, str], _SweepCell]) -> list[Job]:
-    """The jobs of cells, each once."""
-    jobs = [job for cell in [*cells, *defaults.values()] for job in cell.jobs]
-    return list({job.folder: job for job in jobs}.values())
+def _jobs_of(cells: list[_SweepCell], reference_cells: _ReferenceCells) -> list[Job]:
+    """The jobs of all cells, each once."""
+    job_in = {}
+    for cell in [*cells, *reference_cells.values()]:
+        for job in cell.jobs:
+            job_in[job.folder] = job
+    return list(job_in.values())
 
 
 def _make_cell(
@@ -248,76 +290,90 @@ def _make_cell(
     """The cell of a method on a sequence with some changes, and its jobs."""
     config = changed(base, changes)
     sequence = opened(name, config)
-    place = folder / CELLS / base.variant / slug(name) / method
-    place /= settings_folder(changes) if changes else DEFAULT
+    settings_name = settings_folder(changes) if changes else DEFAULT
+    place = folder / CELLS / base.variant / slug(name) / method / settings_name
+    words = settings_words(changes)
     jobs = []
     for seed in range(seeds):
         of_seed = dataclasses.replace(config, seed=seed)
-        jobs.append(
-            Job(sequence, method, of_seed, (place / f"seed{seed}").resolve(), settings_words(changes))
-        )
+        jobs.append(Job(sequence, method, of_seed, (place / f"seed{seed}").resolve(), words))
     return _SweepCell(sequence, method, changes, config, jobs)
 
 
-def _read(cell: _SweepCell, errors: Mapping[Path, str | None]) -> list[Run]:
-    """The finished runs of a cell."""
-    return [read_run(job.folder, job.sequence) for job in cell.jobs if errors[job.folder] is None]
+def _finished_runs(cell: _SweepCell, error_of_job: Mapping[Path, str | None]) -> list[Run]:
+    """The finished runs of a cell, read from their folders."""
+    finished = [job for job in cell.jobs if error_of_job[job.folder] is None]
+    return [read_run(job.folder, job.sequence) for job in finished]
 
 
 def _record(
-    cell: _SweepCell, default: _SweepCell | None, errors: Mapping[Path, str | None]
+    cell: _SweepCell, reference_cell: _SweepCell | None, error_of_job: Mapping[Path, str | None]
 ) -> dict[str, Any]:
-    """The numbers of a cell; `default` : the cell of the default settings, for a path without truth."""
-    runs = _read(cell, errors)
-    causes = [f"seed {job.config.seed}: {errors[job.folder]}" for job in cell.jobs if errors[job.folder]]
+    """The record of a cell, see `Sweep`.
+
+    reference_cell : the cell of the reference, for a path without truth.
+    error_of_job : the cause of a failure by folder, None for success.
+    """
+    runs = _finished_runs(cell, error_of_job)
     record: dict[str, Any] = {"sequence": cell.sequence.name, METHOD_AXIS: cell.method}
     record |= {name: settings.as_typed(value) for name, value in cell.changes}
     record["seeds"] = len(runs)
     truth = cell.sequence.truth
-    if truth is not None and measured_on(cell.sequence) is Measured.POSITIONS:
-        record |= number_fields(np.zeros((2, 0)), None) | _fields_of_positions(runs, truth)
-    elif truth is not None:
-        entry = measure_runs(cell.method, runs, suitable_protocol(truth)) if runs else None
-        record |= number_fields(np.zeros((2, 0)) if entry is None else entry.errors, entry)
+    no_errors = np.zeros((2, 0))  # TE and RE of no seed
+    if truth is None:
+        of_reference = [] if reference_cell is None else _finished_runs(reference_cell, error_of_job)
+        record |= _fields_without_truth(runs, of_reference)
+    elif measured_on(cell.sequence) is Measured.POSITIONS:
+        record |= number_fields(no_errors, None) | _fields_of_positions(runs, truth)
+    elif runs:
+        entry = measure_runs(cell.method, runs, suitable_protocol(truth))
+        record |= number_fields(entry.errors, entry)
     else:
-        record |= _fields_without_truth(runs, [] if default is None else _read(default, errors))
+        record |= number_fields(no_errors, None)
     unused = [name for name, _ in cell.changes if settings.unused_because(cell.config, name)]
+    record["not_used"] = " ".join(unused)
     warnings = dict.fromkeys(warning for result in runs for warning in warnings_of(result))
-    notes = {"not_used": " ".join(unused), "warnings": "; ".join(warnings), "failed": "; ".join(causes)}
-    return record | notes
+    record["warnings"] = "; ".join(warnings)
+    failures = []
+    for job in cell.jobs:
+        if error_of_job[job.folder]:
+            failures.append(f"seed {job.config.seed}: {error_of_job[job.folder]}")
+    record["failed"] = "; ".join(failures)
+    return record
 
 
-def _fields_without_truth(runs: list[Run], defaults: list[Run]) -> dict[str, float | None]:
-    """Length of the paths, and their distance from those of the default settings with the same seeds."""
-    of_default = {result.config.seed: result.poses for result in defaults}
-    lengths = [path_facts(result.poses, None).length for result in runs]
-    pairs = [
-        (result.poses, of_default[result.config.seed]) for result in runs if result.config.seed in of_default
-    ]
-    apart = [path_difference("a path", poses, "the default", default) for poses, default in pairs]
-    distances = dict(zip(APART_KINDS, _ends_and_rmse(apart), strict=True))
-    return _fields_of_seeds({"length_m": lengths} | distances, runs)
+def _fields_without_truth(runs: list[Run], of_reference: list[Run]) -> dict[str, float | None]:
+    """Length of the paths, and their distance from those of the reference with the same seeds."""
+    reference_of_seed = {result.config.seed: result.poses for result in of_reference}
+    apart = []
+    for result in runs:
+        if result.config.seed in reference_of_seed:
+            reference = reference_of_seed[result.config.seed]
+            apart.append(path_difference("a path", result.poses, "the reference", reference))
+    return _fields_of_distances(APART_KINDS, apart, runs)
 
 
 def _fields_of_positions(runs: list[Run], truth: Array) -> dict[str, float | None]:
     """Length of the paths, and their distance from the true path (N, 4, 4), after a common start."""
-    lengths = [path_facts(result.poses, None).length for result in runs]
     apart = [path_difference("the truth", truth, "a path", result.poses) for result in runs]
-    distances = dict(zip(POSITION_KINDS, _ends_and_rmse(apart), strict=True))
-    return _fields_of_seeds({"length_m": lengths} | distances, runs)
+    return _fields_of_distances(POSITION_KINDS, apart, runs)
 
 
-def _ends_and_rmse(apart: list[PathDifference]) -> tuple[list[float], list[float]]:
-    """The distances at the end, and the root mean squares."""
-    ends = [each.end for each in apart]
-    means = [each.rmse for each in apart]
-    return ends, means
+def _fields_of_distances(
+    kinds: Iterable[str], apart: list[PathDifference], runs: list[Run]
+) -> dict[str, float | None]:
+    """Mean and deviation over the seeds of lengths and distances of paths, and the costs of the runs.
 
-
-def _fields_of_seeds(values: Mapping[str, list[float]], runs: list[Run]) -> dict[str, float | None]:
-    """Mean and deviation of values over seeds, by field, and the costs of the runs."""
+    kinds : names of the fields for the distance at the end, and for the root mean square of all distances.
+    """
+    end_field, rmse_field = kinds
+    values_of = {
+        "length_m": [path_facts(result.poses, None).length for result in runs],
+        end_field: [difference.end for difference in apart],
+        rmse_field: [difference.rmse for difference in apart],
+    }
     fields: dict[str, float | None] = {}
-    for name, of_seeds in values.items():
+    for name, of_seeds in values_of.items():
         mean, deviation = mean_and_deviation(of_seeds)
         fields[name] = finite_or_none(mean)
         fields[f"{name}_std"] = finite_or_none(deviation)
@@ -326,30 +382,31 @@ def _fields_of_seeds(values: Mapping[str, list[float]], runs: list[Run]) -> dict
     return fields
 
 
-def _seeds_note(default: _SweepCell, errors: Mapping[Path, str | None], reference: str) -> str:
-    """A sentence on how far the seeds of the reference settings are apart, as a measure of chance."""
-    paths: list[Array] = [result.poses for result in _read(default, errors)]
+def _seeds_note(cell: _SweepCell, error_of_job: Mapping[Path, str | None], reference: str) -> str:
+    """A sentence on how far the seeds of a cell of the reference are apart, as a measure of chance."""
+    paths: list[Array] = [result.poses for result in _finished_runs(cell, error_of_job)]
     apart = [
         path_difference("", first, "", second).rmse for first, second in itertools.combinations(paths, 2)
     ]
     if apart and max(apart) < SAME_PATH_M:
-        return f"{default.method}: all seeds of {reference} give the same path, to the millimetre."
+        return f"{cell.method}: all seeds of {reference} give the same path, to the millimetre."
     mean, deviation = mean_and_deviation(apart)
     return (
-        f"{default.method}: two seeds of {reference} are {plus_minus(mean, deviation)} m apart "
+        f"{cell.method}: two seeds of {reference} are {plus_minus(mean, deviation)} m apart "
         "(rmse), so a difference of this size may be chance."
     )
 
 
 def _title(sequence: Sequence, bases: Mapping[str, MethodConfig], seeds: int) -> str:
-    """The runs of a sweep on a sequence, and the sub-sequences of its errors."""
+    """The runs of a sweep on a sequence, and what the numbers are."""
     part = " (part of a sequence)" if sequence.is_part else ""
-    variant = next(iter(bases.values())).variant
+    variant = next(iter(bases.values())).variant  # that of all methods
     runs_text = f"{sequence.name}, {len(sequence)} frames{part}, {', '.join(bases)}, {variant}"
     if sequence.truth is None:
         return f"{runs_text}: no ground truth, so these numbers are no errors; {seeds_text(seeds)}"
     if measured_on(sequence) is Measured.POSITIONS:
         return f"{runs_text}: distances from the true path; {seeds_text(seeds)}"
+    # Only to count the sub-sequences: the truth has no errors.
     measure = suitable_protocol(sequence.truth)
     count = len(kitti_errors(sequence.truth, sequence.truth, measure.lengths, measure.step))
     measure_words = measure.words_with(is_as_kitti(measure, count, not sequence.is_part))
@@ -362,23 +419,27 @@ def sweep_table(sweep: Sweep) -> ReportTable:
     A terminal of 80 columns has no room for everything: with several methods or without errors, the costs are
     only in the records.
     """
-    has_errors = sweep.measured is Measured.ERRORS
-    lengths = [] if has_errors else ["length m"]
-    costs = ["removed", "back-end ms"] if has_errors and METHOD_AXIS not in sweep.axes else []
-    columns = [*sweep.axes, *lengths, *sweep.kinds.values(), *costs]
+    shows_lengths = sweep.measured is not Measured.ERRORS
+    shows_costs = not shows_lengths and METHOD_AXIS not in sweep.axes
+    columns = list(sweep.axes)
+    if shows_lengths:
+        columns.append("length m")
+    columns += sweep.kinds.values()
+    if shows_costs:
+        columns += ["removed", "back-end ms"]
     rows = list[list[str]]()
     notes = list[str]()
     for record in sweep.records:
-        share = record["removed_share"]
-        numbers = [plus_minus(record[kind], record[f"{kind}_std"]) for kind in sweep.kinds]
-        if lengths:
-            numbers.insert(0, format_number(record["length_m"], 2))
-        if costs:
-            numbers.append(NO_NUMBER if share is None else f"{100 * share:.1f} %")
-            numbers.append(format_number(record["back_end_ms"], 1))
         not_used = record.get("not_used", "").split()
-        values = [f"{record[name]}{NOT_USED}" if name in not_used else record[name] for name in sweep.axes]
-        rows.append([*values, *numbers])
+        row = [f"{record[name]}{NOT_USED}" if name in not_used else record[name] for name in sweep.axes]
+        if shows_lengths:
+            row.append(format_number(record["length_m"], 2))
+        row += [plus_minus(record[kind], record[f"{kind}_std"]) for kind in sweep.kinds]
+        if shows_costs:
+            share = record["removed_share"]
+            row.append(NO_NUMBER if share is None else f"{100 * share:.1f} %")
+            row.append(format_number(record["back_end_ms"], 1))
+        rows.append(row)
         label = ", ".join(f"{name}={record[name]}" for name in sweep.axes)
         if record["failed"]:
             notes.append(f"Failed: {label}, {record['failed']}")
@@ -403,45 +464,61 @@ def heat_map(sweep: Sweep) -> bytes:
 
     Dark is a large number, a cross no result. A cell with one seed is grey: one run shows no difference.
     """
-    from matplotlib import colormaps  # here, since its import takes half a second
-
     *down, across = sweep.axes
-    values_across = [*map(settings.as_typed, sweep.axes[across])]
-    grid = itertools.product(*(sweep.axes[name] for name in down))
+    values_across = [settings.as_typed(value) for value in sweep.axes[across]]
     letters = letters_beside(values_across, LEAST_LETTERS)
     columns = [broken(value, letters) for value in values_across]
-    rows = [broken(", ".join(map(settings.as_typed, values)), ROW_LETTERS) for values in grid]
-    beside = max((len(line) for row in rows for line in row.split("\n")), default=0)
-    width = max(SMALL_PAGE[0], 1.5 + beside / LETTERS + letters / LEAST_LETTERS * 1.1 * len(columns))
-    row_height = max(0.55, LINE_HEIGHT * (1 + max(row.count("\n") for row in rows)))
-    below = LINE_HEIGHT * max(column.count("\n") for column in columns)
-    height = 2 * (1.2 + row_height * len(rows) + below) + 0.8
+    rows = []
+    for values in itertools.product(*(sweep.axes[name] for name in down)):
+        rows.append(broken(", ".join(map(settings.as_typed, values)), ROW_LETTERS))
+    width, height = _map_size(rows, columns, letters)
     figure = figure_page(sweep.title, width, height)
-    better = f"\nfrom {sweep.reference}" if sweep.measured is Measured.APART else "\nlower is better"
-    colours = colormaps["YlGnBu"].with_extremes(bad=NO_COLOUR)
-    for axis, (kind, label) in zip(figure.subplots(2), sweep.kinds.items(), strict=True):
-        means = np.array([record[kind] for record in sweep.records], np.float64)
-        deviations = np.array([record[f"{kind}_std"] for record in sweep.records], np.float64)
-        values = np.where(np.isnan(deviations), np.nan, means).reshape(len(rows), -1)
-        lowest, highest = _colour_range(means, deviations)
-        image = axis.imshow(values, aspect="auto", cmap=colours, vmin=lowest, vmax=highest)
-        if np.isnan(deviations).all():
-            title = f"{label}{better}; one seed: no colours".replace("\n", ", ")
-            axis.set_title(title, fontsize="medium")
-        else:
-            figure.colorbar(image, ax=axis, label=f"{label}{better}", format="%.4g")
+    for axis, (kind, name) in zip(figure.subplots(2), sweep.kinds.items(), strict=True):
+        _draw_map(figure, axis, sweep, kind, name, len(rows))
         axis.set_xticks(range(len(columns)), columns)
         if down:
             axis.set_yticks(range(len(rows)), rows)
         else:
             axis.set_yticks([])
         axis.set(xlabel=across, ylabel=",\n".join(down))
-        for (row, column), record in zip(np.ndindex(values.shape), sweep.records, strict=True):
-            text = plus_minus(record[kind], record[f"{kind}_std"])
-            text = text.replace(" ±", "\n±").replace(NO_NUMBER, "×")
-            colour = "white" if image.norm(values[row, column]) > 0.6 else "black"
-            axis.text(column, row, text, ha="center", va="center", color=colour, fontsize="small")
     return png(figure)
+
+
+def _map_size(rows: list[str], columns: list[str], letters: int) -> tuple[float, float]:
+    """The width and the height, inches, of a page with two maps one above the other.
+
+    rows, columns : the words beside and below a map, in lines; letters : in a line below.
+    """
+    letters_of_rows = max((len(line) for row in rows for line in row.split("\n")), default=0)
+    column_width = letters / LEAST_LETTERS * COLUMN_WIDTH
+    width = max(SMALL_PAGE[0], 1.5 + letters_of_rows / LETTERS + column_width * len(columns))
+    row_height = max(ROW_HEIGHT, LINE_HEIGHT * (1 + max(row.count("\n") for row in rows)))
+    below = LINE_HEIGHT * max(column.count("\n") for column in columns)
+    height = 2 * (1.2 + row_height * len(rows) + below) + 0.8
+    return width, height
+
+
+def _draw_map(figure: Figure, axis: PlotAxes, sweep: Sweep, kind: str, name: str, rows: int) -> None:
+    """Draw one kind of number of a sweep as colours and as text; `name` : the name of the kind."""
+    from matplotlib import colormaps  # here, since its import takes half a second
+
+    means = np.array([record[kind] for record in sweep.records], np.float64)
+    deviations = np.array([record[f"{kind}_std"] for record in sweep.records], np.float64)
+    coloured = np.where(np.isnan(deviations), np.nan, means).reshape(rows, -1)
+    palest, darkest = _colour_range(means, deviations)
+    colours = colormaps["YlGnBu"].with_extremes(bad=NO_COLOUR)
+    image = axis.imshow(coloured, aspect="auto", cmap=colours, vmin=palest, vmax=darkest)
+    meaning = f"from {sweep.reference}" if sweep.measured is Measured.APART else "lower is better"
+    if np.isnan(deviations).all():
+        axis.set_title(f"{name}, {meaning}; one seed: no colours", fontsize="medium")
+    else:
+        figure.colorbar(image, ax=axis, label=f"{name}\n{meaning}", format="%.4g")
+    shades = np.asarray(image.norm(coloured), np.float64)  # from 0 to 1, NaN without a colour
+    for (row, column), record in zip(np.ndindex(coloured.shape), sweep.records, strict=True):
+        text = plus_minus(record[kind], record[f"{kind}_std"])
+        text = text.replace(" ±", "\n±").replace(NO_NUMBER, "×")
+        colour = "white" if shades[row, column] > LIGHT_TEXT_FROM else "black"
+        axis.text(column, row, text, ha="center", va="center", color=colour, fontsize="small")
 
 
 def _colour_range(means: Array, deviations: Array) -> tuple[float, float]:

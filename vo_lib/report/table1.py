@@ -41,17 +41,31 @@ from .blocks import Block, Changes, settings_folder, settings_words
 from .page import finite_or_none
 from .paper_unit import PAPERS_OWN, RE_KIND, converted
 
-PAPER_METHODS = ("viso2", *PAPERS_OWN)
-PRINTED_NAMES = dict(
-    zip(PAPER_METHODS, ("VISO2", "MESVO_F", "Solution selection", "Feature selection"), strict=True)
-)
+PAPER_METHODS = ("viso2", *PAPERS_OWN)  # in the order of the paper's columns
+PRINTED_NAMES = {
+    "viso2": "VISO2",
+    "mesvo_f": "MESVO_F",
+    "solution_selection": "Solution selection",
+    "feature_selection": "Feature selection",
+}
 PROPOSAL = "feature_selection"
-AVERAGE = "Avg"
-POOLED = "pooled"
+AVERAGE = "Avg"  # the paper's row of means, and ours with the same sequences
+POOLED = "pooled"  # our row with all sub-sequences together
 LEFT_OUT = "01"  # the highway, which has dashes in the paper's table
-# Numbers of sub-sequences of 00, 02 … 10 in the benchmark, the weights of its pooled mean.
-_NUMBERS = (3283, 3453, 184, 43, 1806, 570, 317, 2813, 958, 464)
-SUB_SEQUENCES = dict(zip([f"{k:02d}" for k in range(11) if k != 1], _NUMBERS, strict=True))
+# The sequences in the paper's Avg, with their numbers of sub-sequences in the benchmark, the weights of its
+# pooled mean.
+SUB_SEQUENCES = {
+    "00": 3283,
+    "02": 3453,
+    "03": 184,
+    "04": 43,
+    "05": 1806,
+    "06": 570,
+    "07": 317,
+    "08": 2813,
+    "09": 958,
+    "10": 464,
+}
 SUB_SEQUENCES_OF_01 = 676
 PAPER_ROWS = (AVERAGE, *SUB_SEQUENCES)
 # Section 4 of the paper: gains of Feature selection, (TE, RE) in %.
@@ -60,7 +74,7 @@ CLAIMS = {"solution_selection": (8.0, 7.0), "mesvo_f": (6.0, 15.0)}
 POSITION_NOTE = (
     "error: distance of the positions from the true ones, from the same start, at the end and as rmse."
 )
-_NUMBER = re.compile(r"\d+(\.\d+)?")
+_DECIMAL = re.compile(r"\d+(\.\d+)?")  # a number in a sentence
 STILL_M = 0.05  # a shorter path is printed as 0.0 m
 RUNS = "runs"  # folder of the runs in the folder of the table
 BENCHMARK_FRAMES = {f"{KITTI}{number}": frames for number, frames in EXPECTED_FRAMES.items()}
@@ -72,21 +86,25 @@ BENCHMARK_COUNTS = {f"{KITTI}{row}": count for row, count in SUB_SEQUENCES.items
 ERROR_KINDS = {"te_percent": ("TE %", 2), RE_KIND: ("RE deg/100 m", 3)}
 
 
+PrintedErrors = tuple[float | None, float | None]  # the paper's TE in % and RE in deg/100 m; None for a dash
+NOT_PRINTED: PrintedErrors = (None, None)
+
+
 @dataclass(frozen=True, eq=False)
 class PaperTable:
-    """Printed TE in % and RE in deg/100 m by (row, method); None for a dash."""
+    """The paper's numbers by (row, method)."""
 
-    numbers: dict[tuple[str, str], tuple[float | None, float | None]]
+    numbers: dict[tuple[str, str], PrintedErrors]
 
-    def value(self, row: str, method: str) -> tuple[float | None, float | None]:
+    def value(self, row: str, method: str) -> PrintedErrors:
         """TE and RE of a row ("00" … "10" or "Avg") and a method."""
-        return self.numbers.get((row, method), (None, None))
+        return self.numbers.get((row, method), NOT_PRINTED)
 
 
-def printed_of(paper: PaperTable, entry: Entry) -> tuple[float | None, float | None]:
+def printed_of(paper: PaperTable, entry: Entry) -> PrintedErrors:
     """The paper's TE and RE beside which an entry may stand: none beside a part of a sequence."""
     if not entry.is_whole:
-        return None, None
+        return NOT_PRINTED
     return paper.value(entry.sequence.removeprefix(KITTI), entry.method)
 
 
@@ -98,20 +116,20 @@ def gain(before: ArrayLike, after: ArrayLike) -> Array:
 
 def read_paper_table() -> PaperTable:
     """The paper's table, read from paper_table1.csv."""
-    table = PaperTable({})
-    for name, *cells in printed_cells():
+    table: dict[tuple[str, str], PrintedErrors] = {}
+    for row, *cells in printed_cells():
         numbers = [None if cell == "-" else float(cell) for cell in cells]
         for place, method in enumerate(PAPER_METHODS):
             te = numbers[2 * place]
             re_degrees = numbers[2 * place + 1]
-            table.numbers[name, method] = (te, re_degrees)
-    return table
+            table[row, method] = (te, re_degrees)
+    return PaperTable(table)
 
 
 def printed_cells() -> list[list[str]]:
     """The rows of paper_table1.csv, without the heading."""
-    (_, _), *rows = read_csv(Path(__file__).with_name("paper_table1.csv"))
-    return [cells for _, cells in rows]
+    rows = [cells for _, cells in read_csv(Path(__file__).with_name("paper_table1.csv"))]
+    return rows[1:]
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,12 +138,15 @@ class Entry:
 
     Attributes
     ----------
-    sequence, method : names; seeds : (S) seeds of the runs; variant : `published` or `kit`.
+    sequence, method : names.
+    variant : `published` or `kit`.
+    seeds : (S) seeds of the runs.
     settings : the settings of the block that differ from the presets, as typed; empty for the presets.
     unused : names of those settings that have no effect on the method.
     measure : the sub-sequences of TE and RE.
     results : (S) KITTI errors, ATE (SE3 alignment) and RPE of each seed.
-    poses : (N, 4, 4) trajectory of the first seed; truth : (N, 4, 4).
+    poses : (N, 4, 4) T_w_c of the first seed, metres.
+    truth : (N, 4, 4) T_w_c, metres.
     labels : whether the sequence has vehicle boxes.
     removed_share : share of matches removed in boxes for the first seed, in [0, 1].
     back_end_ms : mean time per frame of the back end (everything after the matches), milliseconds.
@@ -172,8 +193,10 @@ class Entry:
 class Group:
     """Entries that may be averaged: equal variant, settings and measure; either all from KITTI or none.
 
-    `entries` : entries by (sequence, method); `kitti` : whether the sequences are from the benchmark;
-    `settings` : what differs from the presets, as typed.
+    settings : what differs from the presets, as typed.
+    kitti : whether the sequences are from the benchmark.
+    measure : the sub-sequences of TE and RE.
+    entries : entries by (sequence, method).
     """
 
     variant: str
@@ -190,7 +213,8 @@ class Group:
     @property
     def averaged(self) -> list[str]:
         """Names of the sequences in the mean: all except KITTI's 01, or 01 if it is the only sequence."""
-        return [name for name in self.sequences if name != f"{KITTI}{LEFT_OUT}"] or self.sequences
+        without_01 = [name for name in self.sequences if name != f"{KITTI}{LEFT_OUT}"]
+        return without_01 or self.sequences
 
     @property
     def methods(self) -> list[str]:
@@ -217,30 +241,35 @@ class Group:
         entries = [entry for entry in self.of_method(method) if entry.sequence in self.averaged]
         means = []
         for of_seed in _by_seed(entries):
-            errors = te_and_re(errors for errors in of_seed if len(errors))
+            errors = te_and_re(of_sequence for of_sequence in of_seed if len(of_sequence))
             means.append(errors.mean(axis=1) if errors.size else np.full(2, np.nan))
         return np.reshape(means, (-1, 2)).T
 
     def pooled(self, method: str) -> Array:
         """TE and RE of each seed, (2, S), over all sub-sequences together, as on KITTI's server."""
-        return te_and_re(joined(parts) for parts in _by_seed(self.of_method(method)))
+        return te_and_re(joined(of_seed) for of_seed in _by_seed(self.of_method(method)))
 
 
 def _by_seed(entries: list[Entry]) -> list[list[KittiErrors]]:
     """For each seed that all entries have, the errors on every sequence."""
     if not entries:
         return []
-    common = set.intersection(*(set(entry.seeds) for entry in entries))
-    return [[entry.results[entry.seeds.index(seed)].kitti for entry in entries] for seed in sorted(common)]
+    common_seeds = set.intersection(*(set(entry.seeds) for entry in entries))
+    by_seed = []
+    for seed in sorted(common_seeds):
+        by_seed.append([entry.results[entry.seeds.index(seed)].kitti for entry in entries])
+    return by_seed
 
 
-def te_and_re(parts: Iterable[KittiErrors]) -> Array:
-    """TE and RE of S sets of sub-sequences, (2, S); NaN for an empty set."""
-    return np.array([(part.te, part.re) for part in parts], float).reshape(-1, 2).T
+def te_and_re(sets: Iterable[KittiErrors]) -> Array:
+    """TE in % and RE in deg/100 m of S sets of sub-sequences, (2, S); NaN for an empty set."""
+    pairs = [(errors.te, errors.re) for errors in sets]
+    return np.array(pairs, float).reshape(-1, 2).T
 
 
 def too_short_words(truth: Array, measure: SubsequenceProtocol) -> str:
-    """The length of a true path (N, 4, 4), and of a sub-sequence, if it has none; "" otherwise."""
+    """Why a true path (N, 4, 4) has no sub-sequence, as a part of a sentence; "" if it has one."""
+    # The truth as its own estimate: only the number of sub-sequences counts.
     if len(kitti_errors(truth, truth, measure.lengths, measure.step)):
         return ""
     if stands_still(truth):
@@ -264,6 +293,8 @@ def measure_runs(
     """Errors of a method's runs, one per seed; the default measure is from `suitable_protocol`.
 
     settings, unused : what differs from the presets, see `Entry`.
+
+    Raises `DataError` for a sequence without ground truth.
     """
     sequence = runs[0].sequence
     if sequence.truth is None:
@@ -291,11 +322,11 @@ def measure_runs(
 
 def back_end_ms(runs: Iterable[Run]) -> float:
     """Mean time per frame of everything after the matches, milliseconds."""
-    times = [
-        sum(ms for stage, ms in motion.ms.items() if stage not in FRONT_END_STAGES)
-        for run in runs
-        for motion in run.motions
-    ]
+    times = []
+    for run in runs:
+        for motion in run.motions:
+            of_back_end = [ms for stage, ms in motion.ms.items() if stage not in FRONT_END_STAGES]
+            times.append(sum(of_back_end))
     return float(np.mean(times))
 
 
@@ -303,8 +334,11 @@ def group_entries(entries: list[Entry]) -> list[Group]:
     """Groups of entries that may be averaged, in the order of the entries."""
     groups: dict[tuple[str, str, bool, SubsequenceProtocol], Group] = {}
     for entry in entries:
-        key = entry.variant, entry.settings, entry.sequence in BENCHMARK_FRAMES, entry.measure
-        groups.setdefault(key, Group(*key, {})).entries[entry.sequence, entry.method] = entry
+        is_kitti = entry.sequence in BENCHMARK_FRAMES
+        key = (entry.variant, entry.settings, is_kitti, entry.measure)
+        if key not in groups:
+            groups[key] = Group(entry.variant, entry.settings, is_kitti, entry.measure, {})
+        groups[key].entries[entry.sequence, entry.method] = entry
     return list(groups.values())
 
 
@@ -334,39 +368,54 @@ class Reproduction:
         sentences = []
         if self.missing:
             sentences.append(f"Not found, so not run: {', '.join(self.missing)}.")
-        bare = sorted({name for (_, name), (truth, _) in self.paths.items() if truth is None})
-        if bare:
-            sentences.append(
-                f"No ground truth, so no errors: {', '.join(bare)}; the poses are in the folder runs."
-            )
+        without_truth = sorted({name for (_, name), (truth, _) in self.paths.items() if truth is None})
+        if without_truth:
+            names = ", ".join(without_truth)
+            sentences.append(f"No ground truth, so no errors: {names}; the poses are in the folder runs.")
         without_errors = [entry for entry in self.entries if not np.isfinite(entry.errors).any()]
-        short = {entry.sequence: too_short_words(entry.truth, entry.measure) for entry in without_errors}
-        if short:
-            named = ", ".join(f"{name} ({words})" for name, words in short.items())
-            sentence = f"Shorter than every sub-sequence, so no errors: {named}."
-            if not all(stands_still(entry.truth) for entry in without_errors):
-                sentence += " The option --lengths chooses shorter ones."
-            sentences.append(sentence)
-        for cause, (job, *others) in self.failed.items():
-            more = f" and {len(others)} more" if others else ""
-            sentences.append(f"Failed: {job}{more}: {cause}")
-        alike: dict[str, list[tuple[str, list[str]]]] = {}
-        for warning, names in self.warned.items():
-            alike.setdefault(_NUMBER.sub("", warning), []).append((warning, names))
-        for of_kind in alike.values():
-            warning, _ = of_kind[0]
-            job, *others = [name for _, names in of_kind for name in names]
-            more = f" and {len(others)} more" if others else ""
-            if len(of_kind) > 1:
-                more += " with other numbers"
-            sentences.append(f"Warning: {job}{more}: {warning}")
-        return sentences
+        if without_errors:
+            sentences.append(_too_short_sentence(without_errors))
+        for cause, failed in self.failed.items():
+            sentences.append(f"Failed: {_first_of(failed)}: {cause}")
+        return [*sentences, *_warning_sentences(self.warned)]
+
+
+def _too_short_sentence(entries: list[Entry]) -> str:
+    """Which sequences have no errors, with the reason, and what helps."""
+    why = {entry.sequence: too_short_words(entry.truth, entry.measure) for entry in entries}
+    named = ", ".join(f"{name} ({words})" for name, words in why.items())
+    sentence = f"Shorter than every sub-sequence, so no errors: {named}."
+    if not all(stands_still(entry.truth) for entry in entries):
+        sentence += " The option --lengths chooses shorter ones."
+    return sentence
+
+
+def _warning_sentences(warned: Mapping[str, list[str]]) -> list[str]:
+    """Sentences on runs with a warning; those that differ only in numbers are said once.
+
+    warned : names of the runs by the sentence of the warning.
+    """
+    alike: dict[str, list[str]] = {}  # warnings by their words without numbers
+    for warning in warned:
+        alike.setdefault(_DECIMAL.sub("", warning), []).append(warning)
+    sentences = []
+    for warnings in alike.values():
+        names = [name for warning in warnings for name in warned[warning]]
+        numbers = " with other numbers" if len(warnings) > 1 else ""
+        sentences.append(f"Warning: {_first_of(names)}{numbers}: {warnings[0]}")
+    return sentences
+
+
+def _first_of(names: list[str]) -> str:
+    """The first of some names, and the number of the others."""
+    others = len(names) - 1
+    return f"{names[0]} and {others} more" if others else names[0]
 
 
 def default_sequences() -> list[str]:
-    """The benchmark's sequences on this machine or, if there are none, drawn scenes."""
-    names = available()
-    of_benchmark = [name for name in BENCHMARK_FRAMES if name in names]
+    """Names of the benchmark's sequences on this machine or, if there are none, of drawn scenes."""
+    folders = available()
+    of_benchmark = [name for name in BENCHMARK_FRAMES if name in folders]
     return of_benchmark or [f"{SYNTHETIC}{name}" for name in TABLE_SCENES]
 
 
@@ -402,7 +451,11 @@ def plan_cells(
 
     Where no change of a block has an effect on a method, the cell has the runs of the method's preset.
 
-    methods : names by variant; sequences : names; opened : the sequence of a name for a configuration.
+    methods : names by variant.
+    sequences : names.
+    opened : the sequence of a name for a configuration.
+
+    Raises `DataError` if a name is there twice.
     """
     repeated = [name for name in sequences if sequences.count(name) > 1]
     if repeated:
@@ -413,23 +466,28 @@ def plan_cells(
             config = block.config(method)
             sequence = opened(name, config)
             used = block.used(method)
+            words = settings_words(used)
             jobs = []
             for seed in range(seeds):
-                path = job_folder(folder, block.variant, name, method, seed, used)
-                jobs.append(Job(sequence, method, replace(config, seed=seed), path, settings_words(used)))
+                run_folder = job_folder(folder, block.variant, name, method, seed, used)
+                jobs.append(Job(sequence, method, replace(config, seed=seed), run_folder, words))
             cells.append(Cell(block, sequence, method, tuple(jobs)))
     return cells
 
 
 def jobs_of(cells: Iterable[Cell]) -> list[Job]:
-    """The jobs of all cells, each once."""
-    return list({job.folder: job for cell in cells for job in cell.jobs}.values())
+    """The jobs of all cells, each once: cells may share them."""
+    job_in = {}
+    for cell in cells:
+        for job in cell.jobs:
+            job_in[job.folder] = job
+    return list(job_in.values())
 
 
 def job_folder(
     folder: Path, variant: str, sequence: str, method: str, seed: int, changes: Changes = ()
 ) -> Path:
-    """The run folder of a job, inside the folder of the table; `changes` : of the method's preset."""
+    """The folder of a run, inside the folder of the table; `changes` : those of the method's preset."""
     place = folder / RUNS / variant / slug(sequence) / method
     if changes:
         place /= settings_folder(changes)
@@ -453,45 +511,52 @@ def slug(name: str) -> str:
 def collect(
     cells: list[Cell], outcomes: list[Outcome], missing: list[str], measure: SubsequenceProtocol | None = None
 ) -> Reproduction:
-    """Errors and paths of the cells, read from the folders of their finished jobs."""
-    table = Reproduction(missing, {})
+    """Errors and paths of the cells, read from the folders of their finished jobs.
+
+    missing : as in `Reproduction`; measure : the sub-sequences, None for those that suit each path.
+    """
+    failed: dict[str, list[str]] = {}
+    failed_folders = set[Path]()
     for outcome in outcomes:
         if outcome.error is not None:
-            table.failed.setdefault(outcome.error, []).append(outcome.job.name)
-    failed = {outcome.job.folder.resolve() for outcome in outcomes if outcome.error is not None}
+            failed.setdefault(outcome.error, []).append(outcome.job.name)
+            failed_folders.add(outcome.job.folder.resolve())
+    entries = list[Entry]()
+    paths: dict[tuple[Block, str], tuple[Array | None, dict[str, Array]]] = {}
+    warned: dict[str, list[str]] = {}
     for cell in cells:
-        done = [job for job in cell.jobs if job.folder.resolve() not in failed]
+        done = [job for job in cell.jobs if job.folder.resolve() not in failed_folders]
         if not done:
             continue
         runs = [read_run(job.folder, job.sequence) for job in done]
         for job, result in zip(done, runs, strict=True):
             for warning in warnings_of(result):
-                names = table.warned.setdefault(warning, [])
+                names = warned.setdefault(warning, [])
                 if job.name not in names:  # cells may share a job
                     names.append(job.name)
         truth = cell.sequence.truth
-        _, path_of_method = table.paths.setdefault((cell.block, cell.sequence.name), (truth, {}))
+        _, path_of_method = paths.setdefault((cell.block, cell.sequence.name), (truth, {}))
         path_of_method[cell.method] = runs[0].poses
         if truth is not None:
             unused = cell.block.unused(cell.method)
-            table.entries.append(measure_runs(cell.method, runs, measure, cell.block.words, unused))
-    return table
+            entries.append(measure_runs(cell.method, runs, measure, cell.block.words, unused))
+    return Reproduction(missing, failed, entries, paths, warned)
 
 
 def kitti_duration(jobs: list[Job], durations: Durations, detects: bool = False) -> list[str]:
     """A sentence on how long these methods and seeds would take on all of KITTI's sequences 00-10.
 
-    detects : whether a detector is to detect the boxes.
+    There is none if the jobs have all of these sequences as a whole, or no part of any.
 
-    Empty if the jobs have all of them, or none.
+    detects : whether a detector is to detect the boxes.
     """
-    names = _frames_of_kitti()
-    of_kitti = [job for job in jobs if job.sequence.name in names]
-    frames = {job.sequence.name: len(job.sequence) for job in of_kitti}
-    if not of_kitti or frames == names:
+    frames_of_kitti = _frames_of_kitti()
+    of_kitti = [job for job in jobs if job.sequence.name in frames_of_kitti]
+    frames_of_jobs = {job.sequence.name: len(job.sequence) for job in of_kitti}
+    if not of_kitti or frames_of_jobs == frames_of_kitti:
         return []
     seconds = kitti_seconds(of_kitti, durations)
-    total = sum(names.values())
+    total = sum(frames_of_kitti.values())
     start = f"All of KITTI 00-10 ({total:,} frames), the same methods and seeds"
     if seconds is None:
         return [
@@ -500,11 +565,13 @@ def kitti_duration(jobs: list[Job], durations: Durations, detects: bool = False)
         ]
     processes = "1 process" if durations.workers == 1 else f"{durations.workers} processes"
     matching, running = _kinds_of(of_kitti)
-    measured = list(map(durations.has_measured, [*matching, *running]))
-    if all(measured):
+    are_measured = [durations.has_measured(kind) for kind in [*matching, *running]]
+    if all(are_measured):
         source = "these runs"
+    elif any(are_measured):
+        source = "these runs and the times of kept ones"
     else:
-        source = "these runs and the times of kept ones" if any(measured) else "the times of kept runs"
+        source = "the times of kept runs"
     sentence = f"{start}: about {duration_words(seconds)} ({processes}), extrapolated from {source}"
     detection = durations.seconds_of(Task(DETECTION, total))
     if detection is not None:
@@ -520,11 +587,11 @@ def kitti_seconds(jobs: list[Job], durations: Durations) -> float | None:
     jobs : their runs; those on the first sequence count. durations : of runs on images of the same size, with
     as many processes at the same time. Short runs take longer per frame, since each one writes its files.
     """
-    names = _frames_of_kitti()
+    frames = _frames_of_kitti().values()
     matching, running = _kinds_of(jobs)
     return durations.estimate(
-        [Task(kind, count) for kind in matching for count in names.values()],
-        [Task(kind, count) for kind in running for count in names.values()],
+        [Task(kind, count) for kind in matching for count in frames],
+        [Task(kind, count) for kind in running for count in frames],
     )
 
 
@@ -552,70 +619,84 @@ def table_records(groups: list[Group], paper: PaperTable) -> list[dict[str, Any]
 def group_records(group: Group, paper: PaperTable) -> list[dict[str, Any]]:
     """The records of one group, as in `table_records`."""
     records = []
-    several = len(group.sequences) > 1
     if len(group.averaged) > 1:
         row = AVERAGE if group.is_papers else f"mean of {len(group.averaged)}"
-        records += [_record(group, paper, row, method, group.mean(method)) for method in group.methods]
+        for method in group.methods:
+            averaged = [entry for entry in group.of_method(method) if entry.sequence in group.averaged]
+            printed = paper.value(AVERAGE, method) if group.is_papers else NOT_PRINTED
+            records.append(_record(group, row, method, group.mean(method), averaged, printed))
     highway = f"{KITTI}{LEFT_OUT}"
-    highway_last = sorted(group.entries.items(), key=lambda item: item[0][0] == highway)
-    for (sequence, method), entry in highway_last:
-        records.append(_record(group, paper, sequence, method, entry.errors))
-    if several:
-        records += [_record(group, paper, POOLED, name, group.pooled(name)) for name in group.methods]
+    highway_last = sorted(group.entries.values(), key=lambda entry: entry.sequence == highway)
+    for entry in highway_last:
+        printed = printed_of(paper, entry)
+        record = _record(group, entry.sequence, entry.method, entry.errors, [entry], printed, entry)
+        records.append(record)
+    if len(group.sequences) > 1:
+        for method in group.methods:
+            pooled = group.of_method(method)
+            records.append(_record(group, POOLED, method, group.pooled(method), pooled, NOT_PRINTED))
     return records
 
 
-def _record(group: Group, paper: PaperTable, row: str, method: str, errors: Array) -> dict[str, Any]:
-    entry = group.entries.get((row, method))
-    if entry is not None:
-        printed = printed_of(paper, entry)
-    else:
-        printed = paper.value(row, method) if group.is_papers else (None, None)
-    counted = [entry] if entry is not None else group.of_method(method)
-    if entry is None and row != POOLED:
-        counted = [each for each in counted if each.sequence in group.averaged]
+def _record(
+    group: Group,
+    row: str,
+    method: str,
+    errors: Array,
+    entries: list[Entry],
+    printed: PrintedErrors,
+    single: Entry | None = None,
+) -> dict[str, Any]:
+    """A record of a group, see `table_records`.
+
+    errors : TE and RE of each seed, (2, S).
+    entries : those from which the errors come.
+    printed : the paper's numbers beside them.
+    single : the entry of a row with one sequence, which has costs.
+    """
     record: dict[str, Any] = {
         "variant": group.variant,
         "sequence": row,
         "method": method,
         "sub_sequences": group.measure_words,
-        "sub_sequence_count": sum(each.subsequences for each in counted),
+        "sub_sequence_count": sum(entry.subsequences for entry in entries),
         "seeds": errors.shape[1],
     }
     record |= paper_fields(printed, method, errors)
-    unused = {name: None for each in counted for name in each.unused}
-    return record | number_fields(errors, entry) | {"settings": group.settings, "not_used": " ".join(unused)}
+    record |= number_fields(errors, single)
+    record["settings"] = group.settings
+    unused = dict.fromkeys(name for entry in entries for name in entry.unused)
+    record["not_used"] = " ".join(unused)
+    return record
 
 
-def paper_fields(
-    printed: tuple[float | None, float | None], method: str, errors: Array
-) -> dict[str, float | None]:
+def paper_fields(printed: PrintedErrors, method: str, errors: Array) -> dict[str, float | None]:
     """Fields of a record that compare our TE and RE (2, S) with the paper's; None where it has no number.
 
     Of each kind of `ERROR_KINDS`: `paper_KIND` as printed, `paper_KIND_right_unit` the same number in % or
     deg/100 m (`converted`), and `KIND_difference`, the mean over our seeds minus the latter.
     """
     fields: dict[str, float | None] = {}
-    for kind, value, values in zip(ERROR_KINDS, printed, errors, strict=True):
-        right = None
+    for kind, printed_number, of_seeds in zip(ERROR_KINDS, printed, errors, strict=True):
+        in_right_unit = None
         difference = None
-        if value is not None:
-            mean, _ = mean_and_deviation(values)
-            right = converted(value, method, kind)
-            difference = finite_or_none(mean - right)
-        fields[f"paper_{kind}"] = value
-        fields[f"paper_{kind}_right_unit"] = right
+        if printed_number is not None:
+            mean, _ = mean_and_deviation(of_seeds)
+            in_right_unit = converted(printed_number, method, kind)
+            difference = finite_or_none(mean - in_right_unit)
+        fields[f"paper_{kind}"] = printed_number
+        fields[f"paper_{kind}_right_unit"] = in_right_unit
         fields[f"{kind}_difference"] = difference
     return fields
 
 
 def number_fields(errors: Array, entry: Entry | None) -> dict[str, float | None]:
-    """Fields of a record: mean and deviation of TE and RE (2, S) over seeds, and numbers from the entry."""
+    """Fields of a record: mean and deviation of TE and RE (2, S) over seeds, and the costs of the entry."""
     fields: dict[str, float | None] = {}
-    for kind, values in zip(ERROR_KINDS, errors, strict=True):
-        mean, deviation = mean_and_deviation(values)
+    for kind, of_seeds in zip(ERROR_KINDS, errors, strict=True):
+        mean, deviation = mean_and_deviation(of_seeds)
         fields[kind] = finite_or_none(mean)
         fields[f"{kind}_std"] = finite_or_none(deviation)
-    for name in ("removed_share", "back_end_ms"):
-        fields[name] = getattr(entry, name, None)
+    fields["removed_share"] = None if entry is None else entry.removed_share
+    fields["back_end_ms"] = None if entry is None else entry.back_end_ms
     return fields

@@ -22,6 +22,7 @@ from .film import FILM_ENDING, poster, removal_image
 from .page import (
     COUNT_COLUMN,
     FEW_NOTE,
+    NO_NUMBER,
     Picture,
     ReportTable,
     ShownFilm,
@@ -59,7 +60,7 @@ from .table1 import (
 TABLE = "table1.csv"
 MARKDOWN = "table1.md"
 REPORT = "report.html"
-TWO_COLUMNS_IN = 6.0  # width in inches from which a figure takes two columns of the report
+TWO_COLUMNS_IN = 6.0  # a wider figure, in inches, takes two columns of the report
 VARIANT_WORDS = {"published": "variant published", "kit": "variant kit"}
 RIGHT_UNIT_COLUMN = "printed, in the right unit"
 UNIT_NOTE = (
@@ -83,10 +84,10 @@ REMARKS = (
 
 def printed_table() -> ReportTable:
     """The paper's table as printed, with remarks."""
-    columns = [f"{name} {kind}" for name in PRINTED_NAMES.values() for kind in ("TE %", "RE deg/100 m")]
-    return ReportTable(
-        "The paper's Table 1, as printed", ["sequence", *columns], printed_cells(), list(REMARKS)
-    )
+    columns = ["sequence"]
+    for name in PRINTED_NAMES.values():
+        columns += [f"{name} TE %", f"{name} RE deg/100 m"]
+    return ReportTable("The paper's Table 1, as printed", columns, printed_cells(), list(REMARKS))
 
 
 def layout_tables(group: Group, paper: PaperTable, differs: Iterable[str] = ()) -> list[ReportTable]:
@@ -103,58 +104,75 @@ def layout_tables(group: Group, paper: PaperTable, differs: Iterable[str] = ()) 
         tables = [_table_of_ours(group, records)]
     tables[0].head.extend(f"Settings: {sentence}" for sentence in differs)
     tables[0].head.extend(caveats(group))
-    count = max(record["seeds"] for record in records)
-    seeds = seeds_text(count).capitalize()
-    tables[-1].notes.append(f"{seeds}; removed %: share of the features that the box rule removes.")
+    tables[-1].notes.extend(_notes_below(group, records))
+    return tables
+
+
+def _notes_below(group: Group, records: list[dict[str, Any]]) -> list[str]:
+    """What the numbers and the rows of a group's tables mean."""
+    seeds = max(record["seeds"] for record in records)
+    notes = [f"{seeds_text(seeds).capitalize()}; removed %: share of the features that the box rule removes."]
     if _has_several(group):
         mean = "Avg and mean, without 01" if group.kitti else "mean"
-        tables[-1].notes.append(
+        notes.append(
             f"{mean}: all sequences have equal weight; pooled: all sub-sequences, as on KITTI's server."
         )
-    if count > 1:
-        tables[-1].notes.append(COUNTED)
+    if seeds > 1:
+        notes.append(COUNTED)
     if any(record["sub_sequence_count"] < FEW_SUBSEQUENCES for record in records):
-        tables[-1].notes.append(FEW_NOTE)
-    return tables
+        notes.append(FEW_NOTE)
+    return notes
 
 
 def tables_by_settings(groups: list[Group]) -> list[ReportTable]:
     """For each set of sequences in several blocks, a table of each method with the settings of each block."""
-    alike: dict[tuple[Any, ...], list[Group]] = {}
+    groups_of_set: dict[tuple[Any, ...], list[Group]] = {}
     for group in groups:
         key = (group.variant, group.kitti, group.measure, tuple(group.sequences))
-        alike.setdefault(key, []).append(group)
+        groups_of_set.setdefault(key, []).append(group)
     tables = []
-    for blocks in alike.values():
-        first = blocks[0]
-        rows = []
-        for method in first.methods:
-            for group in blocks:
-                errors = [mean_and_deviation(of_kind) for of_kind in group.mean(method)]
-                if np.isfinite([mean for mean, _ in errors]).all():
-                    label = f"{method}, {group.settings or 'presets'}"
-                    if any(entry.unused for entry in group.of_method(method)):
-                        label += " (not used)"
-                    rows.append([label, *(plus_minus(*error) for error in errors)])
-        if len(blocks) > 1 and rows:
-            title = f"{_sequences_words(first)}, {VARIANT_WORDS[first.variant]}: each method by its settings"
-            units = [unit for unit, _ in ERROR_KINDS.values()]
-            count = len(first.averaged)
-            notes = [f"Means over {count} sequences of equal weight."] if count > 1 else []
-            tables.append(ReportTable(title, ["method, settings", *units], rows, notes))
+    for alike in groups_of_set.values():
+        table = _table_by_settings(alike)
+        if len(alike) > 1 and table.rows:
+            tables.append(table)
     return tables
+
+
+def _table_by_settings(groups: list[Group]) -> ReportTable:
+    """The mean errors of each method with the settings of each group; the groups differ only in settings."""
+    first = groups[0]
+    rows = []
+    for method in first.methods:
+        for group in groups:
+            errors = [mean_and_deviation(of_kind) for of_kind in group.mean(method)]
+            if np.isfinite([mean for mean, _ in errors]).all():
+                is_used = not any(entry.unused for entry in group.of_method(method))
+                label = _method_with_settings(method, group.settings, is_used)
+                rows.append([label, *(plus_minus(mean, deviation) for mean, deviation in errors)])
+    title = f"{_sequences_words(first)}, {VARIANT_WORDS[first.variant]}: each method by its settings"
+    units = [unit for unit, _ in ERROR_KINDS.values()]
+    notes = []
+    if len(first.averaged) > 1:
+        notes.append(f"Means over {len(first.averaged)} sequences of equal weight.")
+    return ReportTable(title, ["method, settings", *units], rows, notes)
+
+
+def _method_with_settings(method: str, settings: str, is_used: bool) -> str:
+    """The name of a row: a method, the settings of its block as typed, and whether it uses them."""
+    label = f"{method}, {settings or 'presets'}"
+    return label if is_used else f"{label} (not used)"
 
 
 def short_path_tables(result: Reproduction) -> list[ReportTable]:
     """For each block and each sequence that is too short for errors, how far each path is from the truth."""
-    short = {
-        (entry.sequence, entry.variant, entry.settings): too_short_words(entry.truth, entry.measure)
-        for entry in result.entries
-        if not np.isfinite(entry.errors).any()
-    }
+    why_short: dict[tuple[str, str, str], str] = {}
+    for entry in result.entries:
+        if not np.isfinite(entry.errors).any():
+            key = (entry.sequence, entry.variant, entry.settings)
+            why_short[key] = too_short_words(entry.truth, entry.measure)
     tables = []
     for (block, name), (truth, paths) in result.paths.items():
-        why = short.get((name, block.variant, block.words))
+        why = why_short.get((name, block.variant, block.words))
         if truth is None or why is None:
             continue
         rows = []
@@ -173,37 +191,47 @@ def short_path_tables(result: Reproduction) -> list[ReportTable]:
 
 def settings_tables_without_truth(result: Reproduction) -> list[ReportTable]:
     """For each sequence without truth in several blocks, how far the settings move each method's path."""
-    blocks_of: dict[tuple[str, str], dict[Block, dict[str, Array]]] = {}
+    paths_of_blocks: dict[tuple[str, str], dict[Block, dict[str, Array]]] = {}
     for (block, name), (truth, paths) in result.paths.items():
         if truth is None:
-            blocks_of.setdefault((block.variant, name), {})[block] = paths
+            paths_of_blocks.setdefault((block.variant, name), {})[block] = paths
     tables = []
-    for (variant, name), blocks in blocks_of.items():
-        if len(blocks) < 2:
-            continue
-        first, *_ = blocks
-        reference = first.words or "presets"
-        rows = []
-        for method in dict.fromkeys(method for paths in blocks.values() for method in paths):
-            for block, paths in blocks.items():
-                if method not in paths:
-                    continue
-                numbers: list[float | None] = [path_facts(paths[method], None).length, None, None]
-                if method in blocks[first]:
-                    apart = path_difference("", blocks[first][method], "", paths[method])
-                    numbers[1:] = [apart.end, apart.rmse]
-                label = f"{method}, {block.words or 'presets'}"
-                if block.unused(method):
-                    label += " (not used)"
-                rows.append([label, *(format_number(number, 2) for number in numbers)])
-        title = f"{name}, {VARIANT_WORDS[variant]}, each method by its settings: no ground truth, first seed"
-        note = (
-            f"apart: distance of the positions from those of the same method with {reference}, from the same "
-            "start, at the end and as rmse. These are no errors: they do not tell which path is right."
-        )
-        columns = ["method, settings", "length m", "end apart m", "rmse apart m"]
-        tables.append(ReportTable(title, columns, rows, [note]))
+    for (variant, name), of_blocks in paths_of_blocks.items():
+        if len(of_blocks) > 1:
+            tables.append(_settings_table_without_truth(variant, name, of_blocks))
     return tables
+
+
+def _settings_table_without_truth(
+    variant: str, name: str, of_blocks: dict[Block, dict[str, Array]]
+) -> ReportTable:
+    """How far each method's path on a sequence is, in each block, from its path in the first one.
+
+    of_blocks : each method's path (N, 4, 4), by block.
+    """
+    first = next(iter(of_blocks))
+    methods: dict[str, None] = {}  # of all blocks, each once
+    for paths in of_blocks.values():
+        methods |= dict.fromkeys(paths)
+    rows = []
+    for method in methods:
+        for block, paths in of_blocks.items():
+            if method not in paths:
+                continue
+            cells = [format_number(path_facts(paths[method], None).length, 2), NO_NUMBER, NO_NUMBER]
+            if method in of_blocks[first]:
+                apart = path_difference("", of_blocks[first][method], "", paths[method])
+                cells[1:] = [format_number(apart.end, 2), format_number(apart.rmse, 2)]
+            label = _method_with_settings(method, block.words, is_used=not block.unused(method))
+            rows.append([label, *cells])
+    title = f"{name}, {VARIANT_WORDS[variant]}, each method by its settings: no ground truth, first seed"
+    note = (
+        f"apart: distance of the positions from those of the same method with {first.words or 'presets'}, "
+        "from the same start, at the end and as rmse. These are no errors: they do not tell which path is "
+        "right."
+    )
+    columns = ["method, settings", "length m", "end apart m", "rmse apart m"]
+    return ReportTable(title, columns, rows, [note])
 
 
 def _has_several(group: Group) -> bool:
@@ -266,11 +294,13 @@ def _table_beside_paper(group: Group, records: list[dict[str, Any]], kind: str) 
 
 
 def _row_name(group: Group, record: dict[str, Any]) -> str:
+    """The method of a row, after its sequence if the group has several."""
     method = str(record["method"])
     return f"{record['sequence'].removeprefix(KITTI)} {method}" if _has_several(group) else method
 
 
 def _removed(record: dict[str, Any]) -> str:
+    """The share of the features that were removed, as a cell, %."""
     share = record["removed_share"]
     return "" if share is None else f"{100 * share:.1f}"
 
@@ -278,10 +308,14 @@ def _removed(record: dict[str, Any]) -> str:
 def caveats(group: Group) -> list[str]:
     """Warnings above a table: incomplete sequences, non-standard sub-sequences."""
     notes = []
-    frames = {entry.sequence: len(entry.truth) for entry in group.entries.values() if group.kitti}
-    parts = {name: count for name, count in frames.items() if count != BENCHMARK_FRAMES[name]}
+    parts: dict[str, None] = {}  # each once
+    if group.kitti:
+        for entry in group.entries.values():
+            all_frames = BENCHMARK_FRAMES[entry.sequence]
+            if len(entry.truth) != all_frames:
+                parts[f"{entry.sequence} ({len(entry.truth)} of {all_frames} frames)"] = None
     if parts:
-        words = ", ".join(f"{name} ({n} of {BENCHMARK_FRAMES[name]} frames)" for name, n in parts.items())
+        words = ", ".join(parts)
         notes.append(f"Parts of sequences, not comparable with whole sequences: {words}.")
     if group.measure != KITTI_PROTOCOL:
         notes.append(f"Sub-sequences of {group.measure.words}: not comparable with the benchmark.")
@@ -312,17 +346,17 @@ def _comparison(group: Group, other: str) -> list[str]:
     if not any(entry.labels for entry in group.of_method(PROPOSAL)):
         return []
     changes = []
-    for place, (unit, _) in enumerate(ERROR_KINDS.values()):
+    for place, (error, _) in enumerate(ERROR_KINDS.values()):
         claim = CLAIMS[other][place] if group.is_papers else None
-        changes.append(_change(unit, errors_of_other[place], errors_of_proposal[place], claim))
+        changes.append(_change(error, errors_of_other[place], errors_of_proposal[place], claim))
     words = " and ".join(change for change in changes if change) or "changes neither TE nor RE"
-    rows = group.averaged
-    where = rows[0] if len(rows) == 1 else f"Mean of {len(rows)} sequences"
+    averaged = group.averaged
+    where = averaged[0] if len(averaged) == 1 else f"Mean of {len(averaged)} sequences"
     sentence = (
         f"{where}, {block_words(group.variant, group.settings)}: {PROPOSAL}, which removes the features in "
         f"vehicle boxes, {words} compared with {other}"
     )
-    count = sum(entry.subsequences for entry in group.of_method(PROPOSAL) if entry.sequence in rows)
+    count = sum(entry.subsequences for entry in group.of_method(PROPOSAL) if entry.sequence in averaged)
     if count < FEW_SUBSEQUENCES:
         sentence += f", from {subsequences_text(count)}"
     seeds = min(errors_of_other.shape[1], errors_of_proposal.shape[1])
@@ -333,29 +367,29 @@ def _comparison(group: Group, other: str) -> list[str]:
     return [f"{sentence}."]
 
 
-def _change(unit: str, before: Array, after: Array, claim: float | None) -> str:
+def _change(error: str, before: Array, after: Array, claim: float | None) -> str:
     """Words on the change of an error (S,) over seeds, such as "lowers TE from 1.6 to 0.5 % (−69.2 %)".
 
     An error is lowered or raised only if one run would show it; otherwise it "changes".
 
-    unit : name and unit of the error; claim : the paper's gain in %. Empty for equal means.
+    error : its name and unit; claim : the paper's gain in %. Empty for equal means.
     """
-    name, sign = unit.split(" ", 1)
+    name, unit = error.split(" ", 1)
     mean, deviation = mean_and_deviation(before)
     new_mean, new_deviation = mean_and_deviation(after)
     if mean == new_mean:
         return ""
-    less = float(gain(mean, new_mean))
+    gain_percent = float(gain(mean, new_mean))
     verb = "changes"
-    change = f"{signed(-less, 1)} %"
-    shown = one_run_shows(mean, deviation, new_mean, new_deviation)
+    change = f"{signed(-gain_percent, 1)} %"
+    shown = one_run_shows(mean, deviation, new_mean, new_deviation)  # None for a single seed
     if shown:
-        verb = "lowers" if less > 0 else "raises"
+        verb = "lowers" if gain_percent > 0 else "raises"
     elif shown is False:
         change = f"which one run would not show: {NO_CHANGE}"
     if claim is not None:
         change += f", in the paper −{claim:g} %"
-    return f"{verb} {name} from {format_number(mean)} to {format_number(new_mean)} {sign} ({change})"
+    return f"{verb} {name} from {format_number(mean)} to {format_number(new_mean)} {unit} ({change})"
 
 
 def write_table_files(
@@ -369,12 +403,17 @@ def write_table_files(
     removals: list[Picture],
     record: dict[str, Any],
 ) -> None:
-    """Write tables, report, figures and the record.
+    """Write tables, report, figures and the record: all files, or none.
 
-    conclusions : sentences; origin : command and duration; removals : images of frames with boxes and
-    features; record : as in `reproduction_record`.
+    Parameters
+    ----------
+    groups : of the result's entries; tables : all of the report, but for the paper's own.
+    conclusions : sentences at the top.
+    origin : command and duration.
+    removals : images of frames with boxes and features.
+    record : as in `reproduction_record`.
 
-    All files are written, or none.
+    Raises `DataError` if the folder cannot be written.
     """
     printed = [printed_table()] if any(group.kitti for group in groups) else []
     films = _films(folder, result)
@@ -392,15 +431,18 @@ def table_files(blocks: Iterable[Block], sequences: list[str]) -> list[str]:
     """Names of the files of `write_table_files` for these blocks and sequences."""
     names = [TABLE, MARKDOWN, RECORD, REPORT]
     for block in blocks:
-        names += [_figure_4_name(block), *(_picture_name(block, sequence) for sequence in sequences)]
+        names.append(_figure_4_name(block))
+        names += [_picture_name(block, sequence) for sequence in sequences]
     return names
 
 
 def _picture_name(block: Block, sequence: str) -> str:
+    """The name of the file with the paths of a block on a sequence."""
     return f"trajectory_{_block_name(block)}_{slug(sequence)}.png"
 
 
 def _figure_4_name(block: Block) -> str:
+    """The name of the file with the paths of a block on the sequences of the paper's Figure 4."""
     return f"figure4_{_block_name(block)}.png"
 
 
@@ -428,20 +470,24 @@ def removal_pictures(outcomes: Iterable[Outcome]) -> list[Picture]:
                 "orange features are in vehicle boxes (white) and removed, blue features are kept."
             )
             pictures[name] = Picture(jpeg(image), caption, "wide")
-    return [*pictures.values()]
+    return list(pictures.values())
 
 
 def _pictures(
     folder: Path, result: Reproduction, groups: list[Group], removals: list[Picture]
 ) -> list[Picture]:
-    """Pictures: a frame, errors and a path, then the others, and Figure 4 if one of its sequences was run."""
+    """Draw the pictures of the report, and write those of paths into the folder as well.
+
+    The first ones are a frame, errors and a path. Figure 4 is among the others if one of its sequences was
+    run.
+    """
     bars = []
     paths = []
     for block in dict.fromkeys(block for block, _ in result.paths):
-        bars += _error_bars(
-            [group for group in groups if (group.variant, group.settings) == (block.variant, block.words)]
-        )
-        panels = {name: panel for (key, name), panel in result.paths.items() if key == block}
+        for group in groups:
+            if (group.variant, group.settings) == (block.variant, block.words):
+                bars += _error_bars(group)
+        panels = {name: panel for (of_block, name), panel in result.paths.items() if of_block == block}
         for name, panel in panels.items():
             picture = _path_picture(block, {name: panel})
             write_atomic(folder / _picture_name(block, name), picture.data)
@@ -456,18 +502,18 @@ def _pictures(
     return [*paths[:1], *bars, *paths[1:]]
 
 
-def _error_bars(groups: list[Group]) -> list[Picture]:
-    """A picture of the errors of each group that has errors."""
-    pictures = []
-    for group in groups:
-        errors = {key: entry.errors for key, entry in group.entries.items()}
-        finite = {key: values for key, values in errors.items() if np.isfinite(values).all()}
-        if finite:
-            figure = errors_figure(f"sub-sequences of {group.measure_words}", finite)
-            caption = f"Errors, one bar per method; {block_words(group.variant, group.settings)}."
-            place = "two" if figure.get_figwidth() > TWO_COLUMNS_IN else "tall"
-            pictures.append(Picture(png(figure), caption, place))
-    return pictures
+def _error_bars(group: Group) -> list[Picture]:
+    """A picture of a group's errors; none for a group without errors."""
+    errors = {}
+    for key, entry in group.entries.items():
+        if np.isfinite(entry.errors).all():
+            errors[key] = entry.errors
+    if not errors:
+        return []
+    figure = errors_figure(f"sub-sequences of {group.measure_words}", errors)
+    caption = f"Errors, one bar per method; {block_words(group.variant, group.settings)}."
+    place = "two" if figure.get_figwidth() > TWO_COLUMNS_IN else "tall"
+    return [Picture(png(figure), caption, place)]
 
 
 def _path_picture(block: Block, panels: dict[str, Panel], heading: str = "") -> Picture:
@@ -476,19 +522,19 @@ def _path_picture(block: Block, panels: dict[str, Panel], heading: str = "") -> 
     Of a straight drive, the first chart is the error to the side or, without truth, the distance to the side
     of a straight line.
     """
-    shown: dict[str, list[str]] = {}
-    for name, panel in panels.items():
-        shown.setdefault(_chart_words(*panel), []).append(name)
-    if len(shown) == 1:
-        charts = next(iter(shown))
+    names_by_chart: dict[str, list[str]] = {}
+    for name, (truth, paths) in panels.items():
+        names_by_chart.setdefault(_chart_words(truth, paths), []).append(name)
+    if len(names_by_chart) == 1:
+        charts = next(iter(names_by_chart))
     else:
-        charts = " and ".join(f"{words} ({', '.join(names)})" for words, names in shown.items())
+        charts = " and ".join(f"{words} ({', '.join(names)})" for words, names in names_by_chart.items())
     caption = f"{heading}{' and '.join(panels)}: {charts}"
-    with_truth = any(truth is not None for truth, _ in panels.values())
-    if with_truth:
+    has_truth = any(truth is not None for truth, _ in panels.values())
+    if has_truth:
         caption += ", and distances from the truth"
     caption += f"; {block_words(block.variant, block.words)}, first seed."
-    return Picture(png(trajectories_figure(panels)), caption, "two" if with_truth else "")
+    return Picture(png(trajectories_figure(panels)), caption, "two" if has_truth else "")
 
 
 def _chart_words(truth: Array | None, estimates: Mapping[str, Array]) -> str:

@@ -30,8 +30,9 @@ CODEC = cv2.VideoWriter.fourcc(*"VP80")
 # Only OpenCV's limit of bits per second reduces the size of a frame, and it is shared by the frames of a
 # second: so the encoder is told that there are many.
 ENCODER_FPS = 3000
-WAITING = 8  # pictures that may wait for the encoder, beside the one that it works on
+MOST_WAITING = 8  # pictures that may wait for the encoder, beside the one that it works on
 KEY_FRAME = 0x80  # flag of a block
+TRACK_1 = 0x81  # the number of a block's track, as a size in one byte (`_size`)
 MAX_BLOCK_TIME_MS = 30_000  # after the start of its cluster; a block has 15 bits for it
 
 # Identifiers of EBML and of Matroska, the format that WebM is a part of (RFC 8794 and RFC 9559).
@@ -133,12 +134,13 @@ class PictureEncoder:
 
     def add(self, picture: Image) -> None:
         """Take a picture, which must not change afterwards; wait if too many wait already."""
-        if len(self._waiting) > WAITING:
+        if len(self._waiting) > MOST_WAITING:
             self._waiting.popleft().result()
         self._waiting.append(self.threads.submit(self._write, picture))
         self.count += 1
 
     def _write(self, picture: Image) -> None:
+        """Encode a picture and write it, on the thread."""
         self._writer.write(picture)
 
     def finish(self) -> None:
@@ -171,9 +173,9 @@ class WebmWriter:
         self.count = 0
         self._file = file
         self._fps = fps
-        self._start_ms = 0  # time of the cluster
-        self._blocks = list[bytes]()  # of the cluster
-        self._cues = list[bytes]()
+        self._cluster_start_ms = 0
+        self._blocks = list[bytes]()  # of the cluster that is not written yet
+        self._cues = list[bytes]()  # the index: the time and the place of each cluster
         file.write(
             _element(
                 EBML,
@@ -187,9 +189,9 @@ class WebmWriter:
             )
         )
         # Sizes, the duration and the place of the index are known at the end: until then they are zero.
-        self._segment = file.tell()
+        self._segment_place = file.tell()
         self._write_segment_head(0)
-        self._start = file.tell()  # positions in the file are counted from here
+        self._content_place = file.tell()  # the places of parts are counted from here
         self._tracks = _element(
             TRACKS,
             _element(
@@ -209,10 +211,11 @@ class WebmWriter:
         """Add a VP8 frame."""
         time = self._time_ms(self.count)
         is_key = not frame[0] & 1  # the first bit of a VP8 frame (RFC 6386, section 9.1)
-        if is_key or time - self._start_ms > MAX_BLOCK_TIME_MS:
+        if is_key or time - self._cluster_start_ms > MAX_BLOCK_TIME_MS:
             self._write_cluster()
-            self._start_ms = time
-        head = struct.pack(">BhB", 0x81, time - self._start_ms, KEY_FRAME if is_key else 0)  # of track 1
+            self._cluster_start_ms = time
+        flags = KEY_FRAME if is_key else 0
+        head = struct.pack(">BhB", TRACK_1, time - self._cluster_start_ms, flags)
         self._blocks.append(_element(SIMPLE_BLOCK, head, frame))
         self.count += 1
 
@@ -223,31 +226,36 @@ class WebmWriter:
         place = _element(
             CUE_TRACK_POSITIONS,
             _number(CUE_TRACK, 1),
-            _number(CUE_CLUSTER_POSITION, self._file.tell() - self._start),
+            _number(CUE_CLUSTER_POSITION, self._file.tell() - self._content_place),
         )
-        self._cues.append(_element(CUE_POINT, _number(CUE_TIME, self._start_ms), place))
-        self._file.write(_element(CLUSTER, _number(TIMESTAMP, self._start_ms), *self._blocks))
+        self._cues.append(_element(CUE_POINT, _number(CUE_TIME, self._cluster_start_ms), place))
+        self._file.write(_element(CLUSTER, _number(TIMESTAMP, self._cluster_start_ms), *self._blocks))
         self._blocks = []
 
     def finish(self) -> None:
         """Write the index, with which a player finds any time, and what was not known at the start."""
         self._write_cluster()
-        cues = self._file.tell() - self._start
+        cues_place = self._file.tell() - self._content_place
         self._file.write(_element(CUES, *self._cues))
         self._file.write(FILM_MARK)
-        size = self._file.tell() - self._start
-        self._file.seek(self._segment)
+        size = self._file.tell() - self._content_place
+        self._file.seek(self._segment_place)
         self._write_segment_head(size)
-        self._file.write(self._head(cues))
+        self._file.write(self._head(cues_place))
 
     def _time_ms(self, number: int) -> int:
+        """The time at which a frame begins, milliseconds from the start of the film."""
         return round(1000 * number / self._fps)
 
     def _write_segment_head(self, size: int) -> None:
+        """Write the beginning of the element that has all others, with the size of its content in bytes."""
         self._file.write(SEGMENT_OF_FILE.to_bytes(4, "big") + _size(size, 8))
 
-    def _head(self, cues: int) -> bytes:
-        """The places of the parts, information on the file, and the track; its length is always the same."""
+    def _head(self, cues_place: int) -> bytes:
+        """The places of the parts, information on the file, and the track.
+
+        Its length is always the same, so it can be written again over the first one.
+        """
         info = _element(
             INFO,
             _number(TIMESTAMP_SCALE, NS_PER_MS),
@@ -255,37 +263,44 @@ class WebmWriter:
             _element(MUXING_APP, WRITER),
             _element(WRITING_APP, WRITER),
         )
-        length = len(_seek_head(0, 0, 0))
-        return _seek_head(length, length + len(info), cues) + info + self._tracks
+        info_place = len(_seek_head(0, 0, 0))
+        tracks_place = info_place + len(info)
+        return _seek_head(info_place, tracks_place, cues_place) + info + self._tracks
 
 
-def _seek_head(info: int, tracks: int, cues: int) -> bytes:
-    """The list of the parts' positions."""
-    seeks = [
-        _element(SEEK, _element(SEEK_ID, name.to_bytes(4, "big")), _element(SEEK_POSITION, _bytes8(position)))
-        for name, position in ((INFO, info), (TRACKS, tracks), (CUES, cues))
-    ]
+def _seek_head(info_place: int, tracks_place: int, cues_place: int) -> bytes:
+    """The list of the parts' places, each in eight bytes."""
+    seeks = []
+    for name, place in ((INFO, info_place), (TRACKS, tracks_place), (CUES, cues_place)):
+        seek_id = _element(SEEK_ID, name.to_bytes(4, "big"))
+        position = _element(SEEK_POSITION, place.to_bytes(8, "big"))
+        seeks.append(_element(SEEK, seek_id, position))
     return _element(SEEK_HEAD, *seeks)
-
-
-def _bytes8(number: int) -> bytes:
-    return number.to_bytes(8, "big")
 
 
 def _element(name: int, *parts: bytes) -> bytes:
     """An element: identifier, size and content."""
     content = b"".join(parts)
-    return name.to_bytes((name.bit_length() + 7) // 8, "big") + _size(len(content), 0) + content
+    return name.to_bytes(_bytes_of(name), "big") + _size(len(content)) + content
 
 
 def _number(name: int, value: int) -> bytes:
     """An element with a whole number, in as few bytes as it needs."""
-    return _element(name, value.to_bytes(max(1, (value.bit_length() + 7) // 8), "big"))
+    return _element(name, value.to_bytes(_bytes_of(value), "big"))
 
 
-def _size(value: int, length: int) -> bytes:
-    """A size in `length` bytes, by default the fewest; the position of the first bit tells the length."""
-    while value >= (1 << 7 * max(length, 1)) - 1:  # a size of ones only means "unknown"
-        length = max(length, 1) + 1
-    length = max(length, 1)
-    return (value | 1 << 7 * length).to_bytes(length, "big")
+def _bytes_of(number: int) -> int:
+    """How many bytes a whole number needs, at least one."""
+    return max(1, (number.bit_length() + 7) // 8)
+
+
+def _size(value: int, least_length: int = 1) -> bytes:
+    """A size in at least `least_length` bytes, of which the first bit that is set tells their number.
+
+    Each byte has 7 bits for the value; a size whose bits are all set would mean "unknown".
+    """
+    length = least_length
+    while value >= (1 << 7 * length) - 1:
+        length += 1
+    mark = 1 << 7 * length
+    return (value | mark).to_bytes(length, "big")
