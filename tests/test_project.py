@@ -118,9 +118,14 @@ def test_renderer_imports_little_of_the_library() -> None:
         assert imported_packages(path) <= BASE | {"data"}, path
 
 
+def test_the_library_reaches_the_renderer_only_through_drawn_scenes() -> None:
+    callers = [path for path in (ROOT / "vo_lib").rglob("*.py") if "vo_street" in packages(path)]
+    assert callers == [ROOT / "vo_lib" / "data" / "drawn.py"]
+
+
 def test_library_does_not_import_course_scripts_or_pyplot() -> None:
     above = {path.stem for folder in ("data_scripts", "notebooks") for path in (ROOT / folder).iterdir()}
-    above.remove("vo_street")  # imported inside a function, when a scene must be drawn
+    above.remove("vo_street")  # imported inside functions of drawn.py, see above
     for path in (ROOT / "vo_lib").rglob("*.py"):
         assert not packages(path) & above, path
         assert not any(name.startswith("matplotlib.pyplot") for name in imports(path)), path

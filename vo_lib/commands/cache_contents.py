@@ -24,10 +24,10 @@ from ..runs.match_cache import code_folder, match_folder
 from ..settings import from_dict
 
 KINDS = ("scenes", "matches", "labels", "hashes", "drafts")
-SCENE = re.compile(r"([a-z_]+-[0-9a-f]{12})(-\d+-\d+)?")  # the second part: only some of the frames
+SCENE = re.compile(r"([a-z_]+-[0-9a-f]{12})(-\d+-\d+)?")  # its key and, for a part, the numbers of the frames
 CODE_FOLDER = re.compile(r"(published|kit)-[0-9a-f]{16}")
 HASHES = re.compile(r"[0-9a-f]{16}\.json")
-# A draft of `files.writing` or of a scene; older versions made drafts without a lock.
+# The names of drafts (`files.writing`) of each kind. Older versions made drafts without a lock.
 DRAFT_OF = {
     "matches": re.compile(r"\..+\.npz\.\d+\.\d+" + re.escape(DRAFT)),
     "hashes": re.compile(r"\.[0-9a-f]{16}\.json\.\d+\.\d+" + re.escape(DRAFT)),
@@ -38,9 +38,11 @@ UNUSED_DRAFT_S = 3600.0  # age of a draft without a lock that no process writes 
 
 @dataclass(frozen=True)
 class CacheItem:
-    """A file or folder of the cache: its kind, its size in bytes, and whether this version has a use for it.
+    """A file or folder of the cache.
 
-    A draft without use was left by a killed process.
+    kind : one of `KINDS`.
+    size : bytes.
+    useful : whether this version has a use for it; a draft without use was left by a killed process.
     """
 
     path: Path
@@ -54,12 +56,9 @@ def cache_items(cache: Path | None = None) -> list[CacheItem]:
     scenes = cache_folder() if cache is None else cache
     root = cache_folder().parent if cache is None else cache
     items = [*_scenes(scenes), *_matches(cache), *_labels(root / "labels")]
-    # Only in the user's cache: hashes of images, which are computed again in seconds, and drafts of scenes by
-    # versions that did not lock them.
+    # Only the user's cache has hashes of images, and drafts of scenes by versions that did not lock them.
     if cache is None:
-        folder = hash_folder()
-        items += [_item(path, "hashes", False) for path in _files(folder) if HASHES.fullmatch(path.name)]
-        items += _drafts(folder, DRAFT_OF["hashes"])
+        items += _hashes(hash_folder())
         items += _drafts(scenes, DRAFT_OF["scenes"])
     return items
 
@@ -77,30 +76,34 @@ def clean_cache(cache: Path | None = None, everything: bool = False) -> int:
 
 
 def _item(path: Path, kind: str, useful: bool) -> CacheItem:
+    """An item, with its size on the disk."""
     return CacheItem(path, kind, folder_size(path), useful)
 
 
-def _files(folder: Path) -> list[Path]:
+def _content(folder: Path) -> list[Path]:
+    """The files and folders in a folder, sorted; none if it is missing."""
     return sorted(folder.iterdir()) if folder.is_dir() else []
 
 
 def _scenes(folder: Path) -> Iterator[CacheItem]:
-    for path in _files(folder):
-        name = SCENE.fullmatch(path.name)
+    """Drawn scenes; one has a use if this version would give it the same name."""
+    for path in _content(folder):
+        found = SCENE.fullmatch(path.name)
         description = path / "truth" / "scene.json"
-        if name is None or not description.is_file():
+        if found is None or not description.is_file():
             continue
         try:
             config = from_dict(SceneConfig, read_mapping(description, "a scene's settings")["config"])
-            useful = scene_key(config) == name[1]
+            useful = scene_key(config) == found[1]
         except (DataError, KeyError):  # the settings of another version
             useful = False
         yield _item(path, "scenes", useful)
 
 
 def _matches(cache: Path | None) -> Iterator[CacheItem]:
+    """Folders of matches; those by the present code of a front end have a use."""
     current = {code_folder(variant, cache) for variant in FRONT_END_CODE}
-    for path in _files(match_folder(cache)):
+    for path in _content(match_folder(cache)):
         # All of the user's cache folder is the kit's own.
         if cache is None or CODE_FOLDER.fullmatch(path.name):
             yield _item(path, "matches", path in current)
@@ -109,7 +112,8 @@ def _matches(cache: Path | None) -> Iterator[CacheItem]:
 
 
 def _labels(folder: Path) -> Iterator[CacheItem]:
-    for path in _files(folder):
+    """Folders of detected labels, which have the record of a detector."""
+    for path in _content(folder):
         try:
             record = read_mapping(path / DETECTOR_RECORD, "the record of a detector")
         except DataError:
@@ -118,9 +122,17 @@ def _labels(folder: Path) -> Iterator[CacheItem]:
             yield _item(path, "labels", is_current_record(record))
 
 
+def _hashes(folder: Path) -> Iterator[CacheItem]:
+    """Hashes of images, and their drafts; none counts as useful, since they are computed in seconds."""
+    for path in _content(folder):
+        if HASHES.fullmatch(path.name):
+            yield _item(path, "hashes", False)
+    yield from _drafts(folder, DRAFT_OF["hashes"])
+
+
 def _drafts(folder: Path, pattern: re.Pattern[str]) -> Iterator[CacheItem]:
     """Drafts without a lock; `files.delete_abandoned_drafts` deletes the others."""
-    for path in _files(folder):
+    for path in _content(folder):
         if pattern.fullmatch(path.name) and not path.with_name(path.name + LOCK).exists():
             age = time.time() - path.stat().st_mtime
             yield _item(path, "drafts", age < UNUSED_DRAFT_S)

@@ -11,10 +11,8 @@ from __future__ import annotations
 import ast
 import json
 import re
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
-from types import NoneType
 from typing import Any, NamedTuple
 
 CHAPTER = re.compile(r"ch\d\d|appendix")
@@ -22,9 +20,8 @@ MAGIC = re.compile(r"\s*[%!?]|\s*[\w.]+\?+\s*$")  # beginnings of lines for IPyt
 # In a text that is no Python: what it defines, and the checks that it calls.
 DEFINED = re.compile(r"^(?:def|class) +(\w+)|^(\w+) *(?::[^=\n]*)?=", re.MULTILINE)
 CHECKED = re.compile(r"^(?:ch\d\d|appendix)\.(\w+)\((\w+)", re.MULTILINE)
-CONTINUED = re.compile(
-    r"[\s)\]}]|(else|elif|except|finally)\b"
-)  # beginnings of lines that belong to those above
+# Beginnings of lines that belong to those above.
+CONTINUED = re.compile(r"[\s)\]}]|(else|elif|except|finally)\b")
 ANOTHER = "# Your answer to an earlier version of this exercise:"
 LEFT = "# Your answers to exercises that this notebook does not have any more:"
 
@@ -39,40 +36,57 @@ class Carried(NamedTuple):
 
 @dataclass(frozen=True)
 class Statement:
-    """A statement of a cell with the comments above it; for a text that is no Python, `node` is None."""
+    """A statement of a cell with the comments above it.
+
+    node : the parsed statement, with the line numbers of the cell; None for a text that is no Python.
+    """
 
     text: str
     node: ast.stmt | None
 
     @property
     def check(self) -> tuple[str, str] | None:
-        """The check that the statement calls, and the name of its answer."""
+        """The name of the check that the statement calls, and of its answer; None without a check."""
         if self.node is None:
             found = CHECKED.search(self.text)
             return (found[1], found[2]) if found else None
-        call = getattr(self.node, "value", None)  # of an expression, or of an assignment
-        inner = call.args[0] if isinstance(call, ast.Call) and len(call.args) == 1 else call
-        return _check(call) or _check(inner)
+        call = _value_of(self.node)
+        if isinstance(call, ast.Call) and len(call.args) == 1:
+            # The call may be that of the check, or show the result of a check, as print does.
+            return _check(call) or _check(call.args[0])
+        return _check(call)
 
     @property
     def defined(self) -> list[str]:
         """The names that the statement defines: of a function, a class, or of variables."""
         if self.node is None:
-            return [name for found in DEFINED.findall(self.text) for name in found if name]
+            # `DEFINED` finds a pair: the name of a function, or that of a variable; the other one is empty.
+            return [function or variable for function, variable in DEFINED.findall(self.text)]
         if isinstance(self.node, (ast.FunctionDef, ast.ClassDef)):
             return [self.node.name]
-        targets = getattr(self.node, "targets", None) or [getattr(self.node, "target", None)]
-        names = [each for target in targets if target is not None for each in ast.walk(target)]
-        return [each.id for each in names if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)]
+        names = []
+        for target in _targets_of(self.node):
+            for part in ast.walk(target):
+                if isinstance(part, ast.Name) and isinstance(part.ctx, ast.Store):
+                    names.append(part.id)
+        return names
 
     @property
     def is_magic(self) -> bool:
-        return self.node is None and all(MAGIC.match(line) for line in self.text.splitlines() if line.strip())
+        """Whether all lines are commands for IPython."""
+        lines = [line for line in self.text.splitlines() if line.strip()]
+        return self.node is None and all(MAGIC.match(line) for line in lines)
 
 
 @dataclass(frozen=True)
 class Answer:
-    """An answer: the names of its check and its own, its cell, and the statement that defines it."""
+    """An answer of a notebook.
+
+    check, name : names of the check that gets it, and of the function or variable.
+    cell : the statements of its cell.
+    statement : the one that defines it.
+    checked_by : the one that calls the check; None if no check gets it.
+    """
 
     check: str
     name: str
@@ -82,6 +96,7 @@ class Answer:
 
     @property
     def is_function(self) -> bool:
+        """Whether the answer is a function, and not a variable."""
         return _arguments(self.statement.node) is not None
 
     @property
@@ -91,9 +106,18 @@ class Answer:
         if isinstance(node, (ast.Assign, ast.AnnAssign)):
             values = node.value.elts if isinstance(node.value, ast.Tuple) else [node.value]
             return any(value is None or _is_dots(value) for value in values)
-        return node is not None and any(
-            isinstance(line, ast.Expr) and _is_dots(line.value) for line in ast.walk(node)
-        )
+        parts = [] if node is None else ast.walk(node)
+        return any(isinstance(part, ast.Expr) and _is_dots(part.value) for part in parts)
+
+    @property
+    def is_kept_as_comment(self) -> bool:
+        """Whether an answer without an exercise in the new notebook is kept there.
+
+        A variable is not if the notebook uses the result of its check: that call may be another than a check.
+        """
+        if self.is_function or self.checked_by is None:
+            return True
+        return self.checked_by.node is None or isinstance(self.checked_by.node, ast.Expr)
 
 
 def carry_over(old: bytes, new: bytes) -> Carried:
@@ -103,52 +127,64 @@ def carry_over(old: bytes, new: bytes) -> Carried:
     exercises that are gone are comments in a last cell.
     """
     try:
-        theirs = [_statements(_source(raw)) for raw in json.loads(old)["cells"] if raw["cell_type"] == "code"]
+        old_cells = [_statements(_source(raw)) for raw in _code_cells(json.loads(old))]
         notebook = json.loads(new)
-        raw_cells = [raw for raw in notebook["cells"] if raw["cell_type"] == "code"]
-        cells = [_statements(_source(raw)) for raw in raw_cells]
+        raw_cells = _code_cells(notebook)
+        new_cells = [_statements(_source(raw)) for raw in raw_cells]
     except (ValueError, LookupError, TypeError, AttributeError):
         return Carried(new, [], [])
-    answered = [answer for answer in _answers(theirs) if not answer.is_open]
-    own_functions, changed_functions = _own_functions(theirs, cells)
+    old_answers = [answer for answer in _answers(old_cells) if not answer.is_open]
+    added_functions, changed_functions = _own_functions(old_cells, new_cells)
     as_code = list[str]()
     as_comments = list[str]()
     placed = list[Statement]()
-    for raw, cell in zip(raw_cells, cells, strict=True):
+    for raw, cell in zip(raw_cells, new_cells, strict=True):
         for number in range(len(_answers([cell]))):
             task = _answers([_statements(_source(raw))])[number]  # an answer before may have moved its lines
-            answer = _answer_of(task, answered, theirs)
+            answer = _answer_of(task, old_answers, old_cells)
             if answer is None:
                 continue
             placed.append(answer.statement)
             if not task.is_open:
                 continue  # a later version of the notebook has an answer
-            same = _arguments(task.statement.node) == _arguments(answer.statement.node)
-            fits = same and answer.statement.node is not None
-            text = _with_answer(_source(raw), task, answer, own_functions, fits)
-            value = getattr(answer.statement.node, "value", None)
+            same_arguments = _arguments(task.statement.node) == _arguments(answer.statement.node)
+            fits = same_arguments and answer.statement.node is not None
+            text = _with_answer(_source(raw), task, answer, added_functions, fits)
+            value = _value_of(answer.statement.node)
             if isinstance(value, ast.Name) and value.id in changed_functions:
                 # The answer is a function of the notebook that the student changed.
                 text += f"\n{ANOTHER}\n{_comment(changed_functions[value.id])}"
                 as_comments.append(value.id)
             raw["source"] = text.splitlines(keepends=True)
-            (as_code if fits else as_comments).append(task.name)
+            if fits:
+                as_code.append(task.name)
+            else:
+                as_comments.append(task.name)
     left = [
         answer
-        for answer in answered
-        if not any(answer.statement is each for each in placed)
-        # A call whose result the kit's own cell uses may be another than a check.
-        and (answer.is_function or isinstance(getattr(answer.checked_by, "node", None), (ast.Expr, NoneType)))
+        for answer in old_answers
+        if answer.is_kept_as_comment and not any(answer.statement is statement for statement in placed)
     ]
-    texts = dict.fromkeys(answer.statement.text for answer in left)
-    texts = {text: None for text in texts if not any(_comment(text) in _source(raw) for raw in raw_cells)}
-    if texts:
-        as_comments += [answer.name for answer in left if answer.statement.text in texts]
-        notebook["cells"].append(_cell_of(notebook, "\n\n".join([LEFT, *map(_comment, texts)])))
+    as_comments += _append_left_answers(notebook, left)
     if not as_code and not as_comments:
         return Carried(new, [], [])
     content = (json.dumps(notebook, indent=1, ensure_ascii=False) + "\n").encode()
     return Carried(content, as_code, list(dict.fromkeys(as_comments)))
+
+
+def _append_left_answers(notebook: dict[str, Any], left: list[Answer]) -> list[str]:
+    """Add a last cell with answers as comments, unless the notebook has them already; return their names."""
+    present = [_source(raw) for raw in _code_cells(notebook)]
+    comments: dict[str, None] = {}  # each once
+    names = []
+    for answer in left:
+        comment = _comment(answer.statement.text)
+        if not any(comment in source for source in present):
+            comments[comment] = None
+            names.append(answer.name)
+    if comments:
+        notebook["cells"].append(_cell_of(notebook, "\n\n".join([LEFT, *comments])))
+    return names
 
 
 def _answers(cells: list[list[Statement]]) -> list[Answer]:
@@ -160,52 +196,67 @@ def _answers(cells: list[list[Statement]]) -> list[Answer]:
                 continue
             check, name = statement.check
             for place in [cell, *reversed(cells[:number])]:
-                defined = [each for each in place if name in each.defined]
-                if defined:
-                    answers.append(Answer(check, name, place, defined[-1], statement))
+                definitions = [each for each in place if name in each.defined]
+                if definitions:
+                    answers.append(Answer(check, name, place, definitions[-1], statement))
                     break
     return answers
 
 
-def _answer_of(task: Answer, answered: list[Answer], theirs: list[list[Statement]]) -> Answer | None:
-    """The old answer to an exercise: that of its check, or a function of its name that no check gets."""
-    of_check = [answer for answer in answered if answer.check == task.check]
+def _answer_of(task: Answer, old_answers: list[Answer], old_cells: list[list[Statement]]) -> Answer | None:
+    """The old answer to an exercise: that of its check, or a function of its name that no check gets.
+
+    Of several, the last one counts; one of the same name goes before a function of another name.
+    """
+    of_check = [answer for answer in old_answers if answer.check == task.check]
     same_name = [answer for answer in of_check if answer.name == task.name]
-    functions = [answer for answer in of_check if answer.is_function]
-    if same_name or (task.is_function and functions):
-        return (same_name or functions)[-1]
+    if same_name:
+        return same_name[-1]
     # A function has one task in a notebook, while a variable may be the answer to several.
-    if task.is_function:
-        for cell in reversed(theirs):
-            for statement in cell:
-                found = Answer(task.check, task.name, cell, statement)
-                if task.name in statement.defined and found.is_function and not found.is_open:
-                    return found
+    if not task.is_function:
+        return None
+    functions = [answer for answer in of_check if answer.is_function]
+    if functions:
+        return functions[-1]
+    for cell in reversed(old_cells):
+        for statement in cell:
+            found = Answer(task.check, task.name, cell, statement)
+            if task.name in statement.defined and found.is_function and not found.is_open:
+                return found
     return None
 
 
-def _with_answer(source: str, task: Answer, answer: Answer, own_functions: dict[str, str], fits: bool) -> str:
-    """The text of the new cell with the student's statements in place of the open answer."""
+def _with_answer(
+    source: str, task: Answer, answer: Answer, added_functions: dict[str, str], fits: bool
+) -> str:
+    """The text of the new cell with the student's statements in place of the open answer.
+
+    added_functions : texts of the functions that the student added anywhere in the old notebook, by name.
+    fits : whether the answer can be code here; otherwise it stands below the open answer, as a comment.
+    """
     node = task.statement.node
     if node is None or node.end_lineno is None:
         return source
     lines = source.splitlines()
     given = {_without_comments(each.text, lines) for each in _statements(source)}
-    same_cell = [each for each in answer.cell if _without_comments(each.text, lines) not in given]
-    # The new cell has its check; but one statement may be answer and check, or no Python.
-    same_cell = [
-        each for each in same_cell if each.check is None or each.node is None or each is answer.statement
-    ]
-    theirs = list[str]()
-    for each in same_cell:
-        text = _without_comments(each.text, lines, each is answer.cell[0])
-        theirs.append(text if each.node is not None or each.is_magic or not fits else _comment(text))
-    used = _used([each.node for each in same_cell])
-    needed = [own_functions[name] for name in used if name in own_functions]
-    needed = [text for text in needed if text not in theirs]
+    students = list[Statement]()
+    for each in answer.cell:
+        is_given = _without_comments(each.text, lines) in given
+        # The new cell has its check; but one statement may be answer and check, or no Python.
+        is_check_alone = each.check is not None and each.node is not None and each is not answer.statement
+        if not is_given and not is_check_alone:
+            students.append(each)
+    texts = list[str]()
+    for each in students:
+        text = _without_comments(each.text, lines, is_first=each is answer.cell[0])
+        can_be_code = each.node is not None or each.is_magic
+        texts.append(_comment(text) if fits and not can_be_code else text)
+    used = _used([each.node for each in students])
+    needed = [added_functions[name] for name in used if name in added_functions]
+    needed = [text for text in needed if text not in texts]
     renamed = [f"{task.name} = {answer.name}"] if answer.name != task.name else []
     between = "\n\n\n" if isinstance(node, ast.FunctionDef) else "\n"
-    written = between.join([*needed, *theirs, *renamed])
+    written = between.join([*needed, *texts, *renamed])
     if fits:
         return "\n".join([*lines[: node.lineno - 1], *written.splitlines(), *lines[node.end_lineno :]])
     comment = [ANOTHER, *_comment(written).splitlines()]
@@ -213,53 +264,83 @@ def _with_answer(source: str, task: Answer, answer: Answer, own_functions: dict[
 
 
 def _cell_of(notebook: dict[str, Any], source: str) -> dict[str, Any]:
+    """A code cell for a notebook, with an id if its cells have ids."""
     cell: dict[str, Any] = {"cell_type": "code", "execution_count": None, "metadata": {}, "outputs": []}
     if any("id" in each for each in notebook["cells"]):
         cell["id"] = f"earlier-answers-{len(notebook['cells'])}"
-    return {**cell, "source": source.splitlines(keepends=True)}
+    cell["source"] = source.splitlines(keepends=True)
+    return cell
+
+
+def _code_cells(notebook: dict[str, Any]) -> list[dict[str, Any]]:
+    """The code cells of a notebook, as in its JSON."""
+    return [raw for raw in notebook["cells"] if raw["cell_type"] == "code"]
 
 
 def _source(raw: dict[str, Any]) -> str:
+    """The text of a cell."""
     return "".join(raw["source"])
 
 
 def _comment(text: str) -> str:
+    """A text with each of its lines as a comment."""
     return "\n".join(f"# {line}".rstrip() for line in text.splitlines())
 
 
 def _statements(source: str) -> list[Statement]:
     """The statements of a cell; a line that is no Python, such as a magic command, hides no other."""
     lines = source.splitlines()
+    # A block is a line that may begin a statement, with those that belong to it.
     starts = [number for number, line in enumerate(lines) if line.strip() and not CONTINUED.match(line)]
     ends = [*starts[1:], len(lines)]
     statements = list[Statement]()
     first = 0
     while first < len(starts):
-        for last in range(first, len(starts)):
-            text = "\n".join(lines[starts[first] : ends[last]]).rstrip()
-            nodes = [] if MAGIC.match(lines[starts[first]]) else _parsed(text)
-            if nodes:
-                break
-        else:  # no number of further lines completes it
-            last = first
-            text = "\n".join(lines[starts[first] : ends[first]]).rstrip()
-            nodes = [None]
-        shift = starts[first]
-        moved = [None if node is None else ast.increment_lineno(node, shift) for node in nodes]
-        statements += [Statement(text, moved[0])] if len(moved) == 1 else _on_one_line(text, moved)
+        last, nodes = _first_complete(lines, starts, ends, first)
+        text = "\n".join(lines[starts[first] : ends[last]]).rstrip()
+        if not nodes:
+            statements.append(Statement(text, None))
+        for number, node in enumerate(nodes):
+            # Of statements with semicolons between them, the text belongs to the first.
+            of_node = text if number == 0 else ast.unparse(node)
+            statements.append(Statement(of_node, ast.increment_lineno(node, starts[first])))
         first = last + 1
     return statements
 
 
-def _on_one_line(text: str, nodes: list[Any]) -> list[Statement]:
-    """Statements with semicolons between them: the text belongs to the first."""
-    return [Statement(text if number == 0 else ast.unparse(node), node) for number, node in enumerate(nodes)]
+def _first_complete(
+    lines: list[str], starts: list[int], ends: list[int], first: int
+) -> tuple[int, list[ast.stmt]]:
+    """The fewest blocks, from `first` on, that are Python: the number of the last, and their statements.
+
+    If no number of blocks is Python, the first one stands alone, without statements.
+    """
+    if not MAGIC.match(lines[starts[first]]):
+        for last in range(first, len(starts)):
+            nodes = _parsed("\n".join(lines[starts[first] : ends[last]]).rstrip())
+            if nodes:
+                return last, nodes
+    return first, []
 
 
-def _parsed(text: str) -> list[Any]:
+def _parsed(text: str) -> list[ast.stmt]:
+    """The statements of a text; none for a text that is no Python."""
     with suppress(SyntaxError, ValueError, RecursionError):
         return list(ast.parse(text).body)
     return []
+
+
+def _value_of(node: ast.stmt | None) -> ast.expr | None:
+    """The expression of a statement that is one, or what an assignment assigns; None for other statements."""
+    value: ast.expr | None = getattr(node, "value", None)
+    return value
+
+
+def _targets_of(node: ast.stmt) -> list[ast.expr]:
+    """What an assignment or a loop assigns to; none for other statements."""
+    targets: list[ast.expr] = list(getattr(node, "targets", []))
+    target: ast.expr | None = getattr(node, "target", None)
+    return targets if target is None else [target]
 
 
 def _check(node: object) -> tuple[str, str] | None:
@@ -289,36 +370,52 @@ def _without_comments(text: str, lines: list[str], is_first: bool = False) -> st
 
 def _arguments(node: ast.stmt | None) -> list[str] | None:
     """The names of the arguments of a function or of a lambda with a name; None for other statements."""
-    function: Any = node if isinstance(node, ast.FunctionDef) else getattr(node, "value", None)
+    function = node if isinstance(node, ast.FunctionDef) else _value_of(node)
     if not isinstance(function, (ast.FunctionDef, ast.Lambda)):
         return None
     every = function.args
-    plain = [each.arg for each in (*every.posonlyargs, *every.args, *every.kwonlyargs)]
-    return [*plain, *(f"*{each.arg}" for each in (every.vararg, every.kwarg) if each is not None)]
+    names = [argument.arg for argument in (*every.posonlyargs, *every.args, *every.kwonlyargs)]
+    for argument in (every.vararg, every.kwarg):
+        if argument is not None:
+            names.append(f"*{argument.arg}")
+    return names
 
 
 def _is_dots(value: ast.expr) -> bool:
+    """Whether an expression is `...`."""
     return isinstance(value, ast.Constant) and value.value is ...
 
 
 def _own_functions(
-    theirs: list[list[Statement]], cells: list[list[Statement]]
+    old_cells: list[list[Statement]], new_cells: list[list[Statement]]
 ) -> tuple[dict[str, str], dict[str, str]]:
-    """The functions that the student added to the old notebook, and those with another text now, by name."""
-    known = {name: each.text for cell in cells for each in cell for name in each.defined}
+    """The functions that the student added to the old notebook, and those that are different now.
+
+    Both are texts by name.
+    """
+    new_texts = dict[str, str]()
+    for cell in new_cells:
+        for statement in cell:
+            new_texts |= dict.fromkeys(statement.defined, statement.text)
     added = dict[str, str]()
     changed = dict[str, str]()
-    for each in [each for cell in theirs for each in cell]:
-        if isinstance(each.node, ast.FunctionDef):
-            name = each.node.name
-            if name not in known:
-                added[name] = each.text
-            elif known[name] != each.text:
-                changed[name] = each.text
+    for cell in old_cells:
+        for statement in cell:
+            if isinstance(statement.node, ast.FunctionDef):
+                name = statement.node.name
+                if name not in new_texts:
+                    added[name] = statement.text
+                elif new_texts[name] != statement.text:
+                    changed[name] = statement.text
     return added, changed
 
 
-def _used(nodes: list[ast.stmt | None]) -> Iterator[str]:
+def _used(nodes: list[ast.stmt | None]) -> list[str]:
     """The names that statements use, each once, in their order."""
-    every = [inner for node in nodes if node is not None for inner in ast.walk(node)]
-    return iter(dict.fromkeys(node.id for node in every if isinstance(node, ast.Name)))
+    names: dict[str, None] = {}
+    for node in nodes:
+        parts = [] if node is None else ast.walk(node)
+        for part in parts:
+            if isinstance(part, ast.Name):
+                names[part.id] = None
+    return list(names)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import platform
 from importlib import metadata
+from typing import NamedTuple
 
 from ..checkout import checkout_folder, missing_folder_text
 from ..data.catalogue import KITTI, available, kitti_places, kitti_root
@@ -15,8 +16,14 @@ from ..runs.identity import library_versions
 from .cache_contents import KINDS, CacheItem, cache_items
 from .console import install, print_wrapped, show_table, steps
 
-# Subject, state, facts and remedy; the state is "ok", "note" (an optional part is missing) or "problem".
-Finding = tuple[str, str, str, str]
+
+class Finding(NamedTuple):
+    """The state of a part of the installation: "ok", "note" (an optional part is missing) or "problem"."""
+
+    subject: str
+    state: str
+    facts: str
+    remedy: str = ""
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -30,56 +37,62 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def _check(options: argparse.Namespace) -> int:
     findings = [_packages(), _kitti(), _detectors(), _cache()]
-    show_table(["subject", "state", "facts"], [[*finding[:3]] for finding in findings], numbers=False)
-    print_wrapped(*(f"{subject}: {remedy}" for subject, _, _, remedy in findings if remedy))
+    rows = [[finding.subject, finding.state, finding.facts] for finding in findings]
+    show_table(["subject", "state", "facts"], rows, numbers=False)
+    print_wrapped(*(f"{finding.subject}: {finding.remedy}" for finding in findings if finding.remedy))
     if checkout_folder() is None:
         missing = missing_folder_text("data_scripts")
         print_wrapped(f"note: the commands `vo data …` do not work here: {missing}")
-    return int(any(state == "problem" for _, state, _, _ in findings))
+    has_problem = any(finding.state == "problem" for finding in findings)
+    return 1 if has_problem else 0
 
 
 def _packages() -> Finding:
+    """Versions; a problem if several packages of OpenCV have overwritten each other's files."""
     names = {str(package.metadata["Name"]) for package in metadata.distributions()}
     opencv_packages = sorted(name for name in names if name.startswith("opencv-"))
     python = f"Python {platform.python_version()} on {platform.system()} {platform.machine()}"
     facts = "\n".join([python, *(f"{name} {version}" for name, version in library_versions().items())])
     if len(opencv_packages) < 2:
-        return "packages", "ok", facts, ""
+        return Finding("packages", "ok", facts)
     conflict = f"{' and '.join(opencv_packages)} are installed in one folder"
     remedy = f"pip uninstall -y {' '.join(opencv_packages)}, then {install()}"
-    return "packages", "problem", facts, f"{conflict}: {remedy}"
+    return Finding("packages", "problem", facts, f"{conflict}: {remedy}")
 
 
 def _kitti() -> Finding:
+    """KITTI's sequences on this machine, and those that lack images."""
     folders = [path for name, path in available().items() if name.startswith(KITTI) and path]
     if not folders:
         ways = {
             "vo data get_kitti --help": f"KITTI's sequences from the web or archives, into {kitti_root()}",
             "vo data from_folder --help": "your own stereo images or video",
         }
-        return (
+        return Finding(
             "KITTI odometry",
             "note",
             f"no sequences in {kitti_places()}",
             "optional; commands that add data" + steps(ways),
         )
     facts = f"{len(folders)} sequences in {kitti_places()}"
-    short = [path.name for path in folders if count_pairs(path) < len(wanted_frames(path) or ())]
-    if not short:
-        return "KITTI odometry", "ok", facts, ""
+    incomplete = [path.name for path in folders if count_pairs(path) < len(wanted_frames(path) or ())]
+    if not incomplete:
+        return Finding("KITTI odometry", "ok", facts)
     remedy = "incomplete" + steps({"vo data check_kitti": "lists the missing parts"})
-    return "KITTI odometry", "note", f"{facts}; incomplete: {', '.join(short)}", remedy
+    return Finding("KITTI odometry", "note", f"{facts}; incomplete: {', '.join(incomplete)}", remedy)
 
 
 def _detectors() -> Finding:
+    """The downloaded models; the kit has one of its own, so none is a problem."""
     names = list_detectors()
-    remedy = (
-        "" if names else "optional" + steps({"vo data get_detector yolox-tiny": "for real images, 20 MB"})
-    )
-    return "downloaded detectors", "ok", ", ".join(names) or f"none in {detector_folder()}", remedy
+    if names:
+        return Finding("downloaded detectors", "ok", ", ".join(names))
+    remedy = "optional" + steps({"vo data get_detector yolox-tiny": "for real images, 20 MB"})
+    return Finding("downloaded detectors", "ok", f"none in {detector_folder()}", remedy)
 
 
 def _cache() -> Finding:
+    """The size of the cache by kind, and how to free space."""
     items = cache_items()
     facts = [f"{cache_folder().parent}: {megabytes(items)}"]
     for kind in KINDS:
@@ -93,7 +106,7 @@ def _cache() -> Finding:
         "vo data clean_cache": "deletes what this version has no use for",
         "vo data clean_cache --all": "deletes everything in the cache",
     }
-    return "cache", "ok", "\n".join(facts), "to free space" + steps(steps_to_free)
+    return Finding("cache", "ok", "\n".join(facts), "to free space" + steps(steps_to_free))
 
 
 def megabytes(items: list[CacheItem]) -> str:

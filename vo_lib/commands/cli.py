@@ -39,7 +39,9 @@ def main(words: Items[str] | None = None) -> int:
     Bad input ends with one line and code 2 (`console.exit_code`). Warnings of libraries are printed at the
     end of a successful command.
     """
-    words = (sys.argv[1:] if words is None else words) or ["--help"]
+    words = sys.argv[1:] if words is None else words
+    if not words:
+        words = ["--help"]
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # "?" for letters that the terminal lacks
     with warnings.catch_warnings(record=True) as raised:
@@ -47,6 +49,7 @@ def main(words: Items[str] | None = None) -> int:
             if words[0] not in COMMANDS and not words[0].startswith("-"):
                 near = did_you_mean(words[0], COMMANDS)
                 raise DataError(f"unknown command {words[0]!r}; {near}`vo --help` lists the commands")
+            # A report names the command line.
             namespace = argparse.Namespace(line=shlex.join(["vo", *words]))
             options = make_parser(words).parse_args(words, namespace)
             code = int(options.command(options))
@@ -64,8 +67,9 @@ def make_parser(words: Items[str]) -> argparse.ArgumentParser:
     parser = OneLineParser(prog="vo", description="Stereo visual odometry that ignores features on vehicles.")
     parser.add_argument("--version", action="version", version=f"vo {metadata.version('stereo-vo-kit')}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for name, (module, text) in COMMANDS.items():
+    for name, (module_name, text) in COMMANDS.items():
         command: Any = commands.add_parser(name, help=text)
         if name == words[0]:
-            importlib.import_module(f".{module}", __package__).add(command)
+            module = importlib.import_module(f".{module_name}", __package__)
+            module.add(command)
     return parser

@@ -57,17 +57,17 @@ def close_run(
 
 def close_outcomes(outcomes: list[Outcome], config: LoopConfig) -> list[ReportTable]:
     """Close the loops of finished runs in their folders; return a table of errors, or [] without truth."""
-    compared: dict[Hashable, PlacePairs] = {}
+    places_of: dict[Hashable, PlacePairs] = {}  # runs with equal keys share the comparison of places
     errors_of_row: dict[str, list[list[float]]] = {}
     for outcome in outcomes:
         if outcome.error is not None:
             continue
         job = outcome.job
         key = (job.sequence.name, comparison_key(job.config))
-        if key not in compared:
-            compared[key] = find_loops_with_bar(job.sequence, job.config, config)
+        if key not in places_of:
+            places_of[key] = find_loops_with_bar(job.sequence, job.config, config)
         before = read_kitti_poses(job.folder / POSES)
-        closure = close_run(job.folder, job.sequence, before, compared[key], config)
+        closure = close_run(job.folder, job.sequence, before, places_of[key], config)
         if job.sequence.truth is not None:
             row = f"{job.sequence.name}, {job.config.variant}, {job.system}"
             errors = _errors_before_and_after(job.sequence.truth, before, closure)
@@ -90,13 +90,13 @@ def _errors_table(errors_of_row: dict[str, list[list[float]]]) -> ReportTable:
     """The table of the means over the seeds, from the numbers of `_errors_before_and_after` of each seed."""
     rows = []
     for row, of_seeds in errors_of_row.items():
-        count, subsequences, *means = np.mean(of_seeds, axis=0)
-        before = means[:3]
-        after = means[3:]
+        loops, subsequences, *errors = np.mean(of_seeds, axis=0)
+        before = errors[:3]  # ATE, TE, RE
+        after = errors[3:]
         changes = [
             f"{format_number(old)} → {format_number(new)}" for old, new in zip(before, after, strict=True)
         ]
-        rows.append([row, format_number(count, 1), *changes, few_marked(int(subsequences))])
+        rows.append([row, format_number(loops, 1), *changes, few_marked(int(subsequences))])
     return ReportTable(
         "Not in the paper: loops closed by a pose graph",
         ["sequence, variant, method", "loops", "ATE m", "TE %", "RE deg/100 m", COUNT_COLUMN],

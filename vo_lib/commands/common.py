@@ -112,8 +112,10 @@ def add_many(parser: argparse.ArgumentParser) -> None:
     where.add_argument(
         "--jobs", metavar="N", default="1", help="number of processes at the same time; default %(default)s"
     )
-    text = "run on the Dask cluster whose scheduler has this address, such as tcp://host:port. Its workers "
-    text += "need the same file paths (extra [cluster])"
+    text = (
+        "run on the Dask cluster whose scheduler has this address, such as tcp://host:port. Its workers need "
+        "the same file paths (extra [cluster])"
+    )
     where.add_argument("--dask", metavar="ADDRESS", help=text)
     parser.add_argument(
         "--fresh", action="store_true", help="compute finished runs again instead of reading them"
@@ -126,22 +128,30 @@ def distinct_sequences(names: list[str], cache: Path | None) -> list[str]:
 
     Of a name and a path of the same sequence, the name stays, since errors are compared by names.
     """
-    chosen: dict[Path | str, str] = {}
+    name_of: dict[Path | str, str] = {}  # by folder or, before a scene is drawn, by name
     for name in names:
-        key = known_folder(name, cache) or name
-        first = chosen.setdefault(key, name)
+        place = known_folder(name, cache) or name
+        first = name_of.setdefault(place, name)
         if first == name:
             continue
         if Path(first).is_dir() and not Path(name).is_dir():
-            chosen[key] = name
-        print_wrapped(f"note: {first} and {name} are the same sequence, so it is used once, as {chosen[key]}")
-    for name in dict.fromkeys(name for name in names if names.count(name) > 1):
-        print_wrapped(f"note: {name} is named {names.count(name)} times, but used once")
-    return list(chosen.values())
+            name_of[place] = name
+        print_wrapped(
+            f"note: {first} and {name} are the same sequence, so it is used once, as {name_of[place]}"
+        )
+    for name in dict.fromkeys(names):
+        if names.count(name) > 1:
+            print_wrapped(f"note: {name} is named {names.count(name)} times, but used once")
+    return list(name_of.values())
 
 
 def open_with_bar(name: str, cache: Path | None, part: argparse.Namespace | None = None) -> Sequence:
-    """A sequence by name, with the options of `add_part`; a progress bar appears while a scene is drawn."""
+    """A sequence by name, with a progress bar while a scene is drawn, and the notes on the sequence.
+
+    part : the options of `add_part`.
+
+    Raises `DataError` for an unknown name, an invalid file, frames that it does not have, or a gap in them.
+    """
     if part and part.frames:
         parse_frames(part.frames, 0)  # a wrong form is refused before a scene is drawn
     verb = "drawing" if name.startswith(SYNTHETIC) else "opening"
@@ -162,18 +172,23 @@ def open_with_bar(name: str, cache: Path | None, part: argparse.Namespace | None
 
 def _note_masked_share(sequence: Sequence, path: Path) -> None:
     """Print the share of the image that is masked, from some masks; a warning if it is 0 or 100 % in all."""
-    masks = zip(sequence.mask_files(), sequence.mask_images(), strict=False)
-    share = fmean(np.count_nonzero(mask) / mask.size for _, mask in islice(masks, MASKS_MEASURED))
-    if share == 0.0 and not any(mask.any() for _, mask in masks):
+    # One mask for all frames is repeated endlessly by `mask_images`, but has one file.
+    count = len(sequence.mask_files())
+    masks = islice(sequence.mask_images(), count)
+    share = fmean(np.count_nonzero(mask) / mask.size for mask in islice(masks, MASKS_MEASURED))
+    # `masks` goes on where the first ones end: the others are read only to be sure of the warning.
+    if share == 0.0 and not any(mask.any() for mask in masks):
         print_wrapped(f"warning: --masks: no pixel is masked: every pixel of {path} is 0")
         return
-    if share == 1.0 and all(mask.all() for _, mask in masks):
+    if share == 1.0 and all(mask.all() for mask in masks):
         print_wrapped(
             f"warning: --masks: all pixels are masked, so there are no features: no pixel of {path} is 0"
         )
         return
-    inverted = "; features on pixels that are not 0 are dropped, so the mask may be inverted"
-    print_wrapped(f"--masks: {100 * share:.0f} % of the image is masked{inverted if share > 0.5 else ''}")
+    words = f"--masks: {100 * share:.0f} % of the image is masked"
+    if share > 0.5:
+        words += "; features on pixels that are not 0 are dropped, so the mask may be inverted"
+    print_wrapped(words)
 
 
 def draw_with_bar(film: Film, frames: Iterable[FilmFrame], which: str = "film") -> None:
@@ -194,12 +209,15 @@ def read_method(options: argparse.Namespace) -> tuple[str, MethodConfig]:
         variant = options.variant or DEFAULT_VARIANT
         return method, preset(method, variant=variant)
     method, config = _method_of_file(options.config)
-    in_file = {"method": method, "variant": config.variant}
-    for name, value in in_file.items():
-        option = getattr(options, name)
-        if option not in (None, value):
-            raise DataError(f"is a run of {name} {value}, not {option}: omit --{name}", options.config)
+    _refuse_contradiction(options.config, "method", method, options.method)
+    _refuse_contradiction(options.config, "variant", config.variant, options.variant)
     return method, config
+
+
+def _refuse_contradiction(path: Path, name: str, in_file: str, typed: str | None) -> None:
+    """Raise `DataError` if --method or --variant (`name`) is not that of --config."""
+    if typed not in (None, in_file):
+        raise DataError(f"is a run of {name} {in_file}, not {typed}: omit --{name}", path)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -207,8 +225,8 @@ class TableMethods:
     """What --variant, --methods and --config say on the methods of a table; None is left to the command.
 
     changes : settings of --config that differ from the preset of its method; all methods get them.
-    refused : names of those that a method must use, as with --set: all of them, unless the file is as a run
-    wrote it and its method is in the table.
+    refused : names of those that at least one method must use, as with --set: all of them. But of a file that
+        is as a run wrote it, none, if its method is in the table: such a run can always be repeated.
     """
 
     variant: str | None
@@ -227,11 +245,10 @@ def read_table_methods(options: argparse.Namespace) -> TableMethods:
     method, config = _method_of_file(options.config)
     if options.variant not in (None, BOTH, config.variant):
         raise DataError(f"is a run of variant {config.variant}, not {options.variant}", options.config)
-    usual = preset(method, variant=config.variant)
     methods = method if options.methods is None else options.methods
-    changes = differences(config, usual)
-    repeated = method in methods.split(",") and is_as_written(read_config(options.config))
-    refused = () if repeated else tuple(name for name, _ in changes)
+    changes = differences(config, preset(method, variant=config.variant))
+    is_repeated = method in methods.split(",") and is_as_written(read_config(options.config))
+    refused = () if is_repeated else tuple(name for name, _ in changes)
     return TableMethods(config.variant, methods, changes, refused)
 
 
@@ -251,10 +268,13 @@ def warn_missing(missing: list[str], total: int, accepted: bool) -> None:
     """Before the runs, say which sequences are not on this machine."""
     if not missing:
         return
-    words = f"{len(missing)} of {total} sequences are not on this machine, so they are not run: "
-    words += f"{', '.join(missing)}; `vo check` says how to get them"
-    end = "" if accepted else ". The exit code will be 1; --missing ok accepts this"
-    print_wrapped(f"warning: {words}{end}.")
+    words = (
+        f"warning: {len(missing)} of {total} sequences are not on this machine, so they are not run: "
+        f"{', '.join(missing)}; `vo check` says how to get them."
+    )
+    if not accepted:
+        words += " The exit code will be 1; --missing ok accepts this."
+    print_wrapped(words)
 
 
 def print_rest(seconds: float, durations: Durations, again: bool) -> None:
@@ -277,9 +297,10 @@ def note_too_short(sequence: Sequence, measure: SubsequenceProtocol | None, reme
     if sequence.truth is None:
         return
     chosen = suitable_protocol(sequence.truth) if measure is None else measure
-    if words := too_short_words(sequence.truth, chosen):
+    why = too_short_words(sequence.truth, chosen)
+    if why:
         end = f"; {remedy}" if remedy else ""
-        print_wrapped(f"note: {sequence.name} will have no errors, since {words}{end}")
+        print_wrapped(f"note: {sequence.name} will have no errors, since {why}{end}")
 
 
 def run_with_options(
@@ -290,12 +311,12 @@ def run_with_options(
         jobs,
         workers,
         progress,
-        options.cache,
-        options.dask,
-        options.fresh,
-        durations,
-        lambda seconds, again: print_rest(seconds, durations, again),
-        REPLACE_RUNS,
+        cache=options.cache,
+        scheduler=options.dask,
+        fresh=options.fresh,
+        durations=durations,
+        estimated=lambda seconds, again: print_rest(seconds, durations, again),
+        remedy=REPLACE_RUNS,
     )
 
 
@@ -309,7 +330,7 @@ def parse_methods(text: str | None, variant: str | None) -> dict[str, list[str]]
         return {name: list(VARIANTS[name]) for name in variants}
     methods = list(dict.fromkeys(text.split(",")))
     for method in methods:
-        preset(method, variant=variants[-1])
+        preset(method, variant=variants[-1])  # of two variants, the last one has all methods
     return {name: [method for method in methods if method in VARIANTS[name]] for name in variants}
 
 
@@ -321,15 +342,17 @@ def require_drawing() -> None:
 
 def parse_whole(name: str, text: str, least: int = 1, most: int = 1_000_000) -> int:
     """A whole number from `least` to `most`; `DataError` with the option's name for other text."""
-    if re.fullmatch(r"\d{1,9}", text, re.ASCII) is None or not least <= int(text) <= most:
+    number = int(text) if re.fullmatch(r"\d{1,9}", text, re.ASCII) else None
+    if number is None or not least <= number <= most:
         raise DataError(f"{name} {text!r}: expected a whole number from {least} to {most}")
-    return int(text)
+    return number
 
 
 def parse_jobs(text: str, runs: int | None = None) -> int:
     """The number of processes in --jobs, at most one for each run; a note if the machine has fewer cores."""
     workers = parse_whole("--jobs", text)
-    workers = workers if runs is None else min(workers, max(runs, 1))
+    if runs is not None:
+        workers = min(workers, max(runs, 1))
     cores = os.cpu_count() or 1
     if workers > cores:
         words = "processor core" if cores == 1 else "processor cores"
@@ -338,19 +361,19 @@ def parse_jobs(text: str, runs: int | None = None) -> int:
 
 
 def parse_frames(text: str, number: int) -> tuple[int, int]:
-    """Start and stop in a text "A:B"; A or B may be missing."""
-    match = re.fullmatch(r"(-?\d{1,9}|):(-?\d{1,9}|)", text, re.ASCII)
-    if match is None:
+    """Start and stop in a text "A:B"; without A, the start is 0, and without B, the stop is `number`."""
+    found = re.fullmatch(r"(-?\d{1,9}|):(-?\d{1,9}|)", text, re.ASCII)
+    if found is None:
         raise DataError(f"--frames {text!r}: expected A:B, two whole numbers")
-    return int(match[1] or 0), int(match[2] or number)
+    return int(found[1] or 0), int(found[2] or number)
 
 
 def parse_lengths(text: str) -> tuple[float, ...]:
-    """Sub-sequence lengths, metres, from a comma-separated list."""
+    """Sub-sequence lengths, metres, from a comma-separated list; `DataError` for other text."""
     try:
         lengths = tuple(float(word) for word in text.split(","))
     except ValueError:
-        lengths = ()
+        lengths = ()  # refused below
     if not lengths or not all(0 < length <= MAX_COORDINATE_M for length in lengths):
         raise DataError(f"--lengths {text!r}: expected metres such as 20,50,100")
     if len(set(lengths)) < len(lengths):
@@ -359,13 +382,13 @@ def parse_lengths(text: str) -> tuple[float, ...]:
 
 
 def parse_delta(text: str) -> Delta:
-    """The interval of a text such as "10f" (frames) or "5m" (metres)."""
+    """The interval of a text such as "10f" (frames) or "5m" (metres); `DataError` for other text."""
     if re.fullmatch(r"\d+f", text, re.ASCII):
         delta = Delta(int(text[:-1]))
     elif re.fullmatch(r"(\d+\.?\d*|\.\d+)m", text, re.ASCII):
         delta = Delta(float(text[:-1]), "m")
     else:
-        delta = Delta(0)
+        delta = Delta(0)  # refused below
     if not 0 < delta.size <= MAX_COORDINATE_M:
         raise DataError(f"--delta {text!r}: expected frames such as 10f, or metres such as 5m")
     return delta
@@ -374,7 +397,8 @@ def parse_delta(text: str) -> Delta:
 def changed_words(names: Iterable[str]) -> str:
     """The beginning of a sentence on files of a run that are not as the run wrote them."""
     files = list(names)
-    return f"{', '.join(files)} {'was' if len(files) == 1 else 'were'} missing or changed"
+    verb = "was" if len(files) == 1 else "were"
+    return f"{', '.join(files)} {verb} missing or changed"
 
 
 def note_repeated_runs(outcomes: Iterable[Outcome]) -> None:

@@ -33,13 +33,9 @@ if TYPE_CHECKING:
     from ..report.page import ReportTable
 
 SETTINGS_PAGE = "--help-settings"  # the option that lists a command's settings
-ENDINGS = (
-    DataError,
-    OSError,
-    MemoryError,
-    KeyboardInterrupt,
-)  # exceptions that end a command without a traceback
-# How to type the parameter that a `DataError` names as its remedy.
+# Exceptions that end a command without a traceback.
+ENDINGS = (DataError, OSError, MemoryError, KeyboardInterrupt)
+# How the end of a message says what to type, by the remedy of a `DataError`.
 REMEDIES = {
     "fresh": ", or replace the run with --fresh",
     "fresh runs": " with --out, or replace the runs with --fresh",
@@ -59,7 +55,7 @@ OptionGroup = argparse._ActionsContainer  # a parser, or a group of its options
 class OneLineParser(argparse.ArgumentParser):
     """A parser that reports a wrong option in one line, with the nearest valid option, and exit code 2."""
 
-    _words: Sequence[str] = ()
+    _words: Sequence[str] = ()  # those that are parsed: argparse calls `error` without them
 
     def __init__(self, **parameters: Any):
         super().__init__(allow_abbrev=False, **parameters)  # an abbreviation may be a misspelt option
@@ -75,33 +71,48 @@ class OneLineParser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Print the message in one line, with the nearest option, and exit."""
         options = self._option_string_actions
-        page = "--help"
-        hint = ""
-        for word in itertools.takewhile("--".__ne__, self._words):
-            name = word.partition("=")[0]
-            if name.startswith("--") and name not in options:
-                hint = f"; {did_you_mean(name, options) or self.get_default('others') or ''}".rstrip("; ")
-                page = SETTINGS_PAGE if "." in name and SETTINGS_PAGE in options else page
-                break
-        if not hint:
-            hint = self._comma_hint(message)
+        unknown = self._unknown_option()
+        near = ""
+        if unknown:
+            near = did_you_mean(unknown, options) or self.get_default("others") or ""
+        hint = f"; {near.rstrip()}" if near else self._comma_hint(message)
+        page = SETTINGS_PAGE if "." in unknown and SETTINGS_PAGE in options else "--help"
         text = one_line(message, self._words)
         line = f"{self.prog}: error: {text}{hint} (see {self.prog} {page})"
         self.exit(2, f"{as_shown(line, sys.stderr)}\n")
 
+    def _unknown_option(self) -> str:
+        """The first option that the parser does not have, such as "--seed"; "" if there is none."""
+        for word in self._words:
+            if word == "--":  # what follows are no options of this parser
+                break
+            name = word.partition("=")[0]
+            if name.startswith("--") and name not in self._option_string_actions:
+                return name
+        return ""
+
     def _comma_hint(self, message: str) -> str:
         """For values that are separated by blanks instead of commas: how to type them; otherwise ""."""
-        unknown = message.partition("unrecognized arguments: ")[2].split()
+        _, _, unknown_words = message.partition("unrecognized arguments: ")
+        unknown = unknown_words.split()
         if not unknown:
             return ""
         words = list(self._words)
         for place, word in enumerate(words[:-2]):
-            action = self._option_string_actions.get(word)
-            separated = action is not None and "," in str(action.metavar)
-            following = list(itertools.takewhile(lambda each: not each.startswith("-"), words[place + 1 :]))
-            if separated and len(following) > 1 and following[1:] == unknown[: len(following) - 1]:
-                return f"; separate the values of {word} by commas: {','.join(following)}"
+            option = self._option_string_actions.get(word)
+            if option is None or "," not in str(option.metavar):
+                continue
+            # argparse has taken the first value, and does not know the others.
+            values = _up_to_next_option(words[place + 1 :])
+            others = values[1:]
+            if others and others == unknown[: len(others)]:
+                return f"; separate the values of {word} by commas: {','.join(values)}"
         return ""
+
+
+def _up_to_next_option(words: list[str]) -> list[str]:
+    """The words before the first one that begins as an option."""
+    return list(itertools.takewhile(lambda word: not word.startswith("-"), words))
 
 
 def one_line(message: str, words: Iterable[str]) -> str:
@@ -110,9 +121,12 @@ def one_line(message: str, words: Iterable[str]) -> str:
     words : the arguments of the command. Of a longer argument, or a long part of one, the middle is left out.
     """
     text = " ".join(message.split())
-    pieces = (part for word in words for part in (word, *re.split(r"[=,;:/\s]", word)))
-    parts = {part for part in pieces if len(part) > MAX_TYPED}
-    for part in sorted(parts, key=len, reverse=True):
+    parts = set[str]()
+    for word in words:
+        parts.update([word, *re.split(r"[=,;:/\s]", word)])
+    too_long = [part for part in parts if len(part) > MAX_TYPED]
+    for part in sorted(too_long, key=len, reverse=True):  # a part of another one comes after it
+        # A message may have it as typed, without its line breaks, as `repr` writes it, or in quotes.
         for form in (part, " ".join(part.split()), repr(part)[1:-1], shlex.quote(part)):
             text = text.replace(form, shorten(form))
     return "".join(letter if letter.isprintable() else "?" for letter in text)
@@ -132,11 +146,13 @@ def exit_code(program: str, error: BaseException, words: Iterable[str] = ()) -> 
     if isinstance(error, DataError):
         text += REMEDIES.get(error.remedy, "")
     if isinstance(error, KeyboardInterrupt):
-        line = f"{program}: interrupted" + (f"; {text}" if text else "")
+        line = f"{program}: interrupted; {text}" if text else f"{program}: interrupted"
         print(as_shown(line, sys.stderr), file=sys.stderr)
         return 130
     if isinstance(error, OSError):
-        text = ": ".join(str(part) for part in (error.filename, error.strerror or error) if part is not None)
+        text = str(error.strerror or error)
+        if error.filename is not None:
+            text = f"{error.filename}: {text}"
     if isinstance(error, MemoryError):
         text = "out of memory"
     print(as_shown(f"{program}: error: {one_line(text, words)}", sys.stderr), file=sys.stderr)
@@ -173,7 +189,11 @@ def install(extra: str = "") -> str:
 def add_option(
     group: OptionGroup, item: Setting, name: str, default: bool = True, shown: bool = True
 ) -> None:
-    """Add the option `--name` for a setting; its help text, if shown, has meaning, range and default."""
+    """Add the option `--name` for a setting.
+
+    default : whether its help text has the default, beside meaning and range.
+    shown : whether the help has the option at all.
+    """
     text = f"{item.text.removesuffix('.')}; {item.describe()}"
     if default:
         text += f"; default {as_typed(item.default)}"
@@ -185,9 +205,11 @@ def option_values(options: argparse.Namespace, items: Iterable[Setting]) -> dict
     """Values, by name, of the settings given as options; an invalid value raises `DataError`."""
     values: dict[str, Any] = {}
     for item in items:
-        if (text := getattr(options, item.name)) is not None:
-            values[item.name] = item.parse(text)
-            item.check(values[item.name])
+        text = getattr(options, item.name)
+        if text is not None:
+            value = item.parse(text)
+            item.check(value)
+            values[item.name] = value
     return values
 
 
@@ -207,6 +229,7 @@ def from_options(options: argparse.Namespace, cls: type[Config], prefix: str = "
 
 
 def _console(stderr: bool = False, width: int | None = None) -> Console:
+    """A console of Rich; `width` : characters of a line, by default those of the terminal."""
     from rich.console import Console
 
     return Console(stderr=stderr, width=width)
@@ -214,24 +237,33 @@ def _console(stderr: bool = False, width: int | None = None) -> Console:
 
 @contextmanager
 def reporting(label: str, in_bytes: bool = False) -> Iterator[Progress]:
-    """A progress function: in a terminal, a bar that is removed at the end; elsewhere, one line a minute."""
+    """A progress function: in a terminal, a bar that is removed at the end; elsewhere, one line a minute.
+
+    in_bytes : whether the steps are bytes, so that the bar shows them in MB with their speed.
+    """
     console = _console(stderr=True)
     if not console.is_interactive:
-        printed = time.monotonic()
+        last_line_at = time.monotonic()
 
         def log(done: int, total: int) -> None:
-            nonlocal printed
-            if time.monotonic() - printed >= LOG_PERIOD_S:
-                printed = time.monotonic()
+            nonlocal last_line_at
+            if time.monotonic() - last_line_at >= LOG_PERIOD_S:
+                last_line_at = time.monotonic()
                 console.print(f"{label}: {done} of {total}", soft_wrap=True, highlight=False, markup=False)
 
         yield log
         return
     from rich import progress as rich
 
-    count = (rich.DownloadColumn(), rich.TransferSpeedColumn()) if in_bytes else (rich.MofNCompleteColumn(),)
-    label_column = rich.TextColumn("{task.description}", markup=False)
-    columns = label_column, rich.BarColumn(), *count, rich.TimeRemainingColumn()
+    columns: list[rich.ProgressColumn] = [
+        rich.TextColumn("{task.description}", markup=False),
+        rich.BarColumn(),
+    ]
+    if in_bytes:
+        columns += [rich.DownloadColumn(), rich.TransferSpeedColumn()]
+    else:
+        columns.append(rich.MofNCompleteColumn())
+    columns.append(rich.TimeRemainingColumn())
     with rich.Progress(
         *columns, console=console, transient=True, speed_estimate_period=SPEED_PERIOD_S
     ) as bar:
@@ -271,10 +303,15 @@ def as_shown(sentence: str, stream: TextIO) -> str:
     width = terminal_width(stream)
     lines = []
     for line in glued(sentence).split("\n"):
-        indent = line[: len(line) - len(line.lstrip(" "))] + INDENT
-        lines += textwrap.wrap(
-            line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
-        ) or [""]
+        own_indent = line[: len(line) - len(line.lstrip(" "))]
+        wrapped = textwrap.wrap(
+            line,
+            width,
+            subsequent_indent=own_indent + INDENT,
+            break_long_words=False,
+            break_on_hyphens=False,
+        )
+        lines += wrapped or [""]  # an empty line stays one
     return "\n".join(lines).replace(GLUE, " ")
 
 

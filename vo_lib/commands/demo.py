@@ -38,6 +38,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def _words(folder: str) -> list[str]:
+    """The options of `vo reproduce` for results in a folder."""
     return [*OPTIONS, "--jobs", str(DRAWING_PROCESSES), "--out", folder, "--fresh"]
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from ..data.poses import TIME_TOLERANCE_S
 from ..errors import DataError
-from ..evaluation.ate_rpe import Alignment
+from ..evaluation.ate_rpe import Alignment, Delta
 from ..evaluation.kitti_errors import SubsequenceProtocol, suitable_protocol
 from ..evaluation.path_errors import Evaluation, evaluate
 from ..evaluation.path_facts import path_facts
@@ -34,7 +34,7 @@ EVALUATION = "evaluation.json"
 DEFAULT_ALIGNMENT = "se3"
 DEFAULT_DELTA = "1f"
 WARNING = "warning: "  # how a note begins that makes all numbers doubtful
-ERROR_OPTIONS = ("lengths", "step", "alignment", "delta")
+ERROR_OPTIONS = ("lengths", "step", "alignment", "delta")  # those that only paths with truth need
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -48,8 +48,8 @@ def add(parser: argparse.ArgumentParser) -> None:
     option("paths", nargs="+", type=Path, metavar="RUN_OR_FILE", help=text)
     text = (
         "ground-truth file of all paths; default: the truth of the runs' sequences. Without any truth, the "
+        "paths are drawn from the same start, and their lengths and distances are printed"
     )
-    text += "paths are drawn from the same start, and their lengths and distances are printed"
     option("--truth", type=Path, metavar="FILE", help=text)
     text = "sub-sequence lengths, metres; default 100,…,800, or 20,50,100 for short paths"
     option("--lengths", metavar="L,L,…", help=text)
@@ -63,8 +63,8 @@ def add(parser: argparse.ArgumentParser) -> None:
     option("--delta", metavar="D", help=text)
     text = (
         "largest difference between the times of a pose and its true pose, in seconds; default %(default)s. "
+        f"Fewer than {100 * FEWEST_MATCHES:.0f} %% of poses with such a partner are refused"
     )
-    text += f"Fewer than {100 * FEWEST_MATCHES:.0f} %% of poses with such a partner are refused"
     option("--t-max-diff", type=float, default=TIME_TOLERANCE_S, metavar="S", help=text)
     text = "folder for evaluation.json, and for figures of the paths and of their errors by length and speed"
     option("--out", metavar="DIR", help=text)
@@ -101,7 +101,7 @@ class _Evaluated:
         return [first, spread_table(self.errors), *others]
 
     def write_pictures(self, folder: Path) -> list[str]:
-        """Write the figures; return a sentence on figures that are missing."""
+        """Write the figures; return sentences on figures that are missing or doubtful."""
         return write_pictures(folder, self.paths, self.errors)
 
 
@@ -136,17 +136,35 @@ def _refuse_options_of_errors(options: argparse.Namespace) -> None:
         raise DataError(f"{' and '.join(given)}: no effect without ground truth: {GIVE_TRUTH}")
 
 
+@dataclass(frozen=True)
+class _Measure:
+    """What the options say on the errors; None for what suits the path."""
+
+    lengths: tuple[float, ...] | None
+    step: int | None
+    alignment: Alignment
+    delta: Delta
+
+
+def _read_measure(options: argparse.Namespace) -> _Measure:
+    """The measure of the options; `DataError` for an invalid one."""
+    return _Measure(
+        lengths=None if options.lengths is None else parse_lengths(options.lengths),
+        step=None if options.step is None else parse_whole("--step", options.step),
+        alignment=Alignment(options.alignment or DEFAULT_ALIGNMENT),
+        delta=parse_delta(options.delta or DEFAULT_DELTA),
+    )
+
+
 def _evaluate(options: argparse.Namespace) -> int:
-    lengths = None if options.lengths is None else parse_lengths(options.lengths)
-    step = None if options.step is None else parse_whole("--step", options.step)
+    measure = _read_measure(options)
     if options.out is not None:
         require_drawing()
     if not options.t_max_diff >= 0:
         raise DataError(f"--t-max-diff {options.t_max_diff:g}: expected 0 s or more")
-    alignment = Alignment(options.alignment or DEFAULT_ALIGNMENT)
-    delta = parse_delta(options.delta or DEFAULT_DELTA)
     for folder in options.paths:
-        if changed := {POSES, POSES_TUM}.intersection(changed_files(folder)):
+        changed = {POSES, POSES_TUM}.intersection(changed_files(folder))
+        if changed:
             warn(
                 f"{changed_words(sorted(changed))} in {folder} since the run: the errors are not of this run"
             )
@@ -155,48 +173,61 @@ def _evaluate(options: argparse.Namespace) -> int:
         if isinstance(paths, PathsWithoutTruth):
             _refuse_options_of_errors(options)
             results.append(_Compared(paths))
-            continue
-        usual = suitable_protocol(paths.truth, paths.frames)
-        measure = SubsequenceProtocol(lengths or usual.lengths, step or usual.step)
-        errors = evaluate(
-            paths.truth,
-            paths.estimates,
-            measure,
-            paths.times,
-            alignment,
-            delta,
-            frames=paths.frames,
-            is_part=paths.is_part,
-        )
-        results.append(_Evaluated(paths, errors))
-    data = json.dumps({"sequences": [each.numbers() for each in results]}, indent=2, allow_nan=False)
-    missing = list[str]()
-    if options.out is not None:
-        with run_folder(options.out) as folder:
-            own = _is_evaluation(folder / EVALUATION)
-            with written_together(folder, own=own) as draft:
-                write_atomic(draft / EVALUATION, data + "\n")
-                for each in results:
-                    missing += each.write_pictures(draft)
+        else:
+            results.append(_Evaluated(paths, _errors(paths, measure)))
+    data = json.dumps({"sequences": [result.numbers() for result in results]}, indent=2, allow_nan=False)
+    remarks = [] if options.out is None else _write(options.out, data, results)
     if options.json:
         print(data)
         return 0
-    for each in results:
+    _print_results(results)
+    if options.out is not None:
+        print_wrapped(*remarks)
+        print_wrapped(f"written to {options.out}")
+    return 0
+
+
+def _errors(paths: ComparedPaths, measure: _Measure) -> Evaluation:
+    """The errors of paths with a truth."""
+    usual = suitable_protocol(paths.truth, paths.frames)
+    return evaluate(
+        paths.truth,
+        paths.estimates,
+        SubsequenceProtocol(measure.lengths or usual.lengths, measure.step or usual.step),
+        paths.times,
+        measure.alignment,
+        measure.delta,
+        frames=paths.frames,
+        is_part=paths.is_part,
+    )
+
+
+def _write(out: str, data: str, results: list[_Result]) -> list[str]:
+    """Write evaluation.json and the figures; return sentences on figures that are missing or doubtful."""
+    remarks = list[str]()
+    with run_folder(out) as folder:
+        own = _is_evaluation(folder / EVALUATION)
+        with written_together(folder, own=own) as draft:
+            write_atomic(draft / EVALUATION, data + "\n")
+            for result in results:
+                remarks += result.write_pictures(draft)
+    return remarks
+
+
+def _print_results(results: list[_Result]) -> None:
+    """Print the tables and notes of all results, and what they do not tell."""
+    for result in results:
         # What makes all numbers doubtful stands before them.
-        warnings = [note for note in each.paths.notes if note.startswith(WARNING)]
+        warnings = [note for note in result.paths.notes if note.startswith(WARNING)]
         print_wrapped(*warnings)
-        for table in each.tables():
+        for table in result.tables():
             show_report_table(table)
-        print_wrapped(*(note for note in each.paths.notes if note not in warnings))
+        print_wrapped(*(note for note in result.paths.notes if note not in warnings))
     if len(results) > 1:
-        names = ", ".join(each.paths.name for each in results[:-1])
+        names = ", ".join(result.paths.name for result in results[:-1])
         print_wrapped(
             f"{names} and {results[-1].paths.name} have a table each and are not compared with each other, "
             "since they are not the same frames of the same sequence."
         )
-    if not any(isinstance(each, _Evaluated) for each in results):
+    if not any(isinstance(result, _Evaluated) for result in results):
         print_wrapped(f"For errors, {GIVE_TRUTH}.")
-    if options.out is not None:
-        print_wrapped(*missing)
-        print_wrapped(f"written to {options.out}")
-    return 0

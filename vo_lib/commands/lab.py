@@ -26,16 +26,10 @@ DIGESTS_FILE = ".copied.json"  # in the course's folder: digest of each copied f
 FOR_TEACHERS = {"solutions", "teaching.md"}
 TEACHERS_LINK = re.compile(rb"\[([^][]+)\]\((?:solutions/[^)]+|teaching\.md)\)")
 HAND_IN = "hand_in.zip"
-KIT_PYTHON = ".kit_python"  # in the course's folder: for a kernel that lacks the kit
+KIT_PYTHON = ".kit_python"  # in the course's folder: the Python with the kit, for a kernel that lacks it
 CACHES = {".ipynb_checkpoints", "__pycache__"}
-WORK = {
-    "my_vo.py",
-    "my_answers.json",
-    "my_poses.txt",
-    "my_path.webm",
-    HAND_IN,
-    KIT_PYTHON,
-}  # files that the notebooks write
+# Files that the notebooks write, and this command.
+WORK = {"my_vo.py", "my_answers.json", "my_poses.txt", "my_path.webm", HAND_IN, KIT_PYTHON}
 OTHER_JUPYTERS = (
     "In VS Code, open this folder and choose the kernel {python}",
     "In a Jupyter of your own, this command adds a kernel with the name Stereo VO:",
@@ -88,9 +82,7 @@ def _lab(options: argparse.Namespace) -> int:
         raise DataError(f"no {FIRST_NOTEBOOK}: install the kit from its folder, {install()}", notebooks)
     folder = notebooks if options.here else Path(os.path.abspath(options.copy or Path.home() / COURSE))
     if folder != notebooks:
-        of_course = {DIGESTS_FILE, *(path.name for path in notebooks.glob("*.ipynb"))}
-        if folder.exists() and (present := {*os.listdir(folder)}) and not present & of_course:
-            raise DataError("contains other files and no course: choose a new or an empty folder", folder)
+        _refuse_other_folder(folder, notebooks)
         if options.hand_in is None:
             copy_course(notebooks, folder, options.teacher)
     if options.hand_in is not None:
@@ -116,6 +108,16 @@ def _lab(options: argparse.Namespace) -> int:
     return 0
 
 
+def _refuse_other_folder(folder: Path, notebooks: Path) -> None:
+    """Raise `DataError` for a folder that has files, but none of a copy of the course."""
+    if not folder.exists():
+        return
+    present = set(os.listdir(folder))
+    of_course = {DIGESTS_FILE, *(path.name for path in notebooks.glob("*.ipynb"))}
+    if present and not present & of_course:
+        raise DataError("contains other files and no course: choose a new or an empty folder", folder)
+
+
 def _hand_in(notebooks: Path, folder: Path, target: str) -> int:
     """Let the course write the zip of a folder; the library does not import the course."""
     zip_file = Path(os.path.abspath(target)) if target else folder / HAND_IN
@@ -126,7 +128,8 @@ def _hand_in(notebooks: Path, folder: Path, target: str) -> int:
 def _refuse_root(options: list[str]) -> None:
     """Raise `DataError` where JupyterLab would end with a hint that is not how `vo` takes the option."""
     is_root = hasattr(os, "geteuid") and os.geteuid() == 0
-    if is_root and not any(word.lstrip("-").split("=")[0] in STARTS_AS_ROOT for word in options):
+    names = {word.lstrip("-").split("=")[0] for word in options}
+    if is_root and not names.intersection(STARTS_AS_ROOT):
         raise DataError("JupyterLab does not start as root unless it is told to: vo lab -- --allow-root")
 
 
@@ -151,6 +154,7 @@ def _collapse_sidebar() -> None:
 
 
 def _without_news(handler: object, page: dict[str, Any]) -> dict[str, Any]:
+    """The configuration of a page of JupyterLab, without the extension `NEWS`."""
     return {**page, "disabledExtensions": [*page["disabledExtensions"], NEWS]}
 
 
@@ -160,7 +164,11 @@ def copy_course(source: Path, target: Path, teacher: bool) -> None:
     A file counts as changed if its digest differs from the digest in DIGESTS_FILE and from the digest of the
     source. The new version of a changed file is written once, under another name, with a message; a new
     notebook contains the reader's answers. In a student's copy, the address in a link to a file for teachers
-    is replaced by the command that copies it. Raises `DataError` if a file cannot be read or written.
+    is replaced by the command that copies it.
+
+    teacher : copy the files for teachers as well.
+
+    Raises `DataError` if a file cannot be read or written.
     """
     digests_file = target / DIGESTS_FILE
     copied = dict[str, Any]()
@@ -168,48 +176,67 @@ def copy_course(source: Path, target: Path, teacher: bool) -> None:
         copied = read_mapping(digests_file, "digests of copied files by name")
     left_out = CACHES | WORK if teacher else CACHES | WORK | FOR_TEACHERS
     for path in sorted(source.rglob("*")):
-        name = path.relative_to(source).as_posix()
-        if not path.is_file() or left_out & {*path.relative_to(source).parts}:
+        relative = path.relative_to(source)
+        if not path.is_file() or left_out.intersection(relative.parts):
             continue
+        name = relative.as_posix()
         original = path.read_bytes()
         content = original if teacher else TEACHERS_LINK.sub(rb"\1 (`vo lab --teacher`)", original)
-        versions = _digest(content), _digest(original)
-        changed = list[bytes]()  # versions with the reader's changes, the oldest first
-        place = name
-        file = target / place
-        while file.exists():
-            present = read_bytes(file)
-            if _digest(present) in (copied.get(place), *versions):
-                break
-            changed.append(present)
-            place = f"{place.removesuffix(path.suffix)}{NEW}{path.suffix}"
-            file = target / place
-        if place != name:
-            if copied.get(name) in versions:
-                continue
+        digest = _digest(content)
+        unchanged = (digest, _digest(original))  # of a file as this version has it, for students or teachers
+        place, changed = _free_place(target, name, copied, unchanged)
+        if changed:
+            if copied.get(name) in unchanged:
+                continue  # this version was written beside it before
             answers = ""
             if path.suffix == NOTEBOOK:
                 content, answers = _with_answers(changed, content)
             print_wrapped(f"Your change of {name} is kept; the new version is {place}{answers}")
         if path.suffix == NOTEBOOK:
             content = _as_jupyter_writes(content)
-        if not file.exists() or _digest(present) != _digest(content):
+        file = target / place
+        if not file.exists() or _digest(read_bytes(file)) != _digest(content):
             file.parent.mkdir(parents=True, exist_ok=True)
             write_atomic(file, content)
-        copied[name] = versions[0]
+        copied[name] = digest
         copied[place] = _digest(content)
     write_atomic(digests_file, json.dumps(copied, indent=1) + "\n")
     write_atomic(target / KIT_PYTHON, f"{sys.executable}\n")
 
 
+def _free_place(
+    target: Path, name: str, copied: dict[str, Any], unchanged: tuple[str, ...]
+) -> tuple[str, list[bytes]]:
+    """The first name for a file that has no changes of the reader, and the contents of those before it.
+
+    It is `name` or, if the reader has changed that file, the name with `NEW`, and so on.
+
+    copied : the digests of copied files by name; unchanged : digests of the file without changes.
+    """
+    suffix = Path(name).suffix
+    changed = list[bytes]()
+    place = name
+    while (target / place).exists():
+        content = read_bytes(target / place)
+        if _digest(content) in (copied.get(place), *unchanged):
+            break
+        changed.append(content)
+        place = f"{place.removesuffix(suffix)}{NEW}{suffix}"
+    return place, changed
+
+
 def _with_answers(changed: list[bytes], content: bytes) -> tuple[bytes, str]:
-    """A new notebook with the answers of the changed ones, the latest first, and words that name them."""
+    """A new notebook with the answers of the changed ones, and words that name these answers.
+
+    changed : from the oldest to the latest; the answers of the latest one go before.
+    """
     as_code = list[str]()
     as_comments = list[str]()
     for notebook in reversed(changed):
-        content, code, comments = carry_over(notebook, content)
-        as_code += code
-        as_comments += comments
+        carried = carry_over(notebook, content)
+        content = carried.content
+        as_code += carried.as_code
+        as_comments += carried.as_comments
     words = ""
     if as_code:
         words = f", with your answers: {', '.join(as_code)}"

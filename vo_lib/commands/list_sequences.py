@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from ..data.catalogue import KITTI, SYNTHETIC, available, kitti_places, kitti_roots
-from ..data.drawn import cache_folder
+from ..data.drawn import cache_folder, scene_frames
 from ..data.imports import imported_folders
 from ..data.label_remarks import missing_labels
 from ..data.scenes import SCENES
@@ -53,13 +53,14 @@ def _shown(folder: Path) -> str:
 
 
 def _facts(name: str, folder: Path | None) -> list[str]:
-    """Cells of a sequence's row; a scene that is not drawn yet has only the cells given by its settings."""
-    if folder is None:
-        from vo_street.route import frame_count
+    """Cells of a sequence's row after its name, as in `COLUMNS`.
 
+    folder : None for a scene that is not drawn yet, which has only the cells that its settings tell.
+    """
+    if folder is None:
         scene = SCENES[name.removeprefix(SYNTHETIC)]
         size = f"{scene.width}×{scene.height}"
-        return [str(frame_count(scene)), f"{scene.length:.0f}", "yes", "yes", size, NO_NUMBER]
+        return [str(scene_frames(scene)), f"{scene.length:.0f}", "yes", "yes", size, NO_NUMBER]
     sequence = open_folder(folder, name)
     camera = sequence.camera
     truth = sequence.truth
@@ -71,6 +72,12 @@ def _facts(name: str, folder: Path | None) -> list[str]:
     boxes = "no"
     if sequence.labels is not None:
         boxes = "part" if missing_labels(sequence) else "yes"
-    parts = ["no" if truth is None else "yes", boxes]
     megabytes = sum(folder_size(folder / side) for side in sequence.sides) / 1e6
-    return [str(len(sequence)), length, *parts, f"{camera.width}×{camera.height}", f"{megabytes:.0f}"]
+    return [
+        str(len(sequence)),
+        length,
+        "no" if truth is None else "yes",
+        boxes,
+        f"{camera.width}×{camera.height}",
+        f"{megabytes:.0f}",
+    ]

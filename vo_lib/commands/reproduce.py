@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..config import config_class
@@ -16,7 +17,7 @@ from ..errors import DataError
 from ..evaluation.kitti_errors import SubsequenceProtocol
 from ..files import only_process, refuse_foreign
 from ..loops.settings import LoopConfig
-from ..report.blocks import Axes, make_blocks, parse_axes
+from ..report.blocks import Axes, Block, make_blocks, parse_axes
 from ..report.film import FILM_ENDING, Film, film_frames
 from ..report.page import ReportTable
 from ..report.path_tables import tables_without_truth
@@ -26,6 +27,8 @@ from ..report.table1 import (
     PROPOSAL,
     RUNS,
     Cell,
+    Group,
+    PaperTable,
     Reproduction,
     collect,
     default_sequences,
@@ -67,14 +70,19 @@ def add(parser: argparse.ArgumentParser) -> None:
         "Exit code 1: a run failed, or a sequence is missing."
     )
     option = parser.add_argument
-    text = "KITTI numbers or ranges, names from `vo list`, or paths; default: all KITTI sequences found, or "
-    option("--sequences", metavar="S,S,…", help=text + "else the drawn scenes")
+    text = (
+        "KITTI numbers or ranges, names from `vo list`, or paths; default: all KITTI sequences found, or "
+        "else the drawn scenes"
+    )
+    option("--sequences", metavar="S,S,…", help=text)
     option("--missing", choices=["ok"], help="with ok, a missing KITTI sequence does not cause exit code 1")
     common.add_variant(parser, both=True)
     option("--methods", metavar="M,M,…", help="methods to run; by default all methods of the variant")
     common.add_set(parser, "each value makes a block of the table with all methods")
-    text = "config.json of a run: what differs there from the preset is changed in all methods of the table; "
-    text += "without --methods, only the method of that run"
+    text = (
+        "config.json of a run: what differs there from the preset is changed in all methods of the table; "
+        "without --methods, only the method of that run"
+    )
     option("--config", type=Path, metavar="FILE", help=text)
     text = "sub-sequence lengths, metres, from every frame on; default KITTI's, or 20,50,100 for short paths"
     option("--lengths", metavar="L,L,…", help=text)
@@ -88,6 +96,49 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(command=reproduce, others="--set NAME=VALUE changes a threshold")
 
 
+@dataclass(frozen=True)
+class _Table:
+    """The table that the options of `vo reproduce` ask for.
+
+    blocks : its parts.
+    methods : names by variant.
+    seeds : number of runs of each method.
+    measure : the sub-sequences of --lengths, or None.
+    names : sequences on this machine, or folders.
+    missing : KITTI sequences that are not on this machine.
+    """
+
+    blocks: list[Block]
+    methods: dict[str, list[str]]
+    seeds: int
+    measure: SubsequenceProtocol | None
+    names: list[str]
+    missing: list[str]
+
+
+def _read_table(options: argparse.Namespace) -> _Table:
+    """The table of the options, tested before any work; a warning names the missing sequences."""
+    chosen = common.read_table_methods(options)
+    methods = common.parse_methods(chosen.methods, chosen.variant)
+    axes: Axes = {}
+    for variant, of_variant in methods.items():
+        if of_variant:  # every variant tests the values, which are the same for all
+            axes = parse_axes(options.axes, config_class(variant)())
+    blocks = make_blocks(methods, chosen.changes, axes, options.loops, chosen.refused)
+    seeds = common.parse_whole("--seeds", options.seeds)
+    common.parse_whole("--jobs", options.jobs)  # refused before the work
+    measure = None
+    if options.lengths is not None:
+        measure = SubsequenceProtocol(common.parse_lengths(options.lengths), 1)
+    if options.detector is not None:
+        find_model(options.detector)
+    candidates = default_sequences() if options.sequences is None else parse_sequences(options.sequences)
+    names, missing = split_missing(common.distinct_sequences(candidates, options.cache))
+    vehicle_boxes.refuse_labels_of_several(options, names)
+    common.warn_missing(missing, len(names) + len(missing), accepted=options.missing == "ok")
+    return _Table(blocks, methods, seeds, measure, names, missing)
+
+
 def reproduce(options: argparse.Namespace, *remarks: str) -> int:
     """Do the runs; write and print the table, the result and the remarks.
 
@@ -95,86 +146,102 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
     """
     start = time.perf_counter()
     common.require_drawing()
-    chosen = common.read_table_methods(options)
-    methods = common.parse_methods(chosen.methods, chosen.variant)
-    axes: Axes = {}
-    for variant, of_variant in methods.items():
-        if of_variant:
-            axes = parse_axes(options.axes, config_class(variant)())
-    blocks = make_blocks(methods, chosen.changes, axes, options.loops, chosen.refused)
-    seeds = common.parse_whole("--seeds", options.seeds)
-    common.parse_whole("--jobs", options.jobs)  # refused before the work
-    measure = (
-        None if options.lengths is None else SubsequenceProtocol(common.parse_lengths(options.lengths), 1)
-    )
+    table = _read_table(options)
     paper = read_paper_table()
-    if options.detector is not None:
-        find_model(options.detector)
-    candidates = default_sequences() if options.sequences is None else parse_sequences(options.sequences)
-    names, missing = split_missing(common.distinct_sequences(candidates, options.cache))
-    vehicle_boxes.refuse_labels_of_several(options, names)
-    common.warn_missing(missing, len(names) + len(missing), accepted=options.missing == "ok")
     durations = Durations()
     with ExitStack() as stack:
         folder = stack.enter_context(run_folder(options.out))
-        opened = [common.open_with_bar(name, options.cache, options) for name in names]
+        sequences = [common.open_with_bar(name, options.cache, options) for name in table.names]
         own = is_own_table(folder / TABLE) or has_runs(folder / RUNS)
         # Before the lock, which marks the folder as the kit's.
-        refuse_foreign(folder, table_files(blocks, [sequence.name for sequence in opened]), own)
+        refuse_foreign(folder, table_files(table.blocks, [sequence.name for sequence in sequences]), own)
         stack.enter_context(only_process(folder))
-        opener = vehicle_boxes.Opener(opened, options, durations)
-        if not options.fresh:  # another detector is refused before it detects
-            planned = plan_cells(blocks, methods, opener.names, seeds, folder, opener.undetected)
-            refuse_other_runs(jobs_of(planned), opener.detector_of, common.REPLACE_RUNS)
-        cells = plan_cells(blocks, methods, opener.names, seeds, folder, opener)
+        opener = vehicle_boxes.Opener(sequences, options, durations)
+        cells = _plan(table, folder, opener, options.fresh)
         jobs = jobs_of(cells)
-        remarks = (*remarks, *_note_lengths(opened, measure))
+        remarks += tuple(_note_lengths(sequences, table.measure))
         workers = common.parse_jobs(options.jobs, len(jobs))
         runs = [(job.sequence, job.config) for job in jobs]
-        remarks = (
-            *remarks,
-            *vehicle_boxes.note_label_remarks(runs, vehicle_boxes.TYPED_SET_CLASSES, with_name=True),
+        remarks += tuple(
+            vehicle_boxes.note_label_remarks(runs, vehicle_boxes.TYPED_SET_CLASSES, with_name=True)
         )
         without_boxes = vehicle_boxes.warn_without_boxes(runs)
         with reporting(f"{len(jobs)} runs") as report:
             outcomes = common.run_with_options(jobs, workers, report, durations, options)
-        result = collect(cells, outcomes, missing, measure)
+        result = collect(cells, outcomes, table.missing, table.measure)
         if not result.paths:  # an earlier table is kept
             raise DataError(" ".join(result.problems))
         if options.films:
             _draw_films([outcome.job for outcome in outcomes if outcome.error is None], options.cache)
         closed = close_loops.close_outcomes(outcomes, LoopConfig()) if options.loops else []
         groups = group_entries(result.entries)
-        differs = {block: block.described(methods[block.variant]) for block in blocks}
-        of_groups = {(block.variant, block.words): sentences for block, sentences in differs.items()}
-        tables = tables_by_settings(groups)
-        for group in groups:
-            tables += layout_tables(group, paper, of_groups[group.variant, group.settings])
-        tables += closed
-        tables += short_path_tables(result)
-        tables += settings_tables_without_truth(result)
-        tables += _tables_without_truth(result, cells)
+        differs = {block: block.described(table.methods[block.variant]) for block in table.blocks}
+        report_tables = [
+            *_tables_with_truth(groups, paper, differs),
+            *closed,
+            *short_path_tables(result),
+            *settings_tables_without_truth(result),
+            *_tables_without_truth(result, cells),
+        ]
         conclusions = [*results(groups), *remarks]
         seconds = time.perf_counter() - start
         call = this_call(options.line, seconds, durations.workers)
-        origin = [call.command, f"duration {seconds:.0f} s, processes: {durations.workers}"]
-        said = [*without_boxes, *conclusions]
-        removals = removal_pictures(outcomes)
-        detector = None if options.detector is None else find_model(options.detector)
-        earlier = [] if options.fresh else earlier_calls(folder)
         record = reproduction_record(
-            result.entries, paper, missing, detector, call, earlier, jobs, options.cache, differs
+            entries=result.entries,
+            paper=paper,
+            missing=table.missing,
+            detector=None if options.detector is None else find_model(options.detector),
+            call=call,
+            earlier=[] if options.fresh else earlier_calls(folder),
+            jobs=jobs,
+            cache=options.cache,
+            differs=differs,
         )
-        write_table_files(folder, result, groups, paper, tables, said, origin, removals, record)
-    for table in tables:
-        show_report_table(table)
+        write_table_files(
+            folder,
+            result,
+            groups,
+            paper,
+            tables=report_tables,
+            conclusions=[*without_boxes, *conclusions],
+            origin=[call.command, f"duration {seconds:.0f} s, processes: {durations.workers}"],
+            removals=removal_pictures(outcomes),
+            record=record,
+        )
+    for report_table in report_tables:
+        show_report_table(report_table)
     print_wrapped("", *result.problems, *conclusions)
     common.note_repeated_runs(outcomes)
     print_wrapped(*kitti_duration(jobs, durations, detects=options.detector is not None))
     print_wrapped(f"Report with figures: {folder / REPORT}")
     if any(entry.is_whole for entry in result.entries):
         print_wrapped(f"Record for chapter 7 and for others: {folder / RECORD}")
-    return int(bool(result.failed or (missing and options.missing != "ok")))
+    is_incomplete = bool(table.missing) and options.missing != "ok"
+    return 1 if result.failed or is_incomplete else 0
+
+
+def _plan(table: _Table, folder: Path, opener: vehicle_boxes.Opener, fresh: bool) -> list[Cell]:
+    """The cells of a table; unless finished runs are to be done again, `DataError` if others are there."""
+    if not fresh:  # another detector is refused before it detects
+        undetected = plan_cells(
+            table.blocks, table.methods, opener.names, table.seeds, folder, opener.undetected
+        )
+        refuse_other_runs(jobs_of(undetected), opener.detector_of, common.REPLACE_RUNS)
+    return plan_cells(table.blocks, table.methods, opener.names, table.seeds, folder, opener)
+
+
+def _tables_with_truth(
+    groups: list[Group], paper: PaperTable, differs: Mapping[Block, list[str]]
+) -> list[ReportTable]:
+    """The tables of errors: each method by its settings, then each group by itself.
+
+    differs : for each block, sentences on what differs from the presets.
+    """
+    sentences_of = {(block.variant, block.words): sentences for block, sentences in differs.items()}
+    tables = tables_by_settings(groups)
+    for group in groups:
+        tables += layout_tables(group, paper, sentences_of[group.variant, group.settings])
+    return tables
 
 
 def _note_lengths(sequences: list[Sequence], measure: SubsequenceProtocol | None) -> list[str]:

@@ -21,6 +21,7 @@ from ..geometry.result import Flag
 from ..geometry.types import Array
 from ..kit.settings import KitConfig
 from ..loops.settings import LoopConfig
+from ..report.blocks import settings_of
 from ..report.film import FILM_ENDING, Film, film_frames, refuse_foreign_film
 from ..report.page import format_number
 from ..report.path_tables import evaluation_tables
@@ -69,9 +70,9 @@ FLAG_MEANINGS = {
     Flag.FILTER_OFF: "too few features would remain, so none is removed in boxes",
     Flag.PRIOR_DROPPED: "another solution is clearly better than those near the previous essential vector",
 }
-BOX_SETTINGS = ("filter.margin", "filter.classes", "filter.score")
-DETECTOR = "detector."
-FORMER_CLASSES = "--detector.classes"
+BOX_SETTINGS = ("filter.margin", "filter.classes", "filter.score")  # those that change the boxes of a film
+DETECTOR = "detector."  # how the names of the detector's settings begin
+FORMER_CLASSES = "--detector.classes"  # an option of earlier versions
 DETECTOR_SETTINGS = settings.declared(DetectorConfig, DETECTOR)
 
 
@@ -124,11 +125,12 @@ def _run(options: argparse.Namespace) -> int:
     with run_folder(options.out) as folder:
         changed = _check_folder(folder, options)
         if options.detector is not None and not options.fresh and is_finished(folder):
+            # Another run is refused before the detector works for minutes.
             identity = run_identity(sequence, config, method, calibration)
             detector = detection_record(
                 options.detector, detector_config, config.filter.classes, options.provider
             )
-            refuse_another(folder, identity, detector)  # before it detects
+            refuse_another(folder, identity, detector)
         sequence = _with_boxes(sequence, options, method, config, detector_config)
         matches = CachedMatches(sequence, config, options.cache) if options.keep_matches else None
         with reporting(label) as report:
@@ -195,7 +197,7 @@ def _with_typed_settings(base: MethodConfig, options: argparse.Namespace) -> tup
     """The settings with those that were typed as options, and the names of the latter."""
     config = base
     given = []
-    for item in (SETTINGS | {item.name: item for item in settings.declared(type(base))}).values():
+    for item in settings_of(base).values():
         text = getattr(options, item.name)
         if text is not None:
             config = change(config, item.name, item.parse(text))
@@ -246,15 +248,18 @@ def _quantities(result: Run, flags: list[Flag]) -> list[list[str]]:
     motions = result.motions
     facts = path_facts(result.poses, result.sequence.times)
     travelled = f"{facts.length:.1f} m in {facts.duration:.1f} s ({format_number(facts.speed, 2)} m/s)"
-    rows = [["length and duration of the path", travelled]]
-    rows.append(["matches per frame, median", format_number(result.matches_per_frame, 0)])
+    rows = [
+        ["length and duration of the path", travelled],
+        ["matches per frame, median", format_number(result.matches_per_frame, 0)],
+    ]
     if result.config.filter.rule != "none":
         share = f"{100 * result.removed_share:.1f} %"
         rows.append(["features removed in boxes", share if result.sequence.labels else "no labels"])
     used = format_number(median(motion.used for motion in motions), 0)
     rows.append(["matches used per frame (after buckets), median", used])
     for flag in flags:
-        rows.append([f"frames flagged {flag}", str(sum(flag in motion.flags for motion in motions))])
+        count = sum(flag in motion.flags for motion in motions)
+        rows.append([f"frames flagged {flag}", str(count)])
     calibration = result.calibration
     if isinstance(result.config, KitConfig) and calibration is not None and calibration.estimate.any():
         errors = calibration.describe(result.config.calibration)
@@ -275,10 +280,12 @@ def _print_settings_page(config: MethodConfig) -> int:
 
 def _check_options(options: argparse.Namespace) -> None:
     """Raise `DataError` for options that are missing, contradict each other, or name an unusable film."""
-    given = {"a sequence (`vo list`)": options.sequence, "--out DIR": options.out}
-    if missing := [name for name, value in given.items() if value is None]:
-        taken = "" if options.cache is None else f"; --cache takes a folder, here {options.cache}"
-        raise DataError(f"missing: {' and '.join(missing)}{taken}")
+    required = {"a sequence (`vo list`)": options.sequence, "--out DIR": options.out}
+    missing = [name for name, value in required.items() if value is None]
+    if missing:
+        # In "--cache kitti/07", the sequence has been taken for the folder.
+        hint = "" if options.cache is None else f"; --cache takes a folder, here {options.cache}"
+        raise DataError(f"missing: {' and '.join(missing)}{hint}")
     if getattr(options, FORMER_CLASSES.strip("-")) is not None:
         raise DataError(f"{FORMER_CLASSES}: filter.classes chooses the classes: --filter.classes NAME,NAME,…")
     if options.detector is not None and options.labels is not None:
@@ -312,7 +319,8 @@ def _refuse_unused(options: argparse.Namespace, method: str, config: MethodConfi
         if getattr(options, item.name) is not None and not options.loops:
             print_wrapped(f"note: --{item.name} has no effect without --loops")
     for name in given:
-        if reason := _unused_because(options, config, name):
+        reason = _unused_because(options, config, name)
+        if reason:
             raise DataError(f"--{name}: {method} does not use this setting, since {reason}")
 
 
@@ -329,9 +337,11 @@ def _refuse_unused_of_file(
     without_effect = []
     for item in settings.declared(type(config)):
         value = settings.value_of(config, item.name)
-        if item.name in given or value in (item.default, settings.value_of(usual, item.name)):
+        is_usual = value in (item.default, settings.value_of(usual, item.name))
+        if is_usual or item.name in given:
             continue
-        if reason := _unused_because(options, config, item.name):
+        reason = _unused_because(options, config, item.name)
+        if reason:
             without_effect.append((item.name, settings.as_typed(value), reason))
     if not without_effect:
         return
@@ -355,7 +365,7 @@ def _unused_because(options: argparse.Namespace, config: MethodConfig, name: str
 def _refuse_to_replace_input(options: argparse.Namespace) -> None:
     """Raise `DataError` if the run would write its results over a file that it reads.
 
-    A config.json is repeated as it is, so it may be that of the folder.
+    The config.json of the folder may be read by --config: the run writes the same settings again.
     """
     results = {os.path.realpath(Path(options.out) / name) for name in RUN_FILES if name != CONFIG}
     for name in ("calibration", "masks"):

@@ -6,6 +6,7 @@ import argparse
 import math
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 
 from .. import settings
@@ -15,7 +16,7 @@ from ..detection.models import find_model
 from ..errors import DataError
 from ..files import only_process, refuse_foreign, write_atomic, written_together
 from ..paper.settings import MethodConfig
-from ..report.blocks import changed, combinations, parse_axes, reasons_words
+from ..report.blocks import Axes, changed, combinations, parse_axes, reasons_words
 from ..report.page import records_csv
 from ..report.sweep_table import (
     CELLS,
@@ -63,8 +64,32 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(command=_sweep, others="--set gives the values of a threshold")
 
 
-def _sweep(options: argparse.Namespace) -> int:
-    common.require_drawing()
+@dataclass(frozen=True)
+class _Grid:
+    """The runs that the options of `vo sweep` ask for.
+
+    bases : by method, the settings that are not on an axis.
+    reference : these settings in words.
+    axes : the values of the others.
+    seeds : number of runs with each combination of the values.
+    names : of the sequences.
+    """
+
+    bases: dict[str, MethodConfig]
+    reference: str
+    axes: Axes
+    seeds: int
+    names: list[str]
+
+    @property
+    def runs(self) -> int:
+        """The number of all runs, without those of the reference."""
+        values = [len(values) for values in self.axes.values()]
+        return self.seeds * math.prod(values) * len(self.names) * len(self.bases)
+
+
+def _read_grid(options: argparse.Namespace) -> _Grid:
+    """The grid of the options, tested before any work."""
     seeds = common.parse_whole("--seeds", options.seeds)
     chosen = common.read_table_methods(options)
     variant = chosen.variant or common.DEFAULT_VARIANT
@@ -83,14 +108,19 @@ def _sweep(options: argparse.Namespace) -> int:
             "once for each of them"
         )
     vehicle_boxes.refuse_labels_of_several(options, names)
-    count = seeds * math.prod(map(len, axes.values())) * len(names) * len(methods)
-    workers = common.parse_jobs(options.jobs, count)
+    return _Grid(bases, reference, axes, seeds, names)
+
+
+def _sweep(options: argparse.Namespace) -> int:
+    common.require_drawing()
+    grid = _read_grid(options)
+    workers = common.parse_jobs(options.jobs, grid.runs)
     durations = Durations()
-    opened = [common.open_with_bar(name, options.cache, options) for name in names]
-    if len({sequence.name for sequence in opened}) < len(opened):
+    sequences = [common.open_with_bar(name, options.cache, options) for name in grid.names]
+    if len({sequence.name for sequence in sequences}) < len(sequences):
         raise DataError("two sequences have the same name: sweep them separately")
-    opener = vehicle_boxes.Opener(opened, options, durations)
-    for sequence in opened:
+    opener = vehicle_boxes.Opener(sequences, options, durations)
+    for sequence in sequences:
         common.note_too_short(sequence, None, "the table has distances from the true path instead")
     maps = [_map_name(name, opener.names) for name in opener.names]
     with ExitStack() as stack:
@@ -98,35 +128,39 @@ def _sweep(options: argparse.Namespace) -> int:
         own = is_own_table(folder / TABLE) or has_runs(folder / CELLS)
         refuse_foreign(folder, (TABLE, *maps), own)  # before the lock, which marks the folder as the kit's
         if not options.fresh:  # another detector is refused before it detects
-            planned = planned_jobs(opener.names, bases, axes, seeds, folder, opener.undetected)
-            refuse_other_runs(planned, opener.detector_of, common.REPLACE_RUNS)
+            undetected = planned_jobs(
+                opener.names, grid.bases, grid.axes, grid.seeds, folder, opener.undetected
+            )
+            refuse_other_runs(undetected, opener.detector_of, common.REPLACE_RUNS)
         runs = []
-        for config in bases.values():
-            for changes in combinations(axes):
-                of_cell = changed(config, changes)
-                runs += [(opener(name, of_cell), of_cell) for name in opener.names]
+        for base in grid.bases.values():
+            for changes in combinations(grid.axes):
+                config = changed(base, changes)
+                runs += [(opener(name, config), config) for name in opener.names]
         vehicle_boxes.warn_without_boxes(runs)
         vehicle_boxes.note_label_remarks(runs, vehicle_boxes.TYPED_SET_CLASSES)
         stack.enter_context(only_process(folder))
-        with reporting(f"{', '.join(opener.names)}; {', '.join(methods)}") as report:
+        with reporting(f"{', '.join(opener.names)}; {', '.join(grid.bases)}") as report:
 
             def run(jobs: list[Job]) -> list[Outcome]:
                 return common.run_with_options(jobs, workers, report, durations, options)
 
-            sweeps = run_sweep(opener.names, bases, axes, seeds, folder, opener, run, reference)
+            sweeps = run_sweep(
+                opener.names, grid.bases, grid.axes, grid.seeds, folder, opener, run, grid.reference
+            )
         if not any(record["seeds"] for sweep in sweeps for record in sweep.records):
             raise DataError(sweeps[0].records[0]["failed"])  # an earlier table is kept
-        drawn = [name for name, sweep in zip(maps, sweeps, strict=True) if sweep.has_numbers]
+        drawn = {name: sweep for name, sweep in zip(maps, sweeps, strict=True) if sweep.has_numbers}
         with written_together(folder, stale=[name for name in maps if name not in drawn]) as draft:
             write_atomic(draft / TABLE, records_csv(_records(sweeps)))
-            for name, sweep in zip(maps, sweeps, strict=True):
-                if sweep.has_numbers:
-                    write_atomic(draft / name, heat_map(sweep))
+            for name, sweep in drawn.items():
+                write_atomic(draft / name, heat_map(sweep))
     for sweep in sweeps:
         show_report_table(sweep_table(sweep))
         common.note_repeated_runs(sweep.outcomes)
     print_wrapped(f"written to {folder}: {', '.join([TABLE, *drawn])}")
-    return int(any(record["failed"] for sweep in sweeps for record in sweep.records))
+    has_failed = any(record["failed"] for sweep in sweeps for record in sweep.records)
+    return 1 if has_failed else 0
 
 
 def _note_unused(bases: Mapping[str, MethodConfig], names: Iterable[str]) -> None:
@@ -153,5 +187,7 @@ def _map_name(sequence: str, names: list[str]) -> str:
 def _records(sweeps: list[Sweep]) -> list[dict[str, object]]:
     """The records of all sweeps with the same fields; a field that a sequence lacks is None."""
     records = [record for sweep in sweeps for record in sweep.records]
-    fields = list(dict.fromkeys(field for record in records for field in record))
+    fields: dict[str, None] = {}  # of all records, each once
+    for record in records:
+        fields |= dict.fromkeys(record)
     return [{field: record.get(field) for field in fields} for record in records]

@@ -14,7 +14,7 @@ from ..report.breaking import Width, broken, glued
 
 BORDERS = 3  # characters of a column that are not text: a line, and a blank on each side
 LONGEST_NUMBER = 30  # characters; a longer cell is a text, which may break at blanks
-LEAST_NAME = 24  # characters of a name beside which no other break is found
+LEAST_NAME = 24  # characters to which a name may be broken, if the table is too wide otherwise
 JOINED = "settings"  # heading of the names of the rows in one column, "name=value" below each other
 
 
@@ -58,13 +58,15 @@ def fitting_parts(
     candidates = [table]
     if names > 1:
         candidates.append(_with_one_name(table))
+    # A table whose names break at blanks only is better than one with broken names, and both are better than
+    # several tables.
     for least_name in (None, LEAST_NAME):
         for candidate in candidates:
             measured = _Measured.of(candidate, width_of, numbers, least_name)
             if _total(measured.least) <= width:
                 return [_broken(candidate, measured.widths(width), width_of)]
-    split = [_split(candidate, width, width_of, numbers) for candidate in candidates]
-    return min(split, key=len)
+    split_tables = [_split(candidate, width, width_of, numbers) for candidate in candidates]
+    return min(split_tables, key=len)
 
 
 @dataclass(frozen=True)
@@ -80,26 +82,29 @@ class _Measured:
         least = []
         whole = []
         for place, heading in enumerate(table.columns):
-            cells = [line for row in table.rows for line in row[place].split("\n")]
-            longest = max(map(width_of, cells), default=0)
+            lines = [line for row in table.rows for line in row[place].split("\n")]
+            longest_line = max(map(width_of, lines), default=0)
+            words = [word for line in lines for word in line.split(" ")]
+            longest_word = max(map(width_of, words), default=0)
             is_name = place < table.names
-            if numbers and not is_name and longest <= LONGEST_NUMBER:
-                of_cells = longest
+            if numbers and not is_name and longest_line <= LONGEST_NUMBER:
+                least_of_cells = longest_line  # a number is not broken
+            elif least_name is not None and (is_name or not numbers):
+                least_of_cells = min(longest_word, least_name)
             else:
-                of_cells = max((width_of(word) for cell in cells for word in cell.split(" ")), default=0)
-                if is_name or not numbers:
-                    of_cells = min(of_cells, least_name or of_cells)
-            of_heading = max(width_of(word) for word in heading.split(" "))
-            least.append(max(of_cells, of_heading))
-            whole.append(max(longest, width_of(heading)))
+                least_of_cells = longest_word
+            least_of_heading = max(width_of(word) for word in heading.split(" "))
+            least.append(max(least_of_cells, least_of_heading))
+            whole.append(max(longest_line, width_of(heading)))
         return cls(least, whole)
 
     def widths(self, width: int) -> list[int]:
         """Widths from `least` to `whole` within `width`; the columns that lack least are filled first."""
         widths = list(self.least)
+        lacking = [whole - least for whole, least in zip(self.whole, self.least, strict=True)]
         rest = width - _total(widths)
-        for place in sorted(range(len(widths)), key=lambda place: self.whole[place] - self.least[place]):
-            more = min(rest, self.whole[place] - widths[place])
+        for place in sorted(range(len(widths)), key=lambda place: lacking[place]):
+            more = min(rest, lacking[place])
             widths[place] += more
             rest -= more
         return widths
@@ -123,21 +128,22 @@ def _with_one_name(table: TablePart) -> TablePart:
 def _split(table: TablePart, width: int, width_of: Width, numbers: bool) -> list[TablePart]:
     """Tables with the names of the rows and as many of the other columns as there is room for."""
     measured = _Measured.of(table, width_of, numbers, LEAST_NAME)
-    of_names = list(range(table.names))
-    groups: list[list[int]] = []
+    name_places = list(range(table.names))
+    groups: list[list[int]] = [[]]  # places of the other columns in each table
     for place in range(table.names, len(table.columns)):
-        if groups and _total(measured.least[k] for k in [*of_names, *groups[-1], place]) <= width:
-            groups[-1].append(place)
-        else:
-            groups.append([place])
+        candidate = [*name_places, *groups[-1], place]
+        if groups[-1] and _total(measured.least[each] for each in candidate) > width:
+            groups.append([])
+        groups[-1].append(place)
     parts = []
-    for group in groups or [[]]:
-        chosen = [*of_names, *group]
-        part = TablePart(
-            [table.columns[k] for k in chosen], [[row[k] for k in chosen] for row in table.rows], table.names
-        )
-        of_part = _Measured([measured.least[k] for k in chosen], [measured.whole[k] for k in chosen])
-        parts.append(_broken(part, of_part.widths(width), width_of))
+    for group in groups:
+        places = [*name_places, *group]
+        columns = [table.columns[place] for place in places]
+        rows = [[row[place] for place in places] for row in table.rows]
+        least = [measured.least[place] for place in places]
+        whole = [measured.whole[place] for place in places]
+        widths = _Measured(least, whole).widths(width)
+        parts.append(_broken(TablePart(columns, rows, table.names), widths, width_of))
     return parts
 
 

@@ -29,12 +29,15 @@ TYPED_SET_CLASSES = "--set filter.classes={}"  # how `vo reproduce` and `vo swee
 
 
 def add_detector(parser: argparse.ArgumentParser, where: str = "") -> None:
-    """Add the options for a detector and its processor."""
+    """Add the options for a detector and its processor.
+
+    where : the rest of a sentence that begins with "detect the vehicles".
+    """
     text = (
-        "detect the vehicles{}. MODEL is `street`, which comes with the kit and knows drawn streets, a "
+        f"detect the vehicles{where}. MODEL is `street`, which comes with the kit and knows drawn streets, a "
         "downloaded model, or an ONNX file"
     )
-    parser.add_argument("--detector", metavar="MODEL", help=text.format(where))
+    parser.add_argument("--detector", metavar="MODEL", help=text)
     text = "the processor on which the detector runs; default cpu"
     parser.add_argument("--provider", default="cpu", choices=list(PROVIDERS), help=text)
 
@@ -53,19 +56,24 @@ def refuse_labels_of_several(options: argparse.Namespace, names: list[str]) -> N
 class Opener:
     """The sequences of a table by name, with the boxes of --detector for the classes of a configuration.
 
+    A call with a name and a configuration returns the sequence; it is detected once for equal classes.
+
+    Parameters
+    ----------
+    durations : gets the time of the detector.
+
     Attributes
     ----------
     names : names of the sequences.
-    durations : gets the time of the detector.
     """
 
     def __init__(self, sequences: list[Sequence], options: argparse.Namespace, durations: Durations):
         self._sequences = {sequence.name: sequence for sequence in sequences}
         self.names = [sequence.name for sequence in sequences]
         self._options = options
-        self._boxed: dict[tuple[str, tuple[str, ...]], Sequence] = {}
+        self._detected_by_classes: dict[tuple[str, tuple[str, ...]], Sequence] = {}  # by name and classes
         self._durations = durations
-        self._missing: dict[str, int] = {}
+        self._missing_by_name: dict[str, int] = {}
 
     def undetected(self, name: str, config: MethodConfig) -> Sequence:
         """The sequence as it was opened, without the boxes of --detector."""
@@ -85,17 +93,18 @@ class Opener:
         if self._options.detector is None or not self._missing_labels(sequence):
             return sequence
         key = (name, config.filter.classes)
-        if key not in self._boxed:
-            self._boxed[key] = self._detected(sequence, config)
-        return self._boxed[key]
+        if key not in self._detected_by_classes:
+            self._detected_by_classes[key] = self._detect(sequence, config)
+        return self._detected_by_classes[key]
 
     def _missing_labels(self, sequence: Sequence) -> int:
         """The number of images without a label file, which is counted once."""
-        if sequence.name not in self._missing:
-            self._missing[sequence.name] = len(missing_labels(sequence))
-        return self._missing[sequence.name]
+        if sequence.name not in self._missing_by_name:
+            self._missing_by_name[sequence.name] = len(missing_labels(sequence))
+        return self._missing_by_name[sequence.name]
 
-    def _detected(self, sequence: Sequence, config: MethodConfig) -> Sequence:
+    def _detect(self, sequence: Sequence, config: MethodConfig) -> Sequence:
+        """The sequence with the boxes of --detector; a note says that labels of some images do not count."""
         missing = self._missing_labels(sequence)
         if sequence.labels is not None:
             print_wrapped(
@@ -132,7 +141,7 @@ def with_detected_boxes(
         )
     label = f"detecting vehicles in {sequence.name}"
 
-    def count(images: int, seconds: float) -> None:
+    def add_time(images: int, seconds: float) -> None:
         if durations is not None:
             durations.add(Task(DETECTION, images), seconds)
 
@@ -146,7 +155,7 @@ def with_detected_boxes(
             cache=options.cache,
             waiting=_print_waiting,
             progress=report,
-            detected=count,
+            detected=add_time,
         )
     warn_without_vehicles(sequence)
     return sequence

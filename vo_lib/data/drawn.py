@@ -76,3 +76,10 @@ def ensure_scene(
 
     draw_scene(config, folder, progress, jobs, frames)
     return folder
+
+
+def scene_frames(config: SceneConfig) -> int:
+    """The number of frames of a scene with these settings, which need not be drawn."""
+    from vo_street.route import frame_count  # here, since vo_street imports this package
+
+    return frame_count(config)
