@@ -228,7 +228,7 @@ def _free_place(
 def _with_answers(changed: list[bytes], content: bytes) -> tuple[bytes, str]:
     """A new notebook with the answers of the changed ones, and words that name these answers.
 
-    changed : from the oldest to the latest; the answers of the latest one go before.
+    changed : from the oldest to the latest; an answer of a later one goes before that of an earlier one.
     """
     as_code = list[str]()
     as_comments = list[str]()

@@ -84,8 +84,8 @@ class _Grid:
     @property
     def runs(self) -> int:
         """The number of all runs, without those of the reference."""
-        values = [len(values) for values in self.axes.values()]
-        return self.seeds * math.prod(values) * len(self.names) * len(self.bases)
+        combinations_of_values = math.prod(len(values) for values in self.axes.values())
+        return self.seeds * combinations_of_values * len(self.names) * len(self.bases)
 
 
 def _read_grid(options: argparse.Namespace) -> _Grid:

@@ -200,7 +200,7 @@ def _read_with_truth_file(
         times_of_files[member.file] = read_path(member.file).times
     wholes = dict(compared.wholes)
     wholes[f"the truth {name}"] = WholePath(file.poses, file.times, from_outside=True)
-    notes = (*compared.notes, *_whole_times(times_of_files), *leap_warnings(wholes))
+    notes = (*compared.notes, *_frame_number_warning(times_of_files), *leap_warnings(wholes))
     if file.times is not None:
         refuse_intervals(file.times, truth_file, as_column=True)
     return replace(compared, notes=notes, truth_from_outside=True)
@@ -308,7 +308,7 @@ def _group_without_truth(
             if frame_times is not None:
                 words += f", and gets the times of {name}"
             notes.append(f"{words}.")
-    notes += _whole_times({path: file.times for path, file in files.items()})
+    notes += _frame_number_warning({path: file.times for path, file in files.items()})
     paths = PathsWithoutTruth(name, compared.wholes, compared.estimates, tuple(notes))
     if paths.is_all_common:
         return paths
@@ -326,7 +326,7 @@ def _reference_of(members: list[_Member], files: Mapping[Path, PoseFile]) -> _Me
     return [*timed_runs, *timed, *members][0]
 
 
-def _whole_times(files: Mapping[Path, Array | None]) -> list[str]:
+def _frame_number_warning(files: Mapping[Path, Array | None]) -> list[str]:
     """A warning if the times of compared files may be numbers of frames; `files` : times (N,) by file.
 
     If one of them has fractions, it has seconds, and so has a file with poses at the same times.

@@ -60,22 +60,23 @@ TRUTH_EDGE = 0.6  # points, of the white edge on each side of the truth
 # would be nearly empty.
 STRAIGHT = 0.2
 MAGNIFIED = "(the axes have different scales: sideways is magnified)"
-# Texts, and the room for them. "Letters" is their number in a line or in an inch, heights are in inches.
-LETTERS = 12  # in an inch, of the usual size
+# The room that texts need. A width is a number of letters, a height is in inches.
+LETTERS = 12  # in an inch, at the usual size
 TITLE_LETTERS = 11  # in an inch, at Matplotlib's font size "medium"
 AXIS_LETTERS = 54  # in a line below an axis
 LINE_HEIGHT = 0.18
 TITLE_LINE_HEIGHT = 1.3 * LINE_HEIGHT
-LEGEND_SIGN = 0.8  # inches of a legend's column that are no letters
-USUAL_LEGEND_LINES = 3  # for which a figure has room
+LEGEND_SIGN = 0.8  # inches in front of a name in a legend, with the line that it explains
+USUAL_LEGEND_LINES = 3  # a figure has room for so many
 # A name below an axis is broken into at most `MOST_LINES` lines, but its lines have at most `MOST_LETTERS`.
 MOST_LINES = 4
 MOST_LETTERS = 20
 LEAST_LETTERS = 9  # in a line of a name below bars
+# Parts of a page, in inches.
 STRAIGHT_HEIGHT = 2.6  # of the chart of a straight drive
-BESIDE_CHARTS = 1.0  # of a page that are not in a chart
-NAMES_MARGIN = 0.8  # inches of a page's width that are not below an axis
-BARS_SHARE = 0.85  # of the room of a sequence is taken by its bars
+BELOW_CHARTS = 1.0  # the height that is left for the legend
+BESIDE_BARS = 0.8  # the width that is left for the numbers of an axis
+BARS_SHARE = 0.85  # the bars of a sequence take this share of its room
 
 
 def require_matplotlib() -> None:
@@ -258,10 +259,10 @@ def trajectories_figure(
     columns = 2 if has_truth else 1
     width, height = SMALL_PAGE
     shows_sideways = {title: not loops and is_straight(*panel) for title, panel in panels.items()}
-    heights = [STRAIGHT_HEIGHT if shows_sideways[title] else height - BESIDE_CHARTS for title in panels]
+    heights = [STRAIGHT_HEIGHT if shows_sideways[title] else height - BELOW_CHARTS for title in panels]
     # A title of two lines has room in any case.
     more_lines = sum(max(0, _wrapped(title, width).count("\n") - 1) for title in panels)
-    page_height = sum(heights) + BESIDE_CHARTS + TITLE_LINE_HEIGHT * more_lines
+    page_height = sum(heights) + BELOW_CHARTS + TITLE_LINE_HEIGHT * more_lines
     figure = figure_page(width=width * columns, height=page_height)
     grid = figure.add_gridspec(len(panels), columns, height_ratios=heights)
     line_of_name: dict[str, Any] = {}
@@ -299,10 +300,10 @@ def errors_figure(title: str, errors: Mapping[tuple[str, str], Array]) -> Figure
     """
     sequences = list(dict.fromkeys(sequence for sequence, _ in errors))
     methods = list(dict.fromkeys(method for _, method in errors))
-    letters_on_page = int((SMALL_PAGE[0] - NAMES_MARGIN) * LETTERS / len(sequences))
+    letters_on_page = int((SMALL_PAGE[0] - BESIDE_BARS) * LETTERS / len(sequences))
     letters = max(letters_beside(sequences, LEAST_LETTERS), letters_on_page)
     names = [broken(name, letters) for name in sequences]
-    width = max(SMALL_PAGE[0], letters / LETTERS * len(sequences) + NAMES_MARGIN)
+    width = max(SMALL_PAGE[0], letters / LETTERS * len(sequences) + BESIDE_BARS)
     name_lines = 1 + max(name.count("\n") for name in names)
     figure = figure_page(title, width, SMALL_PAGE[1] + LINE_HEIGHT * (name_lines - 1))
     axes = figure.subplots(2, sharex=True)
