@@ -73,6 +73,15 @@ def _own_hashes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _no_kitti_of_the_machine() -> Iterator[None]:
+    """Hide this machine's KITTI sequences from the tests, which ask `real` for those they need."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("KITTI_ROOT", raising=False)
+        patch.setattr("vo_lib.data.catalogue.KITTI_FOLDER", Path("data", "kitti_of_tests"))
+        yield
+
+
 @pytest.fixture(scope="session")
 def real(tmp_path_factory: pytest.TempPathFactory) -> RealImages:
     """Parts of real KITTI sequences; a test that asks for frames that this machine lacks is skipped."""

@@ -16,7 +16,8 @@ from vo_lib.data.sequence import Sequence, open_folder
 from vo_lib.errors import DataError
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
-# KITTI_ROOT, then data/kitti, then a folder beside the checkout. Tests change KITTI_ROOT, so it is read here.
+# KITTI_ROOT, then data/kitti, then a folder beside the checkout. Tests do not see the first two, so they are
+# read here.
 ROOTS = [*kitti_roots(), SHARED / "kitti_clips"]
 DRIVE_0013 = ("drive_0013", 0, 80)
 KITTI_00 = ("00", 0, 201)
@@ -68,12 +69,12 @@ def _find(name: str, start: int, stop: int) -> Sequence:
     found = _search(name, start, stop)
     if found is None:
         remedy = COMMANDS.get(name, "no command fetches them")
-        pytest.skip(f"needs the frames {start}:{stop} of {name}: {remedy}")
+        pytest.skip(f"needs the frames {start}:{stop} of {name}, with their true poses: {remedy}")
     return found
 
 
 def _search(name: str, start: int, stop: int) -> Sequence | None:
-    """The frames of the first folder that has all of them, or None."""
+    """The frames of the first folder that has all of them and their true poses, or None."""
     wanted = tuple(f"{number:06d}" for number in range(start, stop))
     for root in ROOTS:
         folder = root / "sequences" / name
@@ -83,7 +84,7 @@ def _search(name: str, start: int, stop: int) -> Sequence | None:
             sequence = open_folder(folder, f"kitti/{name}")
         except DataError:  # a broken sequence on this machine is no reason for a test to fail
             continue
-        if set(wanted) <= set(sequence.frames):
+        if sequence.truth is not None and set(wanted) <= set(sequence.frames):
             first = sequence.frames.index(wanted[0])
             return sequence.part(first, first + len(wanted))
     return None
@@ -94,10 +95,18 @@ def _write_part(sequence: Sequence, folder: Path) -> None:
     for side in ("image_0", "image_1"):
         (folder / side).mkdir(parents=True)
         for frame in sequence.frames:
-            os.symlink(sequence.folder.resolve() / side / f"{frame}.png", folder / side / f"{frame}.png")
+            _link(sequence.folder.resolve() / side / f"{frame}.png", folder / side / f"{frame}.png")
     shutil.copy(sequence.folder / "calib.txt", folder / "calib.txt")
     times = "".join(f"{time!r}\n" for time in sequence.times.tolist())
     (folder / "times.txt").write_text(times, encoding="utf-8")
     if sequence.truth is not None:
         rows = [" ".join(map(repr, pose[:3].ravel().tolist())) for pose in sequence.truth]
         (folder / "poses.txt").write_text("\n".join(rows) + "\n", encoding="utf-8")
+
+
+def _link(source: Path, link: Path) -> None:
+    """Make a link to a file, or a copy where links are not allowed, as on many Windows machines."""
+    try:
+        os.symlink(source, link)
+    except OSError:
+        shutil.copy(source, link)

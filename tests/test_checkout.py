@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from vo_lib.checkout import DISTRIBUTION, checkout_folder
+from vo_lib.checkout import DISTRIBUTION, checkout_folder, missing_folder_text
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -59,6 +59,19 @@ def test_check_says_that_its_commands_need_the_checkout(installed: Path) -> None
     assert "vo data get_kitti" in printed
     remedy = f"run `pip install -e .` in {installed / 'a kit'}"
     assert f"do not work here: this copy of the library lacks the folder data_scripts: {remedy}" in printed
+
+
+@pytest.mark.parametrize("name", ["a kit.whl", "a kit.tar.gz"])
+def test_a_copy_from_a_file_is_not_told_to_install_that_file_in_place(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    about = tmp_path / f"{DISTRIBUTION.replace('-', '_')}-0.1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {DISTRIBUTION}\nVersion: 0.1.0\n")
+    origin = {"url": (tmp_path / name).as_uri(), "archive_info": {}}
+    (about / "direct_url.json").write_text(json.dumps(origin))
+    monkeypatch.syspath_prepend(tmp_path)
+    assert missing_folder_text("notebooks").endswith("in the kit's folder (the one with README.md)")
 
 
 def test_tests_run_in_a_checkout() -> None:

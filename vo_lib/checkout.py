@@ -44,5 +44,8 @@ def _source() -> str:
         return in_words
     if text is None:
         return in_words
-    address = urlsplit(json.loads(text)["url"])
-    return url2pathname(address.path) if address.scheme == "file" else in_words
+    origin = json.loads(text)
+    address = urlsplit(origin["url"])
+    # A wheel is a file, and no folder to install again from.
+    is_folder = address.scheme == "file" and "dir_info" in origin
+    return url2pathname(address.path) if is_folder else in_words

@@ -21,6 +21,7 @@ VIDEO_ENDINGS = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v")
 DRAWING_PROCESSES = min(os.cpu_count() or 1, 4)
 # The kit's own folder, which may have data/kitti; an installed copy looks in the working folder alone.
 PROJECT = checkout_folder() or Path()
+KITTI_FOLDER = Path("data", "kitti")  # in the working folder and in the kit's folder
 # From a folder that a person names to the one with `sequences`: the archives unpack to dataset/sequences, so
 # the person may name the folder above `dataset`, the folder `dataset` itself, or a folder in it.
 STEPS_TO_ROOT = ("", "dataset", "..")
@@ -31,7 +32,7 @@ def kitti_roots() -> list[Path]:
 
     KITTI_ROOT comes first, then data/kitti in the working folder and in the kit's folder.
     """
-    candidates = [Path("data/kitti"), PROJECT / "data" / "kitti"]
+    candidates = [KITTI_FOLDER, PROJECT / KITTI_FOLDER]
     named = os.environ.get("KITTI_ROOT")
     if named:
         candidates.insert(0, Path(named))
@@ -49,7 +50,7 @@ def kitti_root() -> Path:
     roots = kitti_roots()
     if roots:
         return roots[0]
-    return Path(os.environ.get("KITTI_ROOT") or PROJECT / "data" / "kitti")
+    return Path(os.environ.get("KITTI_ROOT") or PROJECT / KITTI_FOLDER)
 
 
 def kitti_places() -> str:
