@@ -254,6 +254,13 @@ class Exercise:
         first = self._agreed(got, right)
         if first == len(got):
             return self._passed(got, right, len(cases), changed)
+        return self._failed(got, right, first, cases)
+
+    def _failed(self, got: list[Any], right: list[Any], first: int, cases: list[Case]) -> Verdict:
+        """What is wrong with the results of an answer, of which `first` is the place of the first wrong one.
+
+        Mistakes come first that explain all results; then those that can be seen in the wrong result alone.
+        """
         part, case = divmod(first, len(cases))
         what = self.parts[part] if self.parts else "the result"
         wrong = _WrongResult(what, cases[case], got[first], right[first])

@@ -195,7 +195,7 @@ def null_basis(A: Any) -> Any:
     return np.linalg.svd(A)[2][5:]"""
 
 
-def test_only_what_passed_is_kept_and_only_beside_the_notebooks(folder: Path) -> None:
+def test_only_passed_functions_are_saved_and_only_beside_the_notebooks(folder: Path) -> None:
     assert not ch02.null_basis(lambda A: 2 * null_basis(A)).passed
     spoken: dict[str, Any] = {}
     exec("def null_basis(A): ...", spoken)

@@ -85,8 +85,9 @@ def test_exercises_are_those_of_the_notebooks() -> None:
         task.chapter for task in all_tasks() if task.chapter in "08"
     ]
     assert {task.chapter for task in chosen_tasks("1-3,A")} == {*"123", "A"}
-    with pytest.raises(DataError, match="--chapters '0,12': expected chapters"):
-        chosen_tasks("0,12")
+    for wrong in ("0,12", "0-12", "3-", "5-3"):  # a range with an unknown end is not its first chapter
+        with pytest.raises(DataError, match=f"--chapters '{wrong}': expected chapters"):
+            chosen_tasks(wrong)
 
 
 # Bodies of functions, and what is said of each. After these, the process goes on.

@@ -96,7 +96,7 @@ def test_lucas_kanade_removes_most_gross_errors(
     assert np.nanmedian(measure(refined)) < 0.5 * np.nanmedian(measure(whole[~np.isin(whole.id, removed.id)]))
 
 
-def test_survivors_are_more_often_at_outlines(street: Sequence, measure: ErrorMeasure) -> None:
+def test_wrong_matches_that_pass_are_more_often_at_outlines(street: Sequence, measure: ErrorMeasure) -> None:
     kept = trace(street, FRAME, PAPER).chosen
     error = measure(kept)
     outline = measure.on_outline(kept)

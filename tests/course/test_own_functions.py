@@ -66,7 +66,7 @@ def test_an_answer_that_cannot_be_drawn_is_reported(
     assert words in capsys.readouterr().out
 
 
-def test_values_that_are_not_finite_run_where_the_library_has_some(
+def test_infinite_values_are_used_where_the_library_has_some(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     def parallel(values: Any) -> Any:
@@ -78,7 +78,7 @@ def test_values_that_are_not_finite_run_where_the_library_has_some(
     assert capsys.readouterr().out == ""
 
 
-def test_no_result_runs_where_the_library_has_none() -> None:
+def test_an_empty_result_is_used_where_the_librarys_is_empty() -> None:
     function = own_or_library(lambda values: np.zeros(0), lambda values: np.zeros(0))
     assert len(function(VALUES)) == 0
     assert function.whose == "yours"

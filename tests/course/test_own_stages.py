@@ -400,7 +400,7 @@ def test_a_wrong_input_is_blamed_on_the_lines_before_the_stage(
         ("a path", "no poses (5, 4, 4), but str"),
     ],
 )
-def test_what_a_loop_returns_is_judged_before_it_is_used(path: Any, words: str) -> None:
+def test_a_loop_that_returns_no_path_is_refused(path: Any, words: str) -> None:
     with pytest.raises(StageError) as caught:
         own.usable_path(path, 5)
     assert words in str(caught.value)

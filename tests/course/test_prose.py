@@ -131,7 +131,7 @@ def test_vote_and_prior_may_take_different_solutions_of_a_plane(look: Look) -> N
         assert now["error by selection"] > 0.7 * now["error by consensus"]
 
 
-def test_far_features_are_not_missed_and_near_ones_are(look: Look) -> None:
+def test_weighting_wrong_matches_and_depth_limit_act_as_the_text_says(look: Look) -> None:
     text = r"about a millimetre, the largest more than a tenth of a metre"
     now, before, _ = look("04", text, view__weighting="mean of features")
     assert 0.5 < before["σ in z"] < 1.5

@@ -144,7 +144,7 @@ def test_whatever_the_scatter_a_method_that_is_a_tenth_off_is_rarely_reproduced(
     assert wrong + close <= 0.04 * count  # 2.5 %, and the chance of the simulation
 
 
-def test_the_level_needs_a_paper_that_scatters_as_we_do() -> None:
+def test_wrong_verdicts_are_rare_only_if_the_paper_scatters_as_we_do() -> None:
     rng = np.random.default_rng(0)
     count = 4000
     wrong = 0

@@ -199,7 +199,7 @@ def strength(gx: Array, gy: Array, total: Callable[..., Any] = np.sum) -> Any:
 
 
 def unsorted(gx: Array, gy: Array) -> Any:
-    """The square root of the first eigenvalue of `np.linalg.eig`, not always the smaller eigenvalue."""
+    """Wrong answer: the square root of the first eigenvalue of `np.linalg.eig`, not always the smaller eigenvalue."""
     M = [[np.sum(gx * gx), np.sum(gx * gy)], [np.sum(gx * gy), np.sum(gy * gy)]]
     return np.sqrt(max(np.linalg.eig(M)[0][0], 0.0))
 

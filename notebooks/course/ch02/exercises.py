@@ -94,7 +94,7 @@ def with_v(U: Array, W: Array, Vt: Array) -> tuple[list[Array], Array]:
 
 
 def without_signs(E: Array) -> Array:
-    """The four motions with the signs that the singular value decomposition happens to give."""
+    """Wrong answer: the four motions with the signs that the singular value decomposition happens to give."""
     U, _, Vt = np.linalg.svd(E)
     W = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     return library.all_motions([U @ W @ Vt, U @ W.T @ Vt], U[:, 2])
@@ -134,7 +134,7 @@ def inverted_motion(motion: Array) -> Array:
 
 
 def along_the_rays(motion: Array, x_p: Array, x_c: Array) -> tuple[Array, Array]:
-    """Distances of the points from both cameras, with the signs of the depths."""
+    """Wrong answer: distances of the points from both cameras, with the signs of the depths."""
     d_p, d_c = library.two_depths(motion, x_p, x_c)
     length_p = np.linalg.norm(homogeneous(x_p), axis=1)
     length_c = np.linalg.norm(homogeneous(x_c), axis=1)
@@ -142,7 +142,7 @@ def along_the_rays(motion: Array, x_p: Array, x_c: Array) -> tuple[Array, Array]
 
 
 def by_length_of_normal(motion: Array, x_p: Array, x_c: Array) -> tuple[Array, Array]:
-    """Depths times the length of n = x_c × R x_p."""
+    """Wrong answer: depths times the length of n = x_c × R x_p."""
     d_p, d_c = library.two_depths(motion, x_p, x_c)
     normals = np.cross(homogeneous(x_c), homogeneous(x_p) @ motion[:, :3].T)
     length = np.linalg.norm(normals, axis=1)
@@ -192,13 +192,13 @@ def most_in_front_of(cameras: Callable[[Array, Array], BoolArray]) -> Callable[.
 
 
 def largest_sum_of_depths(motions: Array, x_p: Array, x_c: Array) -> Array:
-    """The motion with the largest sum of all depths."""
+    """Wrong answer: the motion with the largest sum of all depths."""
     sums = [np.sum(library.two_depths(motion, x_p, x_c)) for motion in motions]
     return np.asarray(motions[int(np.argmax(sums))])
 
 
 def index_of_choice(motions: Array, x_p: Array, x_c: Array) -> int:
-    """The index of the right motion."""
+    """Wrong answer: the index of the right motion."""
     counts = [library.count_in_front(motion, x_p, x_c) for motion in motions]
     return int(np.argmax(counts))
 
@@ -267,21 +267,21 @@ def at_z() -> list[Case]:
 
 
 def all_linear_in_z(six: Array, z: float) -> Array:
-    """C(z) with z in place of every power of z."""
+    """Wrong answer: C(z) with z in place of every power of z."""
     at_one = library.hidden_matrix(six, 1.0)
     constant = library.hidden_matrix(six, 0.0)
     return constant + z * (at_one - constant)
 
 
 def columns_from_the_start(six: Array, z: float) -> Array:
-    """C(z) if the columns of `six` are taken for the first sixteen monomials of the twenty."""
+    """Wrong answer: C(z) if the columns of `six` are taken for the first sixteen monomials of the twenty."""
     shifted = np.zeros_like(six)
     shifted[:, :12] = six[:, 4:]
     return library.hidden_matrix(shifted, z)
 
 
 def powers_of_w(six: Array, z: float) -> Array:
-    """C at (z, w) = (1, z): the powers of z and w exchanged."""
+    """Wrong answer: C at (z, w) = (1, z): the powers of z and w exchanged."""
     degrees = np.array([1, 1, 1, 2, 2, 3])
     if z == 0.0:
         return library.hidden_matrix(six, 1e12) / 1e12**degrees

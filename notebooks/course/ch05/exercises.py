@@ -20,11 +20,16 @@ NET = (640, 640)  # width and height of a network's image, with wide borders
 # Of the network whose cells are counted.
 WIDTH = 800
 HEIGHT = 256
-# Box 2 overlaps box 1 much, box 3 overlaps both a little, box 4 overlaps none; the last box is inside box 1.
-A = [100.0, 100.0, 200.0, 180.0]
-B = [110.0, 104.0, 212.0, 184.0]
-SIDE = [185.0, 110.0, 290.0, 190.0]
-CORNERS = np.array([A, B, SIDE, [400.0, 90.0, 450.0, 130.0], [130.0, 120.0, 160.0, 150.0]])
+# Five boxes x0, y0, x1, y1, and their scores.
+CORNERS = np.array(
+    [
+        [100.0, 100.0, 200.0, 180.0],
+        [110.0, 104.0, 212.0, 184.0],  # 1 overlaps 0 much
+        [185.0, 110.0, 290.0, 190.0],  # 2 overlaps 0 and 1 a little
+        [400.0, 90.0, 450.0, 130.0],  # 3 overlaps none
+        [130.0, 120.0, 160.0, 150.0],  # 4 is inside 0
+    ]
+)
 SCORES = np.array([0.7, 0.9, 0.6, 0.3, 0.8])
 OUTWARD = np.array([-1, -1, 1, 1])  # directions of the sides of a box (x0, y0, x1, y1) from its centre
 LARGEST_LOG = 8.0  # of a side, so that a wild output has no infinite box
@@ -111,7 +116,7 @@ def labels() -> list[Case]:
     ]
 
 
-def size_of_label(label: Array, factor: float) -> Array:
+def label_of_other_size(label: Array, factor: float) -> Array:
     """A label row (5,) with width and height times a factor."""
     number, x, y, width, height = label
     return np.array([number, x, y, factor * width, factor * height])
@@ -407,7 +412,7 @@ label_row = Exercise(
             label_of(box, number, w, h) - [0, *(box[2:] - box[:2]) / [w, h] / 2, 0, 0]
         ),
         "width and height of the image are exchanged.": lambda box, number, w, h: label_of(box, number, h, w),
-        "these are half sizes: a row has the whole width and height.": lambda *case: size_of_label(
+        "these are half sizes: a row has the whole width and height.": lambda *case: label_of_other_size(
             label_of(*case), 0.5
         ),
         "a pixel counts twice, on both sides of the box: its width is x1 - x0, without + 1.": (

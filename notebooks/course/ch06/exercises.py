@@ -144,7 +144,7 @@ def path_between(poses: Array, first: int, last: int) -> float:
     return float(distances[last] - distances[first])
 
 
-def all_sub_sequences(
+def mean_errors(
     truth: Array,
     estimate: Array,
     lengths: Any,
@@ -169,12 +169,12 @@ def all_sub_sequences(
 
 def mean_over_lengths(truth: Array, estimate: Array, lengths: Any, step: int) -> Any:
     """Wrong answer: the mean of the means over the sub-sequences of each length."""
-    means = [all_sub_sequences(truth, estimate, (length,), step) for length in lengths]
+    means = [mean_errors(truth, estimate, (length,), step) for length in lengths]
     return np.mean(means, axis=0)
 
 
 def by_frame_number(path: Array, first: int, length: float) -> int | None:
-    """End of a sub-sequence if the number of the first frame is used as a length in metres."""
+    """Wrong answer: end of a sub-sequence if the number of the first frame is used as a length in metres."""
     return first_true(path > first + length)
 
 
@@ -213,7 +213,7 @@ def ends_of_interval(before: Array, after: Array, t: float) -> Array:
 
 
 def unpaired(before: Array, after: Array, t: float) -> Array:
-    """As `change_and_half`, with the spreads of the errors in place of the spread of the changes."""
+    """Wrong answer: as `change_and_half`, with the spreads of the errors in place of the spread of the changes."""
     spread = np.hypot(np.std(before, ddof=1), np.std(after, ddof=1))
     return np.array([np.mean(after) - np.mean(before), t * spread / np.sqrt(len(before))])
 
@@ -337,7 +337,7 @@ once_round = Exercise(
 )
 
 all_errors = Exercise(
-    all_sub_sequences,
+    mean_errors,
     sub_sequence_cases,
     parts=("te", "re"),
     atol=1e-6,
@@ -348,23 +348,21 @@ all_errors = Exercise(
     library=("kitti_errors",),
     mistakes={
         "this is the root of the mean square; KITTI takes the plain mean.": partial(
-            all_sub_sequences, mean=lambda errors, axis: np.sqrt(np.mean(np.square(errors), axis))
+            mean_errors, mean=lambda errors, axis: np.sqrt(np.mean(np.square(errors), axis))
         ),
         "this is the sum or the median; TE and RE are means.": (
-            partial(all_sub_sequences, mean=np.sum),
-            partial(all_sub_sequences, mean=np.median),
+            partial(mean_errors, mean=np.sum),
+            partial(mean_errors, mean=np.median),
         ),
         "this is a mean over the lengths; take one mean over all sub-sequences.": mean_over_lengths,
         "the starts are at every frame, not at every `step`-th.": lambda truth, estimate, lengths, step: (
-            all_sub_sequences(truth, estimate, lengths, 1)
+            mean_errors(truth, estimate, lengths, 1)
         ),
         "the sub-sequences end at wrong frames: `first` is the number of a frame, `path[first]` are metres.": (
-            partial(all_sub_sequences, end=by_frame_number)
+            partial(mean_errors, end=by_frame_number)
         ),
         "the length of a sub-sequence is measured along the estimate; KITTI measures it along the truth.": (
-            lambda truth, estimate, lengths, step: all_sub_sequences(
-                truth, estimate, lengths, step, along=estimate
-            )
+            lambda truth, estimate, lengths, step: mean_errors(truth, estimate, lengths, step, along=estimate)
         ),
     },
 )

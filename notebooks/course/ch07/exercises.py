@@ -54,7 +54,7 @@ def allowed_difference(
 
 
 def without_term(values: Array, digits: int, t: float, over: int = 1, digit: float = 0.5) -> float:
-    """The difference that only the new run's scatter allows, without that of the mean."""
+    """Wrong answer: the difference that only the new run's scatter allows, without that of the mean."""
     return t * float(np.std(values, ddof=over)) + digit * 10.0**-digits
 
 
