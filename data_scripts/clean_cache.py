@@ -1,9 +1,9 @@
 """Delete from the cache what this version of the kit has no use for.
 
 These are drawn scenes, matches and detected boxes of other versions, hashes of
-images (computed again in seconds), and the drafts of killed processes. With
---all, everything that the kit wrote into the cache is deleted. Other files in
-the folder are never touched.
+images (computed again in seconds), notes on imported sequences that are gone,
+and the drafts of killed processes. With --all, everything that the kit wrote
+into the cache is deleted. Other files in the folder are never touched.
 
 examples:
   vo data clean_cache

@@ -20,6 +20,7 @@ from vo_lib import open_sequence, preset
 from vo_lib.commands.cache_contents import cache_items
 from vo_lib.commands.cli import main
 from vo_lib.data.drawn import ensure_scene
+from vo_lib.data.imports import remember_import
 from vo_lib.data.label_names import DETECTOR_RECORD
 from vo_lib.data.scenes import scene_config
 from vo_lib.detection.label_folders import labelled_sequence
@@ -93,18 +94,21 @@ def user_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The user's cache folder, empty; the kit's results are written there."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "user"))
     folder = tmp_path / "user" / "stereo-vo-kit"
-    monkeypatch.setattr("vo_lib.data.image_hashes.cache_folder", lambda: folder / "synthetic")
+    for module in ("image_hashes", "imports"):
+        monkeypatch.setattr(f"vo_lib.data.{module}.cache_folder", lambda: folder / "synthetic")
     return folder
 
 
 def fill(bands: Path, cache: Path | None) -> None:
-    """Draw a scene, store matches and hashes, detect vehicles."""
+    """Draw a scene, store matches and hashes, detect vehicles; in the user's cache, an import is remembered."""
     ensure_scene(scene_config("empty", **TINY), cache, jobs=1)
     sequence = open_sequence(bands)
     CachedMatches(sequence, preset("feature_selection"), cache).fill()
     answer = np.zeros((1, 5, yolox_cells(64, 64)), np.float32)
     model = write_answering(bands.parent / "blind.onnx", answer, names="['car']")
     labelled_sequence(sequence, model, cache=cache)
+    if cache is None:
+        remember_import(bands)
 
 
 def test_files_without_use_are_deleted_and_their_size_is_printed(
@@ -113,8 +117,8 @@ def test_files_without_use_are_deleted_and_their_size_is_printed(
     monkeypatch.setenv("COLUMNS", "200")
     fill(bands, None)
     kinds = {item.kind: item for item in cache_items()}
-    assert kinds.keys() == {"scenes", "matches", "labels", "hashes"}
-    assert {kind for kind, item in kinds.items() if item.useful} == {"scenes", "matches", "labels"}
+    assert kinds.keys() == {"scenes", "matches", "labels", "hashes", "imports"}
+    assert {kind for kind, item in kinds.items() if item.useful} == {"scenes", "matches", "labels", "imports"}
     # The same of another version of the kit.
     scene = kinds["scenes"].path
     old = scene.with_name("empty-0123456789ab")
@@ -124,6 +128,8 @@ def test_files_without_use_are_deleted_and_their_size_is_printed(
     (odd / "truth" / "scene.json").write_text('{"config": {"colour": 3}}', encoding="utf-8")
     matches = user_cache / "matches" / "kit-0123456789abcdef"
     matches.mkdir()
+    remember_import(bands.parent / "deleted since")
+    forgotten = [item.path for item in cache_items() if item.kind == "imports" and not item.useful]
     labels = shutil.copytree(kinds["labels"].path, user_cache / "labels" / "older")
     record = json.loads((labels / DETECTOR_RECORD).read_text(encoding="utf-8"))
     del record["settings"]["nms"]
@@ -133,16 +139,28 @@ def test_files_without_use_are_deleted_and_their_size_is_printed(
     os.utime(draft, (time.time() - 7200,) * 2)
     assert main(["check"]) == 0
     printed = capsys.readouterr().out
-    for kind in ("scenes", "matches", "labels", "hashes", "drafts"):
+    for kind in ("scenes", "matches", "labels", "hashes", "imports", "drafts"):
         assert f"{kind}: " in printed
     assert load("clean_cache")([]) == 0
-    for path in (old, odd, matches, labels, draft, kinds["hashes"].path):
+    for path in (old, odd, matches, labels, draft, kinds["hashes"].path, *forgotten):
         assert not path.exists(), path
-    for kind in ("scenes", "matches", "labels"):
+    assert len(forgotten) == 1
+    for kind in ("scenes", "matches", "labels", "imports"):
         assert kinds[kind].path.exists(), kind
     assert load("clean_cache")(["--all"]) == 0
     assert cache_items() == []
     assert [path for path in user_cache.rglob("*") if path.is_file()] == []
+
+
+def test_matches_of_another_library_have_no_use(
+    bands: Path, user_cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    CachedMatches(open_sequence(bands), preset("feature_selection")).fill()
+    assert [item.useful for item in cache_items() if item.kind == "matches"] == [True]
+    monkeypatch.setattr("cv2.__version__", "4.0.0")
+    assert [item.useful for item in cache_items() if item.kind == "matches"] == [False]
+    assert load("clean_cache")([]) == 0
+    assert not list(user_cache.rglob("*.npz"))
 
 
 def test_files_of_somebody_else_in_the_cache_are_kept(bands: Path, user_cache: Path, tmp_path: Path) -> None:

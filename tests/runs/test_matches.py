@@ -53,7 +53,7 @@ def test_cache_key_covers_all_inputs_of_matches(sequence: Sequence, monkeypatch:
         cached(sequence.part(0, 6), small()),
     ]
     with monkeypatch.context() as patch:
-        patch.setattr("vo_lib.runs.match_cache.code_digest", lambda modules: "other")
+        patch.setattr("vo_lib.runs.identity.code_digest", lambda modules: "other")
         others.append(cached(sequence, small()))
     (sequence.folder / "image_1" / "000007.png").write_bytes(b"another image")
     others.append(cached(sequence, small()))

@@ -1,4 +1,4 @@
-"""The contents of the cache that the kit wrote: scenes, matches, labels, hashes of images, and drafts.
+"""The contents of the cache that the kit wrote: scenes, matches, labels, hashes, records of imports, drafts.
 
 A cache folder may be any folder of the reader, so everything is recognised by its name and content; other
 files are never listed.
@@ -14,6 +14,7 @@ from pathlib import Path
 
 from ..data.drawn import cache_folder, scene_key
 from ..data.image_hashes import hash_folder
+from ..data.imports import import_records
 from ..data.label_names import DETECTOR_RECORD
 from ..data.scenes import SceneConfig
 from ..detection.label_folders import RECORD_KEYS, is_current_record
@@ -23,7 +24,7 @@ from ..runs.identity import FRONT_END_CODE
 from ..runs.match_cache import code_folder, match_folder
 from ..settings import from_dict
 
-KINDS = ("scenes", "matches", "labels", "hashes", "drafts")
+KINDS = ("scenes", "matches", "labels", "hashes", "imports", "drafts")
 SCENE = re.compile(r"([a-z_]+-[0-9a-f]{12})(-\d+-\d+)?")  # its key and, for a part, the numbers of the frames
 CODE_FOLDER = re.compile(r"(published|kit)-[0-9a-f]{16}")
 HASHES = re.compile(r"[0-9a-f]{16}\.json")
@@ -56,8 +57,10 @@ def cache_items(cache: Path | None = None) -> list[CacheItem]:
     scenes = cache_folder() if cache is None else cache
     root = cache_folder().parent if cache is None else cache
     items = [*_scenes(scenes), *_matches(cache), *_labels(root / "labels")]
-    # Only the user's cache has hashes of images, and drafts of scenes by versions that did not lock them.
+    # Only the user's cache has hashes of images, records of imported sequences, and drafts of scenes by
+    # versions that did not lock them.
     if cache is None:
+        items += [_item(record, "imports", folder is not None) for record, folder in import_records().items()]
         items += _hashes(hash_folder())
         items += _drafts(scenes, DRAFT_OF["scenes"])
     return items

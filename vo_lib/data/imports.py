@@ -26,16 +26,21 @@ def remember_import(folder: Path) -> None:
 
 def imported_folders() -> list[Path]:
     """The folders of imported sequences that still exist, sorted."""
-    folders = list[Path]()
-    for record in sorted(_record_folder().glob("*.txt")):
-        try:
-            folder = Path(read_text(record))
-            exists = folder.is_absolute() and has_images(folder)
-        except (DataError, OSError, ValueError):  # a record that was damaged, or a folder that is closed
-            continue
-        if exists:
-            folders.append(folder)
-    return sorted(folders)
+    return sorted(folder for folder in import_records().values() if folder is not None)
+
+
+def import_records() -> dict[Path, Path | None]:
+    """The file of each record, and the folder that it names; None for a folder that no longer exists."""
+    return {record: _folder_of(record) for record in sorted(_record_folder().glob("*.txt"))}
+
+
+def _folder_of(record: Path) -> Path | None:
+    try:
+        folder = Path(read_text(record))
+        exists = folder.is_absolute() and has_images(folder)
+    except (DataError, OSError, ValueError):  # a record that was damaged, or a folder that is closed
+        return None
+    return folder if exists else None
 
 
 def _record_folder() -> Path:

@@ -114,6 +114,11 @@ def library_versions() -> dict[str, str]:
     return {"kit": metadata.version("stereo-vo-kit"), "numpy": np.__version__, "opencv": cv2.__version__}
 
 
+def made_with(modules: tuple[str, ...]) -> dict[str, str]:
+    """Versions of the libraries, and the digest of the code that begins with `modules`."""
+    return library_versions() | {"code": code_digest(modules)}
+
+
 def matches_identity(sequence: Sequence, config: MethodConfig) -> dict[str, Any]:
     """All inputs of the matches of a sequence; the sequence is identified by its images, not by its name."""
     return {
@@ -122,7 +127,7 @@ def matches_identity(sequence: Sequence, config: MethodConfig) -> dict[str, Any]
         "camera": to_dict(sequence.camera),
         "images": images_digest(sequence),
         "settings": {"features": to_dict(config.features), "matching": to_dict(config.matching)},
-        "made_with": library_versions() | {"code": code_digest(FRONT_END_CODE[config.variant])},
+        "made_with": made_with(FRONT_END_CODE[config.variant]),
     }
 
 
@@ -138,7 +143,7 @@ def run_identity(
     identity: dict[str, Any] = {"method": method, "variant": config.variant, "sequence": sequence.name}
     identity |= matches_identity(sequence, config)
     identity["settings"] = to_dict(config)  # all of them, in place of those of the matches
-    identity["made_with"] = library_versions() | {"code": code_digest(POSE_CODE[config.variant])}
+    identity["made_with"] = made_with(POSE_CODE[config.variant])
     identity["times"] = _digest(sequence.times.tobytes())
     identity["labels"] = NOT_USED
     if config.filter.uses_boxes:

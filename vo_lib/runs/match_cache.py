@@ -23,7 +23,7 @@ from ..geometry.result import Clock
 from ..geometry.types import Array
 from ..paper.settings import MethodConfig
 from .front_end import TimedMatches, find_matches
-from .identity import FRONT_END_CODE, code_digest, matches_identity
+from .identity import FRONT_END_CODE, made_with, matches_identity
 
 LAYOUT_VERSION = 2  # of the npz file; increase with every change of its layout
 POSITIONS = 4  # of a match, in the left and right images of the previous and of the current pair
@@ -35,8 +35,16 @@ def match_folder(cache: Path | None) -> Path:
 
 
 def code_folder(variant: str, cache: Path | None = None) -> Path:
-    """The folder of matches from a variant's front end; each version of the front end's code has a folder."""
-    return match_folder(cache) / f"{variant}-{code_digest(FRONT_END_CODE[variant])}"
+    """The folder of matches from a variant's front end.
+
+    Each version of the front end's code and of the libraries that it uses has a folder.
+    """
+    origin = json.dumps(made_with(FRONT_END_CODE[variant]), sort_keys=True)
+    return match_folder(cache) / f"{variant}-{_digest(origin)}"
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 class CachedMatches:
@@ -56,9 +64,8 @@ class CachedMatches:
         self.sequence = sequence
         self.config = config
         identity = json.dumps([LAYOUT_VERSION, matches_identity(sequence, config)], sort_keys=True)
-        digest = hashlib.sha256(identity.encode()).hexdigest()[:16]
         name = re.sub(r"[^A-Za-z0-9_-]+", "-", sequence.name)
-        self.path = code_folder(config.variant, cache) / f"{name}-{digest}.npz"
+        self.path = code_folder(config.variant, cache) / f"{name}-{_digest(identity)}.npz"
 
     def __iter__(self) -> Iterator[TimedMatches]:
         if not self._is_intact():
