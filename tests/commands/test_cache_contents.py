@@ -100,7 +100,7 @@ def user_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def fill(bands: Path, cache: Path | None) -> None:
-    """Draw a scene, store matches and hashes, detect vehicles; in the user's cache, an import is remembered."""
+    """Draw a scene, store matches and hashes, detect vehicles; remember an import in the user's cache."""
     ensure_scene(scene_config("empty", **TINY), cache, jobs=1)
     sequence = open_sequence(bands)
     CachedMatches(sequence, preset("feature_selection"), cache).fill()
