@@ -33,7 +33,7 @@ from vo_lib.files import read_csv, write_atomic
 from vo_lib.report.page import ReportTable, markdown, provenance
 from vo_lib.runs.drive import Run
 from vo_lib.runs.folder import read_run, run_folder
-from vo_lib.runs.jobs import run_jobs
+from vo_lib.runs.jobs import Job, run_jobs
 
 ABLATION = Path(__file__).parents[1] / "notebooks" / "ablation.csv"  # its tables end the whole page
 
@@ -67,7 +67,9 @@ def run(options: argparse.Namespace) -> int:
             raise DataError(f"{sequence.name} has no ground truth, so errors cannot be computed")
     out = options.out or Path(options.runs) / "results.md"
     with run_folder(options.runs) as folder:
-        jobs = {key: job for sequence in sequences for key, job in jobs_of(sequence, folder)}
+        jobs: dict[tuple[Key, int], Job] = {}
+        for sequence in sequences:
+            jobs.update(jobs_of(sequence, folder))
         workers = parse_jobs(options.jobs, len(jobs))
         with reporting(f"{len(jobs)} runs") as report:
             outcomes = run_jobs(list(jobs.values()), workers, report, options.cache)

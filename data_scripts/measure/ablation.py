@@ -16,12 +16,14 @@ from vo_lib.geometry.types import Array
 from vo_lib.kit.settings import KitConfig
 from vo_lib.report.page import NO_NUMBER, ReportTable
 
+# The methods in which ideas are turned off: MOVING for those of the rule `moving`, PROPOSAL for all others.
 PROPOSAL = "feature_selection"
 MOVING = "moving_selection"
 KEY = ("idea", "method", "sequence", "seeds")
 # Results of a run: TE, %; RE, deg/100 m; distance of the last position from the truth, metres; excess length
 # of the path, %; frames without a measured motion.
 RESULTS = ("te", "re", "end", "length", "lost")
+# Each result is followed by its standard deviation.
 COLUMNS = (*KEY, *(f"{name}{end}" for name in RESULTS for end in ("", "_sd")), "ms")
 # An idea is needed if, without it, one of these errors grows by this share and by `SPREADS` deviations of the
 # change. The rule is not that of `one_run_shows`: both runs have the same seed, and 1 % is enough to stay.

@@ -85,12 +85,14 @@ def add_house(site: Site, s: float, side: float, width: float, offset: float) ->
 
 def house_faces(side: float, width: float, height: float, depth: float, ridge: float) -> dict[str, Array]:
     """Faces of a house, metres. The front is at x = 0; inside the house, x has the sign of `side`."""
-    w = width / 2
-    d = side * depth
-    plan = np.array([[0, 0, -w], [0, 0, w], [d, 0, w], [d, 0, -w]])
+    half = width / 2
+    back = side * depth
+    plan = np.array([[0, 0, -half], [0, 0, half], [back, 0, half], [back, 0, -half]])
     tall = plan - (0.0, height, 0.0)
-    top = np.array([[d / 2, -ridge, -w], [d / 2, -ridge, w]])
-    eaves = tall + np.array([-0.35, -0.35, 0.35, 0.35])[:, None] * (side, 0.0, 0.0) + (0.0, 0.08, 0.0)
+    top = np.array([[back / 2, -ridge, -half], [back / 2, -ridge, half]])
+    # The eaves overhang the front and the back by 35 cm, 8 cm below the top of the walls.
+    overhang = np.array([-0.35, -0.35, 0.35, 0.35])[:, None] * (side, 0.0, 0.0)
+    eaves = tall + overhang + (0.0, 0.08, 0.0)
     front = np.array([plan[0], tall[0], tall[1], plan[1]])
     ends = np.array([[plan[1], tall[1], tall[2], plan[2]], [plan[3], tall[3], tall[0], plan[0]]])
     roof = np.array([[eaves[0], top[0], top[1], eaves[1]], [eaves[2], top[1], top[0], eaves[3]]])

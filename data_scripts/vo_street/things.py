@@ -30,18 +30,22 @@ def add_leaves(site: Site, centre: Array, radius: float, gain: float) -> None:
     around = 6
     down = 4
     lat = np.linspace(-np.pi / 2, np.pi / 2, down + 1)[:, None]
-    lon = 2 * np.pi * (np.arange(around) + 0.5 * (np.arange(down + 1) % 2)[:, None]) / around
+    # Every other ring is turned by half a face.
+    turn = 0.5 * (np.arange(down + 1) % 2)[:, None]
+    lon = 2 * np.pi * (np.arange(around) + turn) / around
     rough = radius * site.rng.uniform(0.8, 1.2, (down + 1, around))
     rough[[0, -1]] = radius * 0.9
     unit = np.stack([np.cos(lat) * np.cos(lon), np.sin(lat) + 0 * lon, np.cos(lat) * np.sin(lon)], axis=-1)
-    p = centre + rough[..., None] * unit
-    quads = np.stack([p[1:], p[:-1], np.roll(p[:-1], -1, axis=1), np.roll(p[1:], -1, axis=1)], axis=2)
-    quads = quads.reshape(-1, 4, 3)
+    points = centre + rough[..., None] * unit
+    beside = np.roll(points, -1, axis=1)
+    quads = np.stack([points[1:], points[:-1], beside[:-1], beside[1:]], axis=2).reshape(-1, 4, 3)
     triangles = np.concatenate([quads[:, [0, 1, 3, 3]], quads[:, [1, 2, 3, 3]]])
     normal = np.cross(triangles[:, 2] - triangles[:, 0], triangles[:, 1] - triangles[:, 0])
     size = np.linalg.norm(normal, axis=1)
-    triangles = triangles[size > 1e-6]
-    normal = (normal / np.maximum(size, 1e-9)[:, None])[size > 1e-6]
+    # At the poles, half of the triangles have no area.
+    has_area = size > 1e-6
+    triangles = triangles[has_area]
+    normal = (normal / np.maximum(size, 1e-9)[:, None])[has_area]
     # The pattern of leaves is three-dimensional; a triangle shows a section along an axis, the one nearest to
     # its normal, so the two other coordinates are those of the texture.
     axes_of_section = np.array([[1, 2], [0, 2], [0, 1]])[np.abs(normal).argmax(axis=1)]
