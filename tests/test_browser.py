@@ -171,13 +171,31 @@ LAYOUT = """number => {
         cut: words.filter(each => each.scrollWidth > each.clientWidth + 1).map(each => each.textContent),
     };
 }"""
-# Of all places that the Tab key stops at: the name for readers of the screen, and the place on the page.
-STOPS = """() => {
-    const each = document.activeElement, box = each.getBoundingClientRect();
+NAME = """const name = each => {
     const label = each.labels && each.labels.length ? each.labels[0].textContent : '';
-    const name = each.getAttribute('aria-label') || label || each.textContent.trim();
-    return {name: name, x: box.x, y: box.y + box.height / 2};
-}"""
+    return each.getAttribute('aria-label') || label || each.textContent.trim();
+};"""
+# The place at which the Tab key has stopped, with the name for readers of the screen.
+STOP = f"""number => {{
+    {NAME}
+    const each = document.activeElement, box = each.getBoundingClientRect();
+    const inside = document.querySelectorAll('.vo-panel')[number].contains(each);
+    return {{inside: inside, name: name(each), x: box.x, y: box.y + box.height / 2}};
+}}"""
+# The names of all controls that can be changed.
+CONTROLS = f"""number => {{
+    {NAME}
+    const panel = document.querySelectorAll('.vo-panel')[number];
+    const every = [...panel.querySelectorAll('select, input, button, [role=slider], [role=textbox]')];
+    return every.filter(each => each.offsetParent && getComputedStyle(each).visibility === 'visible'
+        && !each.disabled && !each.closest('[disabled]')).map(name);
+}}"""
+# Menus, texts and tick boxes, by label, without a tooltip.
+WITHOUT_TIP = """number => [...document.querySelectorAll('.vo-panel')[number]
+    .querySelectorAll('.widget-dropdown, .widget-text, .widget-checkbox')]
+    .filter(each => each.offsetParent && !each.title).map(each => each.querySelector('label').textContent)"""
+SOURCE = "number => document.querySelectorAll('.vo-panel')[number].querySelector('.widget-image').src"
+MOST_STOPS = 60  # of the Tab key in a panel
 
 
 def run_cells(lab: str, browser: BrowserContext, codes: list[str]) -> Page:
@@ -215,19 +233,50 @@ def assert_fits(page: Page, number: int) -> None:
     assert layout["scrollable"] == [], layout  # Tab would stop there
 
 
+def assert_tab_order(page: Page, number: int) -> list[str]:
+    """The Tab key stops at each control of a panel in the order on the page; return the names."""
+    page.locator(".vo-panel").nth(number).get_by_role("combobox", name="sequence", exact=True).focus()
+    stops: list[dict[str, Any]] = []
+    stop = page.evaluate(STOP, number)
+    while stop["inside"] and len(stops) < MOST_STOPS:
+        stops.append(stop)
+        page.keyboard.press("Tab")
+        stop = page.evaluate(STOP, number)
+    for one, following in itertools.pairwise(stops):
+        below = following["y"] - one["y"]
+        assert below > 8 or (abs(below) <= 8 and following["x"] > one["x"]), (one, following)
+    names = [stop["name"] for stop in stops]
+    assert all(names), names
+    assert len({*names}) == len(names), names
+    assert sorted(names) == sorted(page.evaluate(CONTROLS, number))
+    return names
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("street")
 def test_all_panels_fit_on_a_laptop(lab: str, browser: BrowserContext) -> None:
     chapters = appendix, ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07, ch09
-    kinds = [kind for each in chapters for kind in vars(each).values() if isinstance(kind, type)]
+    exported = [each for chapter in chapters for each in vars(chapter).values()]
+    kinds = [each for each in exported if isinstance(each, type) and issubclass(each, Panel)]
     codes = [
         f"from {kind.__module__} import {kind.__name__}\npanel = {kind.__name__}()\npanel.wait()\npanel"
         for kind in kinds
     ]
     page = run_cells(lab, browser, codes)
     for number in range(len(kinds)):
-        page.locator(".vo-panel").nth(number).locator(".vo-words div").first.wait_for()
+        panel = page.locator(".vo-panel").nth(number)
+        panel.locator(".vo-words div").first.wait_for()
         assert_fits(page, number)
+        published = assert_tab_order(page, number)
+        assert page.evaluate(WITHOUT_TIP, number) == []
+        if kinds[number].kit is not None:
+            assert "method" in published
+            shown = page.evaluate(SOURCE, number)
+            panel.get_by_role("combobox", name="method", exact=True).select_option("kit")
+            page.wait_for_function(
+                f"([n, shown]) => ({SOURCE})(n) !== shown", arg=[number, shown], polling=SELDOM
+            )
+            assert_tab_order(page, number)
     assert page.locator(f".{ERROR_CLASS}, {WRONG_OUTPUT}").all_inner_texts() == []
     page.close()
 
@@ -283,17 +332,9 @@ def test_a_panel_follows_the_drag(
         f"async wanted => (await ({PICTURES})())[0] === wanted", arg=at_once, polling=SELDOM
     )
 
-    page.get_by_role("combobox", name="sequence", exact=True).focus()
-    stops = [page.evaluate(STOPS)]
-    while stops[-1]["name"] != last:
-        assert stops[-1]["name"]
-        page.keyboard.press("Tab")
-        stops.append(page.evaluate(STOPS))
-    names = {stop["name"] for stop in stops}
-    assert {"frame", label, f"{label}, as a number", "play the frames"} < names
-    for one, following in itertools.pairwise(stops):
-        below = following["y"] - one["y"]
-        assert below > 8 or (abs(below) <= 8 and following["x"] > one["x"]), (one, following)
+    names = assert_tab_order(page, 0)
+    assert names[-1] == last
+    assert {"frame", label, f"{label}, as a number", "play the frames"} < {*names}
     assert page.get_by_role("img", name=kind.title).count() == 1
     page.close()
 

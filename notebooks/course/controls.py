@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import ipywidgets as widgets
@@ -33,6 +35,22 @@ def _dragging() -> Iterator[None]:
         yield
     finally:
         _dragged.reset(token)
+
+
+@contextmanager
+def about(label: str, remedy: str = "") -> Iterator[None]:
+    """A block that uses the value of a control: a `DataError` then begins with its label, and ends with a remedy."""
+    try:
+        yield
+    except DataError as error:
+        end = f"; {remedy}" if remedy else ""
+        raise DataError(f"{label}: {error}{end}") from None
+
+
+def typed_path(text: str) -> Path:
+    """A path as typed into a control; ~ is the home folder."""
+    # Unlike Path.expanduser, this leaves an unknown user's ~ as it is, so that the message names the path.
+    return Path(os.path.expanduser(text.strip()))
 
 
 class WholeSlider(widgets.IntSlider):  # type: ignore[misc]  # ipywidgets has no types

@@ -37,6 +37,7 @@ TITLE_SIZE = 10.0
 SMALL_SIZE = 8.5  # of numbers and legends: 11.8 pixels
 NAME_ROOM = 20  # height of a name above a dot, pixels
 DOT_ROOM = 6  # height of a dot, pixels
+TITLE_NAME = 28  # characters of a sequence's name in the title of a chart of half this width
 CAPTION_SIZE = 0.48  # of words in photos, as a scale of OpenCV's font
 # Round numbers are these numbers times a power of ten.
 COARSE = (1.0, 2.0, 5.0)
@@ -178,6 +179,14 @@ def caption(picture: Image, words: str, named: Array | None = None) -> Image:
             base = len(picture) - 5
     write(out, words, 6, base, CAPTION_SIZE)
     return out
+
+
+def shortened(name: str, most: int) -> str:
+    """A name of at most `most` characters: of a longer one, the middle is left out."""
+    if len(name) <= most:
+        return name
+    begin = (most - 1) // 3  # the end of a path says more
+    return f"{name[:begin]}…{name[begin + 1 - most :]}"
 
 
 def text_size(words: str, size: float) -> tuple[int, int]:

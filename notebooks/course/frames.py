@@ -180,7 +180,9 @@ def frame_points(sequence: Sequence, frame: int, config: MethodConfig) -> Points
     camera = sequence.camera
     matches = matches[select_by_bucket(matches.cur_left, matches.age, matches.strength, config.buckets)]
     if len(matches) < 5:
-        raise DataError(f"frame {frame} has {len(matches)} matches; the five-point algorithm needs five")
+        raise DataError(
+            f"frame {frame} has {len(matches)} matches; the five-point algorithm needs five: choose another frame"
+        )
     x_p = camera.normalise(matches.prev_left)
     x_c = camera.normalise(matches.cur_left)
     X_p = camera.triangulate(matches.prev_left, matches.prev_right)

@@ -69,7 +69,9 @@ def candidates_of(points: Points | Pair, sets: int, draw: int) -> Candidates:
     chosen = draw_sets(np.random.default_rng([5, draw]), len(points.x_p), sets)
     candidates = five_point(points.x_p[chosen], points.x_c[chosen])
     if len(candidates.E) == 0:
-        raise DataError("no five of the matches determine an essential matrix: the camera may stand still")
+        raise DataError(
+            "no five of the matches determine an essential matrix: the camera may stand still; choose another frame"
+        )
     return candidates
 
 

@@ -49,6 +49,7 @@ from __future__ import annotations
 
 import dataclasses
 import html
+import json
 import re
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -73,11 +74,11 @@ from vo_lib.settings import Setting, declared, replace
 
 from .colours import BAD, DARK
 from .controls import Control as Control
-from .controls import Knob, WholeSlider, is_dragged, labelled
-from .drawing import WIDTH, photo, stack
+from .controls import Knob, WholeSlider, is_dragged, labelled, typed_path
+from .drawing import WIDTH, photo, shortened, stack
 from .frames import DEFAULT, is_open, opened, remember_sequence, stereo, why_missing
 from .opening import Opening
-from .progress import Job, Stopped
+from .progress import LABEL_LENGTH, Job, Stopped
 from .redraws import Redraws
 from .results import marked
 
@@ -85,6 +86,9 @@ ERROR_CLASS = "vo-panel-error"  # of CSS; tests search for it in saved widget st
 STALE_CLASS = "vo-stale"  # of CSS: a picture of an earlier state
 VARIANTS = "published", "kit"
 SWITCH = "the method as published, or the variant kit; each shows the controls of its own settings"
+FOLDER = "a folder with a sequence in KITTI's layout"
+PATH = "or path"  # label of the control for a folder
+NAME_LENGTH = 25  # characters of a sequence's name in the list
 RESET = "set all controls to their first values; the sequence does not change"
 SINCE = "in brackets: the change since the control was touched"
 NO_SEQUENCE = "choose a sequence first"
@@ -218,18 +222,23 @@ class Panel:
         self.frame = WholeSlider(value=frame, min=1, max=max(frame, 2), **labelled("frame"))
         self.first = {name: knob.widget.value for name, knob in self.knobs.items()}
         self.first |= {"frame": frame, "variant": VARIANTS[0]}
-        self.chooser = widgets.Dropdown(options=[*available()], value=None, **labelled("sequence"))
-        self.folder = widgets.Text(placeholder="a folder", continuous_update=False, **labelled("or path"))
+        names = [_named(name) for name in available()]
+        self.chooser = widgets.Dropdown(options=names, value=None, **labelled("sequence"))
+        self.folder = widgets.Text(
+            placeholder="a folder", tooltip=FOLDER, continuous_update=False, **labelled(PATH)
+        )
 
         self.picture = widgets.Image(value=self._white(), format="jpeg", layout=PICTURE)
         self.tables = widgets.HTML(layout={"width": "100%"})
         self._message = widgets.HTML(layout={"width": "100%"})
         self._text = widgets.HTML(layout={"width": "100%"}).add_class("vo-words")
         self._sign = widgets.HTML(layout={"margin": "0 0 0 12px"})
+        self._tips = widgets.HTML(layout={"display": "none"})
         self.box = self._layout()
 
         name = sequence if isinstance(sequence, str) else remember_sequence(sequence)
         self._offer(name)
+        self._give_tips()
         self._follow_variant()
         self._observe()
         self._open(name)
@@ -451,7 +460,9 @@ class Panel:
         home = self._home
         if here is None or home is None or here.folder == home.folder:
             return ""
-        return f" (Only the panel shows {here.name}; the cells still use {home.name}.)"
+        shown = shortened(here.name, LABEL_LENGTH)
+        used = shortened(home.name, LABEL_LENGTH)
+        return f" (Only the panel shows {shown}; the cells still use {used}.)"
 
     def _fail(self, error: Exception) -> None:
         """Say what is wrong in place of the words; the old picture stays, but pale."""
@@ -480,6 +491,9 @@ class Panel:
             if not self.opening.is_wanted(choice):
                 return
             name = self.opening.wanted
+            if isinstance(error, DataError):
+                label = PATH if name == str(typed_path(self.folder.value)) else "sequence"
+                error = DataError(f"{label}: {error}")
             self.opening.give_up()
             shown = self.opening.shown
             self.chooser.value = shown
@@ -529,6 +543,7 @@ class Panel:
             knob.widget.observe(self.redraw, "value")
         self.variant.observe(self.redraw, "value")
         self.frame.observe(self.redraw, "value")
+        self.chooser.observe(self._give_tips, ("value", "options"))
         self.chooser.observe(lambda change: self._open(change["new"]), "value")
         self.folder.observe(self._typed, "value")
 
@@ -551,24 +566,37 @@ class Panel:
         # A message takes the place of the words: the picture does not move.
         right = widgets.VBox([self.job.box, self.surface(), self._message, self._text], layout=BESIDE)
         title = widgets.HTML(f"<b>{html.escape(self.title)}</b>{STYLE}")
-        head = widgets.HBox([title, self._sign])
+        head = widgets.HBox([title, self._sign, self._tips])
         middle = widgets.HBox([left, right], layout={"flex_flow": "row wrap"})
         box = widgets.VBox([head, middle, self.tables])
         box.layout.padding = "2px 8px"
         box.layout.border = "1px solid #BBB"
         return box.add_class("vo-panel")
 
+    def _give_tips(self, _: Any = None) -> None:
+        """Tell the page the descriptions of controls, and the whole names of sequences.
+
+        A menu, text or tick box of ipywidgets with a label does not show its tooltip.
+        """
+        widgets_of = (self.folder, self.variant, *(knob.shown for knob in self.knobs.values()))
+        tips = {widget.description: widget.tooltip for widget in widgets_of}
+        tips[self.chooser.description] = self.chooser.value or ""
+        names = [name for _, name in self.chooser.options]
+        tips_data = html.escape(json.dumps(tips))
+        names_data = html.escape(json.dumps(names))
+        self._tips.value = f'<span data-tips="{tips_data}" data-names="{names_data}"></span>'
+
     def _offer(self, name: str) -> None:
         """Choose a sequence, and add it to the list if necessary."""
-        if name not in self.chooser.options:
+        options = self.chooser.options
+        if _named(name) not in options:
             self.chooser.value = None  # else new options choose the first one, before the next line does
-            self.chooser.options = [name, *self.chooser.options]
+            self.chooser.options = [_named(name), *options]
         self.chooser.value = name
 
     def _typed(self, change: Any) -> None:
-        path = change["new"].strip()
-        if path:
-            self._offer(str(Path(path).expanduser()))
+        if change["new"].strip():
+            self._offer(str(typed_path(change["new"])))
 
     def _open(self, name: str | None) -> None:
         """Choose a sequence and draw; a sequence that is not ready is prepared by a job with a bar.
@@ -623,6 +651,11 @@ class Panel:
             self.frame.max = len(sequence) - 1
             self.frame.value = self._frames.get(sequence.name, self.frame.value)  # or its maximum
         self.redraw()
+
+
+def _named(name: str) -> tuple[str, str]:
+    """A sequence as an option of the list: the words that are shown, and its name."""
+    return shortened(name, NAME_LENGTH), name
 
 
 def _settings(config: MethodConfig) -> dict[str, Setting]:

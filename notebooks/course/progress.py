@@ -11,6 +11,10 @@ from IPython.display import display
 
 from vo_lib.geometry.types import Progress
 
+from .drawing import shortened
+
+LABEL_LENGTH = 48  # characters of a job's label that are shown
+
 Value = TypeVar("Value")
 
 
@@ -44,8 +48,8 @@ class Job:
     """
 
     def __init__(self) -> None:
-        self._bar = widgets.IntProgress(min=0, max=1, layout={"width": "420px"})
-        self._words = widgets.Label(layout={"width": "380px"})
+        self._bar = widgets.IntProgress(min=0, max=1, layout={"flex": "1 1 120px", "max_width": "420px"})
+        self._words = widgets.Label(layout={"flex": "0 0 auto"})
         button = widgets.Button(description="Stop", icon="stop", layout={"min_width": "90px"})
         button.on_click(lambda _: self.stop())
         self.box = widgets.HBox([self._bar, self._words, button], layout={"display": "none"})
@@ -73,6 +77,7 @@ class Job:
         these calls. After Stop, `failed` gets `Stopped` at once, on the thread that stops.
         """
         over = threading.Event()
+        words = shortened(label, LABEL_LENGTH)
 
         def report(count: int, total: int) -> None:
             with self._lock:
@@ -80,7 +85,7 @@ class Job:
                     raise Stopped
                 self._bar.max = max(total, 1)
                 self._bar.value = count
-                self._words.value = f"{label}: {count} of {total}"
+                self._words.value = f"{words}: {count} of {total}"
 
         def body() -> None:
             wrong: Exception | None = None
@@ -105,7 +110,8 @@ class Job:
             self._thread = thread
             self._failed = failed
             self._bar.value = 0
-            self._words.value = label
+            self._words.value = words
+            self._words.tooltip = label
             self.box.layout.display = ""
         thread.start()
 

@@ -25,7 +25,7 @@ from course.colours import bgr
 from course.controls import Control, Knob
 from course.drawing import WIDTH, caption
 from course.kept_runs import run_by_frame
-from course.panel import STALE_CLASS, UNFINISHED, Drawing, Fact, Panel, State
+from course.panel import NAME_LENGTH, STALE_CLASS, UNFINISHED, Drawing, Fact, Panel, State
 from course.raster import fast_raster, forget_layers, raster
 from course.results import marked
 from vo_lib.config import preset
@@ -108,6 +108,37 @@ def test_controls_change_the_picture_and_equal_states_give_equal_pictures(panel:
         back |= begun
     panel.set(**back)
     assert panel.picture.value == first
+
+
+def controls_of(widget: Any) -> list[Any]:
+    """The widgets that can have the focus, in the order of the page, which is that of the Tab key."""
+    if widget.layout.display == "none" or isinstance(widget, widgets.HTML | widgets.Image):
+        return []
+    if isinstance(widget, widgets.Box):
+        assert widget.layout.order is None
+        assert widget.layout.flex_flow in (None, "row wrap")
+        return [each for child in widget.children for each in controls_of(child)]
+    return [widget]
+
+
+def test_controls_have_names_and_the_tab_key_follows_the_page(panel: Panel) -> None:
+    """The page gives names to the two buttons that play; test_browser.py has the names of sliders."""
+    for variant in panel.variant.options if panel.kit is not None else [panel.variant.value]:
+        panel.set(variant=variant)
+        every = controls_of(panel.box)
+        names = ["play" if isinstance(each, widgets.Play) else each.description for each in every]
+        expected = ["sequence", "or path", "frame", "play", "reset"]
+        expected += ["method"] if panel.kit is not None else []
+        for control in panel.controls:
+            knob = panel.knobs[control.name]
+            if knob.shown.layout.display != "none":
+                unit = f" [{knob.setting.unit}]" if knob.setting.unit else ""
+                expected.append(f"{control.words}{unit}")
+                assert knob.shown.tooltip == knob.setting.text
+        expected += [panel.long_job] if panel.long_job else []
+        assert names == expected
+        assert len({*names}) == len(names)
+    panel.set(variant="published")
 
 
 def test_another_sequence_can_be_chosen(panel: Panel, street: Sequence, bands: Path) -> None:
@@ -268,6 +299,65 @@ def others(bands: Path, folder: Path) -> list[str]:
                 (copy / side / f"{number:06d}.png").unlink()
         made.append(str(copy))
     return made
+
+
+@pytest.fixture
+def long_name(bands: Path, tmp_path: Path) -> Path:
+    """A sequence in a folder with a long name without a blank."""
+    folder = tmp_path / ("a_very_long_name_of_a_drive_" * 7 + "in_june")
+    shutil.copytree(bands, folder)
+    return folder
+
+
+def test_a_long_name_is_shortened_where_there_is_no_room(slow: Slow, long_name: Path) -> None:
+    name = str(long_name)
+    slow._offer(name)
+    assert slow.started.wait(LONG)
+    label, value = slow.chooser.options[0]
+    assert (len(label), value, slow.chooser.value) == (NAME_LENGTH, name, name)
+    assert name.startswith(label.split("…")[0])
+    assert name.endswith(label.split("…")[1])
+    words = slow.job._words
+    assert len(words.value) < 70
+    assert words.value.startswith("opening /")
+    assert "in_june" in words.value
+    assert words.tooltip == f"opening {name}"
+    tips = re.findall('data-(tips|names)="([^"]*)"', slow._tips.value)
+    assert all(name in html.unescape(data) for _, data in tips)
+    slow.go_on.set()
+    slow.wait(LONG)
+    assert slow.state().sequence.folder == long_name
+    assert "Only the panel shows a_very" in slow._text.value
+    assert name not in slow._text.value
+
+
+@pytest.mark.parametrize("kind", [ch06.EvaluationPanel, ch07.ReproducePanel])
+def test_titles_of_charts_have_room_for_a_long_name(
+    kind: type[Panel], long_name: Path, drawn_charts: list[Figure]
+) -> None:
+    panel = kind(str(long_name), frame=1)
+    panel.wait(LONG)
+    assert panel.error == ""
+    for left, right in (chart.axes for chart in drawn_charts if len(chart.axes) == 2):
+        raster(left.figure.figure)
+        title = left.get_title("left")
+        assert "a_very" in title or title.startswith(("translation error", "rotation error")), title
+        drawn = left._left_title  # type: ignore[attr-defined]
+        assert drawn.get_window_extent().x1 < right.get_window_extent().x0, title
+
+
+def test_a_sequence_that_cannot_be_opened_names_its_control(example: Example, tmp_path: Path) -> None:
+    missing = tmp_path / "nowhere"
+    example.folder.value = f" {missing}/ "
+    example.wait(LONG)
+    assert example.error.startswith(f"or path: {missing}: the folder is missing: expected a folder or ")
+    example.folder.value = ""
+    example.chooser.value = str(missing)
+    example.wait(LONG)
+    assert example.error.startswith(f"sequence: {missing}: the folder is missing: ")
+    example.folder.value = "~no_one_here/x"
+    example.wait(LONG)
+    assert example.error.startswith("or path: ~no_one_here/x: the folder is missing: ")
 
 
 @pytest.mark.parametrize("fault", [None, DataError("a bad file")], ids=["opened", "failed"])
@@ -903,7 +993,24 @@ def test_choices_and_ends_are_those_of_the_state(street: Sequence) -> None:
         (ch05.FilteringPanel, "filter.classes", "car,flying saucer", "classes: there is no class 'flying"),
         (ch05.FilteringPanel, "filter.classes", "car,-3", "classes: 'car,-3' is not"),
         (ch06.EvaluationPanel, "view.lengths", "10,0", "lengths: '10.0,0.0' is not"),
-        (ch06.EvaluationPanel, "view.file", "no_such_file.txt", "no_such_file.txt"),
+        (
+            ch06.EvaluationPanel,
+            "view.file",
+            "no_such.txt",
+            "a file of your own: no_such.txt: the file is missing; ",
+        ),
+        (
+            ch06.EvaluationPanel,
+            "view.file",
+            "~no_one_here/x",
+            "a file of your own: ~no_one_here/x: the file is missing; ",
+        ),
+        (ch05.FilteringPanel, "view.model", "no_such", "model: unknown detector 'no_such': expected "),
+        (ch05.FilteringPanel, "view.model", "no/x.onnx", "model: no/x.onnx: no such file; type `street`"),
+        (ch05.FilteringPanel, "view.model", "", "model: the field is empty; type `street`, "),
+        (ch07.ReproducePanel, "view.model", " ", "boxes: the field is empty; type `street`, "),
+        (ch07.ReproducePanel, "view.model", "yolov8n.pt", "boxes: yolov8n.pt: no such file"),
+        (ch07.ReproducePanel, "view.methods", "mesvo_f,a b", "systems: unknown method 'a b'"),
         (ch07.ReproducePanel, "view.methods", "viso", "systems: unknown method 'viso'"),
     ],
 )

@@ -141,7 +141,8 @@ class FivePointPanel(Panel):
         x_c = points.x_c[five]
         E = five_point(x_p[None], x_c[None]).E
         if len(E) == 0:
-            raise DataError("these five matches determine no essential matrix: are two of them the same?")
+            control = "your five matches" if view.points else "another five"
+            raise DataError(f"{control}: these five determine no essential matrix; choose five others")
         order = np.argsort(truncated_errors(E, points.x_p, points.x_c, threshold))
         number = min(view.candidate, len(order))
         shown = E[order[number - 1]]

@@ -82,7 +82,7 @@ def reference(sequence: Sequence, points: Points, R_cp: Array) -> tuple[Array, s
         return np.asarray(points.T_cp[:3, 3]), RECORDED if truth(sequence) is None else TRUE
     solved = solve_translation(sequence.camera, points.matches, R_cp, TranslationConfig())
     if solved is None:
-        raise DataError("the matches of this frame give no translation")
+        raise DataError("the matches of this frame give no translation: choose another *frame*")
     return solved[0], ESTIMATE
 
 

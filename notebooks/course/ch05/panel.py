@@ -31,6 +31,7 @@ from vo_lib.paper.settings import FilterConfig, MethodConfig
 from vo_lib.runs.drive import make_odometry
 from vo_lib.settings import WORD_OF_LIST, Checked, setting
 
+from ..controls import about, typed_path
 from ..drawing import PHOTO_HEIGHT, WIDTH, caption, photo
 from ..frames import frame_matches, key_of, stereo, true_motion, truth
 from ..memory import Memory
@@ -40,6 +41,7 @@ from .figures import candidates_picture, filter_picture
 
 LABELS = "labels"  # in place of a model: the boxes of the sequence's own folder
 NETWORK_HEIGHT = 252  # of the picture of the candidates
+MODEL_REMEDY = "type `street`, `labels`, or another ONNX file"
 SHOWN_WORDS = 3  # of classes in a message
 
 
@@ -57,11 +59,18 @@ _candidates: Memory[NetworkOutput] = Memory(48)
 _motions: Memory[FrameResult] = Memory(48)
 
 
+def typed_model(model: str) -> Path:
+    """The typed name or path of a model; `DataError` if nothing is typed."""
+    if not model.strip():
+        raise DataError("the field is empty")
+    return typed_path(model)
+
+
 def detector_of(model: str) -> YoloDetector:
     """A detector, loaded once, or a network that a cell offers."""
     if model.strip() in offered:
         return offered[model.strip()]  # type: ignore[no-any-return]
-    path = find_model(model.strip())
+    path = find_model(typed_model(model))
     key = (path.resolve(), *(file.stat().st_mtime_ns for file in model_files(path)))
     return _detectors.get(key, lambda: YoloDetector(path))
 
@@ -157,7 +166,9 @@ def filtered_frame(
     """
     rule = config.filter
     if rule.rule == "truth" and truth(sequence) is None:
-        raise DataError("the rule `truth` needs the true motions of vehicles of a drawn scene")
+        raise DataError(
+            "rule: `truth` needs the true motions of vehicles, which only a drawn scene has: choose another rule"
+        )
     first = max(frame - 1, 1) if rule.rule == "moving" else frame
 
     def on_moving(number: int, matches: StereoMatches) -> BoolArray:
@@ -215,6 +226,9 @@ class FilteringPanel(Panel):
         sequence = state.sequence
         frame = state.frame
         rule = state.config.filter
+        if state.view.model.strip() != LABELS:
+            with about("model", MODEL_REMEDY):
+                frame_candidates(sequence, frame, detector_of(state.view.model))
         matches = frame_matches(sequence, frame, state.config)
         result, boxes = filtered_frame(sequence, frame, state.config, state.view)
         words = f"frame {frame}, rule {rule.rule}: kept features blue, removed features orange"

@@ -17,7 +17,8 @@ from vo_lib.geometry.types import Array, Progress
 from vo_lib.report.table1 import te_and_re
 from vo_lib.settings import Checked, setting
 
-from ..drawing import figure, write_instead
+from ..controls import about, typed_path
+from ..drawing import TITLE_NAME, figure, shortened, write_instead
 from ..frames import true_poses
 from ..kept_runs import has_run, poses_of
 from ..panel import Control, Drawing, Fact, Panel, State
@@ -83,7 +84,7 @@ class EvaluationPanel(Panel):
         estimate = self._estimate(state, truth)
         if estimate is None:
             path, (axis,) = figure(PATH_HEIGHT)
-            paths_chart(axis, truth, None, state.sequence.name)
+            paths_chart(axis, truth, None, shortened(state.sequence.name, TITLE_NAME))
             sentence = f"{state.view.estimate} has not been run on {state.sequence.name} here: press *Run the method*."
             return Drawing([path], sentence, (Fact("poses", len(truth)),))
         return self._judged(state, truth, estimate)
@@ -97,8 +98,9 @@ class EvaluationPanel(Panel):
         view = state.view
         path = view.file.strip()
         if path:
-            poses = _poses_of_frames(Path(path), state.sequence.times)
-            check_pair(truth, poses, f"{path}: ")
+            with about("a file of your own", "choose another file, or leave the field empty"):
+                poses = _poses_of_frames(typed_path(path), state.sequence.times)
+                check_pair(truth, poses, f"{path}: ")
             return poses
         if view.estimate == MADE_UP:
             return perturbed_path(truth, view.scale, view.yaw, view.noise, view.jitter)
@@ -122,7 +124,7 @@ class EvaluationPanel(Panel):
         rpe_turn = rmse(step.rotation)
 
         paths, (whole, piece) = figure(PATH_HEIGHT, 2)
-        title = f"{sequence.name}, alignment {view.alignment}"
+        title = f"{shortened(sequence.name, TITLE_NAME)}, alignment {view.alignment}"
         if len(part):
             first = int(part.first[0])
             last = int(part.last[0])
@@ -160,7 +162,8 @@ def _poses_of_frames(path: Path, times: Array) -> Array:
         return file.poses
     rows, pose_rows = match_times(times, file.times)
     if len(rows) < 2:
-        raise DataError(time_mismatch(file.times, times, "the sequence", TIME_TOLERANCE_S), path)
+        reason = time_mismatch(file.times, times, "the sequence", TIME_TOLERANCE_S)
+        raise DataError(reason.replace("--t-max-diff ", ""), path)  # the panel has no such option
     return file.poses[pose_rows]
 
 

@@ -15,7 +15,6 @@ from vo_lib.config import VARIANTS, change, preset
 from vo_lib.data.sequence import Sequence
 from vo_lib.detection.label_folders import detection_record, label_folder, labelled_sequence
 from vo_lib.detection.settings import DetectorConfig
-from vo_lib.errors import DataError
 from vo_lib.evaluation.kitti_errors import (
     SHORT_PROTOCOL,
     kitti_errors,
@@ -31,7 +30,9 @@ from vo_lib.runs.match_cache import CachedMatches
 from vo_lib.settings import Checked, declared, setting
 
 from ..ch05.claim import claim_figure
-from ..ch05.panel import LABELS
+from ..ch05.panel import LABELS, MODEL_REMEDY, typed_model
+from ..controls import about
+from ..drawing import TITLE_NAME, shortened
 from ..frames import opened, true_poses
 from ..kept_runs import frames_of, poses_of, run_by_frame
 from ..panel import Control, Drawing, Fact, Panel, State
@@ -188,7 +189,8 @@ class ReproducePanel(Panel):
         sequence = plan.sequence
         truth = true_poses(sequence)
         frame = min(state.frame, len(sequence) - 1)
-        title = f"{sequence.name}, frames {sequence.frames[0]} to {sequence.frames[-1]}"
+        name = shortened(sequence.name, TITLE_NAME)
+        title = f"{name}, frames {sequence.frames[0]} to {sequence.frames[-1]}"
         if not plan.is_run:
             runs = len(plan.methods) * plan.seeds
             words = (
@@ -214,8 +216,9 @@ class ReproducePanel(Panel):
 
     def work(self, state: State, progress: Progress) -> None:
         plan = _plan(state)
-        if state.view.model != LABELS:
-            labelled_sequence(plan.sequence, state.view.model, progress=progress)
+        if state.view.model.strip() != LABELS:
+            with about("boxes", MODEL_REMEDY):
+                labelled_sequence(plan.sequence, typed_model(state.view.model), progress=progress)
         run_plan(plan, progress)
 
 
@@ -225,13 +228,12 @@ def _plan(state: State) -> Plan:
     typed = dict.fromkeys(name.strip() for name in view.methods)  # each once, in this order
     methods = tuple(typed) or tuple(VARIANTS[variant])
     for name in methods:
-        try:
+        with about("systems", "*method* chooses the variant"):
             preset(name, variant=variant)
-        except DataError as error:
-            raise DataError(f"systems: {error}") from None
     true_poses(state.sequence)  # or say that there are none
     sequence = part_of(state.sequence, view.frames)
-    if view.model != LABELS:  # `work` fills the folder
-        labels = label_folder(sequence, detection_record(view.model, DetectorConfig()))
+    if view.model.strip() != LABELS:  # `work` fills the folder
+        with about("boxes", MODEL_REMEDY):
+            labels = label_folder(sequence, detection_record(typed_model(view.model), DetectorConfig()))
         sequence = replace(sequence, labels=labels)
     return Plan(sequence, methods, view.seeds, variant)
