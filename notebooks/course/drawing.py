@@ -72,6 +72,17 @@ def figure(
     return picture, axes
 
 
+def empty(axis: Axes) -> None:
+    """Remove lines, legend and limits of an axis with linear scales, so that it can be drawn anew."""
+    for line in axis.get_lines():
+        line.remove()
+    legend = axis.get_legend()
+    if legend is not None:
+        legend.remove()
+    axis.relim()  # of no line
+    axis.autoscale()
+
+
 def finish(
     axis: Axes, title: str, x: str = "", y: str = "", legend: Place = "best", boxed: bool = False
 ) -> None:

@@ -95,9 +95,7 @@ NO_SEQUENCE = "choose a sequence first"
 WORKING = '<i class="vo-late">working …</i>'
 UNFINISHED = "<i>unfinished picture …</i>"
 FEWEST_FRAMES = 2  # of a sequence: each picture is about a step between two
-# Processor time of the steps before the first picture of a drag, and before a further unfinished picture.
-FIRST_STEPS_S = 0.02
-MORE_STEPS_S = 0.2
+MORE_STEPS_S = 0.2  # processor time of the steps before a further unfinished picture
 FRAME_MS = 700  # interval of frames that play; slower panels skip frames
 STYLE = Path(__file__).with_name("panel.html").read_text(encoding="utf-8")
 # Beside the picture, controls are as narrow as sliders of 180 px allow.
@@ -186,6 +184,8 @@ class Panel:
     kit : configuration for the switch "published | kit"; if None, there is no switch.
     height : height of the picture, pixels.
     needs_truth : whether only the image and a sentence are shown for a sequence without poses.
+    first_steps_s : processor time of the `steps` before the first picture of a drag, which with the picture
+        should take 80 ms at most.
     long_job : label of the Run button, if `work` takes more than a second; else empty.
 
     Attributes
@@ -204,6 +204,7 @@ class Panel:
     kit: ClassVar[KitConfig | None] = None
     height: ClassVar[int] = 550
     needs_truth: ClassVar[bool] = False
+    first_steps_s: ClassVar[float] = 0.04
     long_job: ClassVar[str] = ""
 
     def __init__(self, sequence: str | Sequence = DEFAULT, frame: int = 60, **values: Any):
@@ -369,7 +370,7 @@ class Panel:
     def _begin(self, state: State, before: dict[str, float]) -> None:
         """Draw what the first steps give; a thread does the other steps, until the control moves on."""
         steps = self.steps(state)
-        end = time.thread_time() + FIRST_STEPS_S
+        end = time.thread_time() + self.first_steps_s
         for so_far in steps:
             if time.thread_time() >= end:
                 self._show_part(so_far())

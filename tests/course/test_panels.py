@@ -20,20 +20,21 @@ from matplotlib.figure import Figure
 
 from course import appendix, ch00, ch01, ch02, ch03, ch04, ch05, ch06, ch07, ch09
 from course.ch01.trace import trace
-from course.ch05.claim import claim_figure, true_path
+from course.ch05.claim import ClaimChart, claim_figure, true_path
 from course.colours import bgr
 from course.controls import Control, Knob
 from course.drawing import WIDTH, caption
-from course.kept_runs import run_by_frame
+from course.kept_runs import poses_of, run_by_frame
 from course.panel import NAME_LENGTH, STALE_CLASS, UNFINISHED, Drawing, Fact, Panel, State
 from course.raster import fast_raster, forget_layers, raster
 from course.results import marked
-from vo_lib.config import preset
+from vo_lib.config import change, preset
 from vo_lib.data.sequence import Sequence
 from vo_lib.errors import DataError
 from vo_lib.geometry.types import Array, Image, Progress
 from vo_lib.kit.settings import KitConfig
-from vo_lib.paper.settings import FilterConfig, PublishedConfig
+from vo_lib.paper.five_point import Candidates, five_point
+from vo_lib.paper.settings import FilterConfig, MethodConfig, PublishedConfig
 from vo_lib.runs.drive import run_methods
 from vo_lib.runs.match_cache import CachedMatches
 
@@ -548,7 +549,7 @@ def drag(slider: Any, value: float) -> None:
 
 def test_pictures_of_a_drag_are_those_drawn_at_once(panel: Panel, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each value of a moving slider; neither kept layers of axes nor unfinished pictures change a pixel."""
-    monkeypatch.setattr("course.panel.FIRST_STEPS_S", 0.0)
+    monkeypatch.setattr(type(panel), "first_steps_s", 0.0)
     for name, knob in panel.knobs.items():
         slider = knob.widget
         if not isinstance(slider, widgets.IntSlider | widgets.FloatSlider) or knob.shown.disabled:
@@ -599,7 +600,7 @@ class Stepwise(Example):
 
 @pytest.fixture
 def stepwise(bands: Path, monkeypatch: pytest.MonkeyPatch) -> Stepwise:
-    monkeypatch.setattr("course.panel.FIRST_STEPS_S", 0.0)
+    monkeypatch.setattr(Stepwise, "first_steps_s", 0.0)
     monkeypatch.setattr("course.redraws.PAUSE_S", 0.0)
     panel = Stepwise(str(bands), frame=1)
     panel.wait(LONG)
@@ -705,6 +706,63 @@ def test_runs_frame_by_frame_are_those_at_once(street: Sequence) -> None:
     assert list(run_by_frame(part, configs)) == []  # stored
 
 
+def test_a_run_with_another_threshold_solves_no_five_point_set_again(
+    street: Sequence, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solved = []
+
+    def spy(x_p: Array, x_c: Array) -> Candidates:
+        solved.append(len(x_p))
+        return five_point(x_p, x_c)
+
+    monkeypatch.setattr("vo_lib.paper.odometry.five_point", spy)
+    part = street.part(0, 6)
+    first = preset("feature_selection", seed=93)
+
+    def runs_anew(config: MethodConfig) -> int:
+        """The number of frames whose sets are solved; the poses are those without any memory."""
+        solved.clear()
+        for _ in run_by_frame(part, {"": config}):
+            pass
+        count = len(solved)
+        run = run_methods(part, {"": config}, matches=CachedMatches(part, config))[""]
+        np.testing.assert_array_equal(poses_of(part, config), run.poses)
+        return count
+
+    assert runs_anew(first) == 5
+    assert runs_anew(change(first, "selection.threshold", 0.8)) == 0
+    assert runs_anew(change(first, "translation.max_depth", 30.0)) == 0
+    assert runs_anew(change(first, "selection.sets", 90)) == 5
+    assert runs_anew(change(first, "buckets.features", 2)) == 5
+    assert runs_anew(change(first, "seed", 94)) == 5
+    kit = preset("feature_selection", variant="kit", seed=93)
+    assert runs_anew(kit) == 5
+    assert runs_anew(change(kit, "selection.threshold", 0.8)) == 5
+
+
+def test_a_chart_that_is_drawn_anew_is_like_a_new_one(street: Sequence) -> None:
+    part = street.part(40, 60)
+    poses = true_path(part)
+
+    def path(frames: int, off: float) -> Array:
+        made = np.tile(np.eye(4), (frames, 1, 1))
+        made[:, :3, 3] = poses[:frames] * (1 + off)
+        return made
+
+    runs = [
+        {"preset": path(20, 0.01), "with these settings": path(20, 0.3)},
+        {"preset": path(3, 0.02), "with these settings": path(2, 0.0)},
+        {"one": path(20, -0.9)},
+    ]
+    chart = ClaimChart()
+    for number in (0, 1, 0, 2, 1, 2, 0):
+        for frame in (None, 1, 17):
+            again = chart.draw(part, runs[number], frame)
+            np.testing.assert_array_equal(
+                fast_raster(again), fast_raster(claim_figure(part, runs[number], 250, frame))
+            )
+
+
 def test_the_true_path_of_panel_7b_is_in_the_chart(street: Sequence) -> None:
     """Also if the estimate goes straight on, while the truth turns."""
     straight = np.tile(np.eye(4), (100, 1, 1))
@@ -720,12 +778,12 @@ def test_the_true_path_of_panel_7b_is_in_the_chart(street: Sequence) -> None:
 def test_unfinished_pictures_of_the_slow_panels_say_so(
     street: Sequence, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("course.panel.FIRST_STEPS_S", 0.0)
     monkeypatch.setattr("course.redraws.PAUSE_S", 60.0)
     for kind, name, value, says in (
         (ch07.ExplorePanel, "selection.threshold", 3.35, "The first 2 of "),
         (appendix.CalibrationPanel, "view.tilt", -3.3, "the first 1 of 40 frames"),
     ):
+        monkeypatch.setattr(kind, "first_steps_s", 0.0)
         panel = kind(street)
         panel.job.wait(LONG)
         drag(panel.knobs[name].widget, value)

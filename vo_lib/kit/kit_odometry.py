@@ -18,7 +18,6 @@ from ..geometry.motion import essential_angle, essential_from_motion, essential_
 from ..geometry.reprojection import stereo_residuals
 from ..geometry.result import Flag
 from ..geometry.types import Array, Index
-from ..paper.five_point import five_point
 from ..paper.odometry import Odometry, Rotation, Solution, StepResult, Winner
 from ..paper.selection import WINNER_CRITERIA, sampson_inliers
 from ..paper.settings import ReprojectionConfig
@@ -163,8 +162,7 @@ class KitOdometry(SelfCalibratingOdometry):
         solutions = []
         x_p, x_c = self.points(matches)
         # The frame's random generator begins anew, so these are the candidates among which the winner was.
-        sets = self.five_point_sets(x_p, x_c)
-        E, _ = five_point(x_p[sets], x_c[sets])
+        E, _ = self.candidates(x_p, x_c)
         errors = WINNER_CRITERIA[self.config.selection.winner](E, x_p, x_c, self.threshold)
         for candidate in distinct_candidates(E, errors, CANDIDATES_TRIED):
             rotation = self.rotation(candidate, matches)

@@ -27,7 +27,7 @@ from ..geometry.result import Clock, Flag, FrameResult
 from ..geometry.types import Array, BoolArray, Index
 from .box_removal import BoxFilter, Removal
 from .buckets import select_by_bucket
-from .five_point import five_point
+from .five_point import Candidates, five_point
 from .selection import WINNER_CRITERIA, candidates_near_prior, draw_sets, resolve_by_depth, sampson_inliers
 from .settings import MethodConfig
 from .translation import PairBefore, solve_translation
@@ -160,8 +160,7 @@ class Odometry:
     def solve(self, matches: StereoMatches) -> Solution | None:
         """Steps 3 to 6: rotation from the essential matrix, then the translation; None without a result."""
         x_p, x_c = self.points(matches)
-        sets = self.five_point_sets(x_p, x_c)
-        E, set_index = five_point(x_p[sets], x_c[sets])
+        E, set_index = self.candidates(x_p, x_c)
         if len(E) == 0:
             return None
         winner = self.select(E, set_index, x_p, x_c)
@@ -179,6 +178,11 @@ class Odometry:
         """Step 2 (section 1): the selected matches of each bucket."""
         selected = select_by_bucket(matches.cur_left, matches.age, matches.strength, self.config.buckets)
         return matches[selected]
+
+    def candidates(self, x_p: Array, x_c: Array) -> Candidates:
+        """All essential matrices that fit the five-point sets of a frame with the points x_p and x_c (N, 2)."""
+        sets = self.five_point_sets(x_p, x_c)
+        return five_point(x_p[sets], x_c[sets])
 
     def five_point_sets(self, x_p: Array, x_c: Array) -> Index:
         """Step 3 (section 2.1): random five-point sets, indices (S, 5) of matches, for `five_point`."""

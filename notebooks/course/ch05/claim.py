@@ -22,7 +22,7 @@ from vo_lib.geometry.types import Array
 from vo_lib.report.page import ReportTable
 
 from ..colours import BAD, DARK, GOOD, PALE, THIRD
-from ..drawing import figure, finish, room, round_limits
+from ..drawing import empty, figure, finish, room, round_limits
 from ..frames import true_poses
 
 RESULTS = Path(__file__).parents[2] / "results.md"  # written by `vo data measure_results`
@@ -181,36 +181,56 @@ def three_features(camera: StereoCamera, T_cp: Array) -> StereoMatches:
     )
 
 
+class ClaimChart:
+    """Errors of each step by run, and paths from above with unequal axis scales.
+
+    The axes serve for one picture after the other: to make them takes half of the time of a picture.
+    """
+
+    def __init__(self, height: int = 250):
+        self.figure, self.axes = figure(height, 3, (1.0, 1.0, 0.8))
+
+    def draw(self, sequence: Sequence, runs: Mapping[str, Array], frame: int | None = None) -> Figure:
+        """The chart of some runs, with a mark at `frame`; it is valid until the next call.
+
+        A run may have only the first frames of the sequence.
+        """
+        for axis in self.axes:
+            empty(axis)
+        turns, lengths, path = self.axes
+        true = true_path(sequence)
+        frames = int(sequence.frames[0]) + np.arange(1, len(true))
+        for (name, poses), (colour, width) in zip(runs.items(), LINES, strict=False):
+            turn, step = step_errors(sequence, poses)
+            look: Any = {
+                "color": colour,
+                "linewidth": width,
+                "zorder": 6 - width,
+            }  # thin lines above wide ones
+            turns.plot(frames[: len(turn)], turn, label=name, **look)
+            lengths.plot(frames[: len(step)], step, **look)
+            path.plot(*poses[:, [0, 2], 3].T, **look)
+        path.plot(true[:, 0], true[:, 2], color=DARK, linewidth=1, label="truth", zorder=7)
+        for axis in (turns, lengths):
+            highest = max(float(np.asarray(line.get_ydata(), np.float64).max()) for line in axis.get_lines())
+            axis.set_ylim(0, room(1.35 * highest))  # room for the legend above the lines
+            if frame is not None:
+                axis.axvline(frames[frame - 1], ymax=0.7, color=PALE, linewidth=1)
+        sideways = [true[:, 0], *(poses[:, 0, 3] for poses in runs.values())]
+        reach = max(float(np.abs(places).max()) for places in sideways)
+        round_limits(path.yaxis)
+        path.set_xlim(-room(1.2 * reach, least=0.5), room(1.2 * reach, least=0.5))
+        finish(turns, "rotation error of each step [deg]", "frame", "", "upper left")
+        finish(lengths, "translation error of each step [mm]", "frame")
+        finish(path, "estimated path", "x, right [m]", "z, forward [m]", "above")
+        return self.figure
+
+
 def claim_figure(
     sequence: Sequence, runs: Mapping[str, Array], height: int = 250, frame: int | None = None
 ) -> Figure:
-    """Errors of each step by run, with a mark at `frame`, and paths from above with unequal axis scales.
-
-    A run may have only the first frames of the sequence.
-    """
-    made, (turns, lengths, path) = figure(height, 3, (1.0, 1.0, 0.8))
-    true = true_path(sequence)
-    frames = int(sequence.frames[0]) + np.arange(1, len(true))
-    for (name, poses), (colour, width) in zip(runs.items(), LINES, strict=False):
-        turn, step = step_errors(sequence, poses)
-        look: Any = {"color": colour, "linewidth": width, "zorder": 6 - width}  # thin lines above wide ones
-        turns.plot(frames[: len(turn)], turn, label=name, **look)
-        lengths.plot(frames[: len(step)], step, **look)
-        path.plot(*poses[:, [0, 2], 3].T, **look)
-    path.plot(true[:, 0], true[:, 2], color=DARK, linewidth=1, label="truth", zorder=7)
-    for axis in (turns, lengths):
-        highest = max(float(np.asarray(line.get_ydata(), np.float64).max()) for line in axis.get_lines())
-        axis.set_ylim(0, room(1.35 * highest))  # room for the legend above the lines
-        if frame is not None:
-            axis.axvline(frames[frame - 1], ymax=0.7, color=PALE, linewidth=1)
-    sideways = [true[:, 0], *(poses[:, 0, 3] for poses in runs.values())]
-    reach = max(float(np.abs(places).max()) for places in sideways)
-    round_limits(path.yaxis)
-    path.set_xlim(-room(1.2 * reach, least=0.5), room(1.2 * reach, least=0.5))
-    finish(turns, "rotation error of each step [deg]", "frame", "", "upper left")
-    finish(lengths, "translation error of each step [mm]", "frame")
-    finish(path, "estimated path", "x, right [m]", "z, forward [m]", "above")
-    return made
+    """The chart of `ClaimChart` for some runs."""
+    return ClaimChart(height).draw(sequence, runs, frame)
 
 
 def by_threshold(path: Path = CHOICES) -> dict[tuple[str, str], Array]:

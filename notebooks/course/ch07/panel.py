@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from operator import attrgetter
 from typing import Any
 
@@ -29,7 +29,7 @@ from vo_lib.report.table1_page import VARIANT_WORDS, results
 from vo_lib.runs.match_cache import CachedMatches
 from vo_lib.settings import Checked, declared, setting
 
-from ..ch05.claim import claim_figure
+from ..ch05.claim import ClaimChart
 from ..ch05.panel import LABELS, MODEL_REMEDY, typed_model
 from ..controls import about
 from ..drawing import TITLE_NAME, shortened
@@ -51,6 +51,7 @@ class ExplorePanel(Panel):
     kit = preset(METHOD, variant="kit")
     height = 240
     needs_truth = True
+    first_steps_s = 0.06  # enough for another threshold
     controls = (
         Control("selection.sets", "five-point sets", high=400),
         Control("selection.threshold", "inlier threshold", high=5, step=0.05),
@@ -61,6 +62,11 @@ class ExplorePanel(Panel):
         Control("translation.max_depth", "farthest feature", high=200, step=5),
         Control("seed", high=9),
     )
+
+    @cached_property
+    def chart(self) -> ClaimChart:
+        """The chart that is drawn anew for each picture."""
+        return ClaimChart(self.height)
 
     def changed(self, state: State) -> dict[str, Any]:
         """Settings that differ from the panel's start values and have an effect, by dotted name."""
@@ -120,7 +126,7 @@ class ExplorePanel(Panel):
 
     def _picture(self, state: State, paths: dict[str, Array]) -> Figure:
         frame = min(state.frame, len(state.sequence) - 1)
-        return claim_figure(state.sequence, paths, self.height, frame)
+        return self.chart.draw(state.sequence, paths, frame)
 
     def _changes(self, state: State) -> str:
         words = []
