@@ -190,10 +190,11 @@ CONTROLS = f"""number => {{
     return every.filter(each => each.offsetParent && getComputedStyle(each).visibility === 'visible'
         && !each.disabled && !each.closest('[disabled]')).map(name);
 }}"""
-# Menus, texts and tick boxes, by label, without a tooltip.
+# Menus, texts, tick boxes and sliders, by label, without a tooltip.
 WITHOUT_TIP = """number => [...document.querySelectorAll('.vo-panel')[number]
-    .querySelectorAll('.widget-dropdown, .widget-text, .widget-checkbox')]
-    .filter(each => each.offsetParent && !each.title).map(each => each.querySelector('label').textContent)"""
+    .querySelectorAll('.widget-dropdown, .widget-text, .widget-checkbox, .widget-hslider > label')]
+    .filter(each => each.offsetParent && [null, '', 'null'].includes(each.getAttribute('title')))
+    .map(each => each.textContent)"""
 SOURCE = "number => document.querySelectorAll('.vo-panel')[number].querySelector('.widget-image').src"
 MOST_STOPS = 60  # of the Tab key in a panel
 

@@ -87,6 +87,7 @@ STALE_CLASS = "vo-stale"  # of CSS: a picture of an earlier state
 VARIANTS = "published", "kit"
 SWITCH = "the method as published, or the variant kit; each shows the controls of its own settings"
 FOLDER = "a folder with a sequence in KITTI's layout"
+FRAME = "the frame that is shown; its matches are with the frame before"
 PATH = "or path"  # label of the control for a folder
 NAME_LENGTH = 19  # characters of a sequence's name in the list
 RESET = "set all controls to their first values; the sequence does not change"
@@ -220,7 +221,7 @@ class Panel:
 
         self.knobs = self._make_knobs({key.replace("__", "."): value for key, value in values.items()})
         self.variant = widgets.Dropdown(options=VARIANTS, tooltip=SWITCH, **labelled("method"))
-        self.frame = WholeSlider(value=frame, min=1, max=max(frame, 2), **labelled("frame"))
+        self.frame = WholeSlider(value=frame, min=1, max=max(frame, 2), tooltip=FRAME, **labelled("frame"))
         self.first = {name: knob.widget.value for name, knob in self.knobs.items()}
         self.first |= {"frame": frame, "variant": VARIANTS[0]}
         names = [_named(name) for name in available()]

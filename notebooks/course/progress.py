@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import threading
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -49,7 +50,7 @@ class Job:
 
     def __init__(self) -> None:
         self._bar = widgets.IntProgress(min=0, max=1, layout={"flex": "1 1 120px", "max_width": "420px"})
-        self._words = widgets.Label(layout={"flex": "0 0 auto"})
+        self._words = widgets.HTML(layout={"flex": "0 0 auto"})
         button = widgets.Button(description="Stop", icon="stop", layout={"min_width": "90px"})
         button.on_click(lambda _: self.stop())
         self.box = widgets.HBox([self._bar, self._words, button], layout={"display": "none"})
@@ -77,7 +78,7 @@ class Job:
         these calls. After Stop, `failed` gets `Stopped` at once, on the thread that stops.
         """
         over = threading.Event()
-        words = shortened(label, LABEL_LENGTH)
+        words = f'<span title="{html.escape(label)}">{html.escape(shortened(label, LABEL_LENGTH))}'
 
         def report(count: int, total: int) -> None:
             with self._lock:
@@ -85,7 +86,7 @@ class Job:
                     raise Stopped
                 self._bar.max = max(total, 1)
                 self._bar.value = count
-                self._words.value = f"{words}: {count} of {total}"
+                self._words.value = f"{words}: {count} of {total}</span>"
 
         def body() -> None:
             wrong: Exception | None = None
@@ -110,8 +111,7 @@ class Job:
             self._thread = thread
             self._failed = failed
             self._bar.value = 0
-            self._words.value = words
-            self._words.tooltip = label
+            self._words.value = f"{words}</span>"
             self.box.layout.display = ""
         thread.start()
 

@@ -26,6 +26,7 @@ from course.controls import Control, Knob
 from course.drawing import WIDTH, caption
 from course.kept_runs import poses_of, run_by_frame
 from course.panel import NAME_LENGTH, STALE_CLASS, UNFINISHED, Drawing, Fact, Panel, State
+from course.progress import LABEL_LENGTH
 from course.raster import fast_raster, forget_layers, raster
 from course.results import marked
 from vo_lib.config import change, preset
@@ -138,6 +139,7 @@ def test_controls_have_names_and_the_tab_key_follows_the_page(panel: Panel) -> N
                 assert knob.shown.tooltip == knob.setting.text
         expected += [panel.long_job] if panel.long_job else []
         assert names == expected
+        assert panel.frame.tooltip
         assert len({*names}) == len(names)
     panel.set(variant="published")
 
@@ -318,11 +320,10 @@ def test_a_long_name_is_shortened_where_there_is_no_room(slow: Slow, long_name: 
     assert (len(label), value, slow.chooser.value) == (NAME_LENGTH, name, name)
     assert name.startswith(label.split("…")[0])
     assert name.endswith(label.split("…")[1])
-    words = slow.job._words
-    assert len(words.value) < 70
-    assert words.value.startswith("opening /")
-    assert "in_june" in words.value
-    assert words.tooltip == f"opening {name}"
+    shown = re.fullmatch('<span title="(.*)">(opening /.*in_june)</span>', slow.job._words.value)
+    assert shown is not None
+    assert shown[1] == f"opening {name}"
+    assert len(shown[2]) == LABEL_LENGTH
     tips = re.findall('data-(tips|names)="([^"]*)"', slow._tips.value)
     assert all(name in html.unescape(data) for _, data in tips)
     slow.go_on.set()
