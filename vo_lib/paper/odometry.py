@@ -180,7 +180,7 @@ class Odometry:
         return matches[selected]
 
     def candidates(self, x_p: Array, x_c: Array) -> Candidates:
-        """All essential matrices that fit the five-point sets of a frame with the points x_p and x_c (N, 2)."""
+        """All essential matrices that fit the five-point sets of a frame with points x_p and x_c (N, 2)."""
         sets = self.five_point_sets(x_p, x_c)
         return five_point(x_p[sets], x_c[sets])
 
