@@ -1,4 +1,4 @@
-"""The panel of chapter 5 and the film show the removal that the odometry makes."""
+"""The panel of chapter 5, the film and the report show the removal that the odometry makes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from course.ch05.panel import LABELS, FilteringView, filtered_frame
 from vo_lib import preset, run
 from vo_lib.config import change
 from vo_lib.data.sequence import Sequence
-from vo_lib.report.film import film_frames
+from vo_lib.report.film import film_frames, removal_image
+from vo_lib.report.plots import match_image
 
 
 @pytest.mark.parametrize(
@@ -32,3 +33,22 @@ def test_panel_and_film_show_the_removal_of_the_odometry(street: Sequence, varia
     assert (shown.state is None) == (rule != "moving")
     if shown.state is not None and filmed.removal.state is not None:
         np.testing.assert_array_equal(shown.state, filmed.removal.state)
+
+
+@pytest.mark.parametrize(("variant", "rule"), [("published", "all"), ("kit", "all"), ("kit", "moving")])
+def test_the_picture_of_a_removal_shows_the_frame_as_the_run_had_it(
+    street: Sequence, variant: str, rule: str
+) -> None:
+    result = run(
+        street.part(40, 60), change(preset("feature_selection", variant=variant), "filter.rule", rule)
+    )
+    most = max(result.motions, key=lambda motion: motion.removed)
+    filmed = next(frame for frame in film_frames(result) if frame.motion.removed == most.removed)
+    assert np.count_nonzero(~filmed.removal.kept) == most.removed > 0
+    removal = filmed.removal
+    image = result.sequence.left(filmed.index)
+    expected = match_image(image, filmed.matches, removal.kept, removal.boxes, removal.state)
+    found = removal_image(result)
+    assert found is not None
+    assert found[0] == filmed.index
+    np.testing.assert_array_equal(found[1], expected)

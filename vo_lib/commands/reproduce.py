@@ -205,7 +205,7 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
             tables=report_tables,
             conclusions=[*without_boxes, *conclusions],
             origin=[call.command, f"duration {seconds:.0f} s, processes: {durations.workers}"],
-            removals=removal_pictures(outcomes),
+            removals=removal_pictures(outcomes, options.cache),
             record=record,
         )
     for report_table in report_tables:

@@ -21,6 +21,7 @@ from ..geometry.matches import StereoMatches
 from ..geometry.result import FrameResult
 from ..geometry.types import Array, Image
 from ..paper.box_removal import Removal
+from ..paper.settings import PublishedConfig
 from ..runs.drive import MethodRun, Run, frames
 from ..runs.folder import is_finished
 from ..runs.front_end import TimedMatches
@@ -79,19 +80,24 @@ def film_frames(
             yield FilmFrame(frame.index, frame.matches, result.removal, result.motion)
 
 
-def removal_image(run: Run, calibration: Calibration | None = None) -> tuple[int, Image] | None:
+def removal_image(run: Run, matches: Iterable[TimedMatches] | None = None) -> tuple[int, Image] | None:
     """The frame of which a run removed the most features, and its image with boxes and features, BGR.
 
-    Its matches are computed again from this frame and the one before. None if the run removed no feature.
+    The removal is computed again. As published, it needs this frame and the one before alone; variant kit
+    follows features and boxes over many frames, so the run is repeated up to this frame, with `matches` as
+    in `run_methods`. None if the run removed no feature.
     """
     removed = [motion.removed for motion in run.motions]
     if max(removed, default=0) == 0:
         return None
     index = removed.index(max(removed)) + 1  # the first motion leads to frame 1
-    run_of_pair = replace(run, sequence=run.sequence.part(index - 1, index + 1))
-    (frame,) = film_frames(run_of_pair, calibration=calibration)
+    if isinstance(run.config, PublishedConfig):
+        pair = replace(run, sequence=run.sequence.part(index - 1, index + 1))
+        (frame,) = film_frames(pair)
+    else:
+        frame = next(frame for frame in film_frames(run, matches) if frame.index == index)
     removal = frame.removal
-    left = run_of_pair.sequence.left(frame.index)
+    left = run.sequence.left(index)
     return index, plots.match_image(left, frame.matches, removal.kept, removal.boxes, removal.state)
 
 

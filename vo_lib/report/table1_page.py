@@ -17,6 +17,7 @@ from ..files import write_atomic, written_together
 from ..geometry.types import Array
 from ..runs.folder import read_run
 from ..runs.jobs import Outcome
+from ..runs.match_cache import CachedMatches
 from .blocks import Block, settings_folder
 from .film import FILM_ENDING, poster, removal_image
 from .page import (
@@ -451,10 +452,11 @@ def _block_name(block: Block) -> str:
     return f"{block.variant}_{settings_folder(block.changes)}" if block.changes else block.variant
 
 
-def removal_pictures(outcomes: Iterable[Outcome]) -> list[Picture]:
+def removal_pictures(outcomes: Iterable[Outcome], cache: Path | None = None) -> list[Picture]:
     """For each sequence, an image with boxes and features from the run of the proposal with the first seed.
 
-    The image is that of the frame of which the run removed the most features.
+    The image is that of the frame of which the run removed the most features. `cache` : the folder with the
+    matches of the runs, by default in the user's cache folder.
     """
     pictures: dict[str, Picture] = {}
     for outcome in outcomes:
@@ -462,7 +464,8 @@ def removal_pictures(outcomes: Iterable[Outcome]) -> list[Picture]:
         name = job.sequence.name
         if outcome.error is not None or job.method != PROPOSAL or job.config.seed != 0 or name in pictures:
             continue
-        found = removal_image(read_run(job.folder, job.sequence))
+        matches = CachedMatches(job.sequence, job.config, cache)
+        found = removal_image(read_run(job.folder, job.sequence), matches)
         if found is not None:
             index, image = found
             caption = (
