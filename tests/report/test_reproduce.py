@@ -687,7 +687,7 @@ def test_dask_runs_the_table(tree: Path) -> None:
     assert reproduce(tree, *words) == 0
     local = {folder: content for folder, (_, content) in poses_of(tree).items()}
     shutil.rmtree(tree / "out")
-    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster:
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0") as cluster:
         assert reproduce(tree, *words, "--dask", cluster.scheduler_address) == 0
     assert {folder: content for folder, (_, content) in poses_of(tree).items()} == local
 

@@ -177,7 +177,7 @@ def test_dask_cluster_runs_the_jobs(
 ) -> None:
     distributed = pytest.importorskip("distributed")
     jobs = all_jobs(two[:1], tmp_path / "runs")
-    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster:
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0") as cluster:
         outcomes = run_jobs(jobs, cache=tmp_path / "cache", scheduler=cluster.scheduler_address)
     assert [outcome.error for outcome in outcomes] == [None] * 4
     texts = [(job.folder / "poses.txt").read_text(encoding="utf-8") for job in jobs]
