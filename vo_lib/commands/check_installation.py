@@ -36,6 +36,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def _check(options: argparse.Namespace) -> int:
+    """Print the findings and their remedies; exit code 1 for a problem."""
     findings = [_packages(), _kitti(), _detectors(), _cache()]
     rows = [[finding.subject, finding.state, finding.facts] for finding in findings]
     show_table(["subject", "state", "facts"], rows, numbers=False)

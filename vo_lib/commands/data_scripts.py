@@ -27,6 +27,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def _data(options: argparse.Namespace) -> int:
+    """Run a script and return its exit code, or list the scripts."""
     purposes = scripts()
     if options.name is None:
         show_table(["script", "purpose"], [[*row] for row in purposes.items()], numbers=False)

@@ -43,6 +43,7 @@ def _words(folder: str) -> list[str]:
 
 
 def _demo(options: argparse.Namespace) -> int:
+    """Call `vo reproduce` and return its exit code; then say what to do next."""
     parser = argparse.ArgumentParser()
     reproduce.add(parser)
     words = _words(options.out)

@@ -157,6 +157,7 @@ def _read_measure(options: argparse.Namespace) -> _Measure:
 
 
 def _evaluate(options: argparse.Namespace) -> int:
+    """Read the paths; write, and print as tables or as JSON, their errors or how they differ."""
     measure = _read_measure(options)
     if options.out is not None:
         require_drawing()

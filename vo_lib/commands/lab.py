@@ -75,6 +75,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def _lab(options: argparse.Namespace) -> int:
+    """Update the copy of the course; then open it, write the zip for the teacher, or only say where it is."""
     if options.jupyter and not options.jupyter[0].startswith("-"):
         raise DataError(f"unexpected {options.jupyter[0]!r}: --copy DIR chooses the folder of the course")
     notebooks = folder_of_checkout("notebooks")

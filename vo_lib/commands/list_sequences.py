@@ -27,6 +27,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def _list(options: argparse.Namespace) -> int:
+    """Print a row for each sequence, and why one cannot be used."""
     rows = list[list[str]]()
     problems = list[str]()
     imported: dict[str, Path | None] = {_shown(folder): folder for folder in imported_folders()}

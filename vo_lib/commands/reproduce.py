@@ -152,9 +152,9 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
     with ExitStack() as stack:
         folder = stack.enter_context(run_folder(options.out))
         sequences = [common.open_with_bar(name, options.cache, options) for name in table.names]
-        own = is_own_table(folder / TABLE) or has_runs(folder / RUNS)
-        # Before the lock, which marks the folder as the kit's.
-        refuse_foreign(folder, table_files(table.blocks, [sequence.name for sequence in sequences]), own)
+        _refuse_foreign_files(
+            folder, table, sequences
+        )  # before the lock, which marks the folder as the kit's
         stack.enter_context(only_process(folder))
         opener = vehicle_boxes.Opener(sequences, options, durations)
         cells = _plan(table, folder, opener, options.fresh)
@@ -162,9 +162,8 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
         remarks += tuple(_note_lengths(sequences, table.measure))
         workers = common.parse_jobs(options.jobs, len(jobs))
         runs = [(job.sequence, job.config) for job in jobs]
-        remarks += tuple(
-            vehicle_boxes.note_label_remarks(runs, vehicle_boxes.TYPED_SET_CLASSES, with_name=True)
-        )
+        typed = vehicle_boxes.TYPED_SET_CLASSES
+        remarks += tuple(vehicle_boxes.note_label_remarks(runs, typed, with_name=True))
         without_boxes = vehicle_boxes.warn_without_boxes(runs)
         with reporting(f"{len(jobs)} runs") as report:
             outcomes = common.run_with_options(jobs, workers, report, durations, options)
@@ -176,27 +175,12 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
         closed = close_loops.close_outcomes(outcomes, LoopConfig()) if options.loops else []
         groups = group_entries(result.entries)
         differs = {block: block.described(table.methods[block.variant]) for block in table.blocks}
-        report_tables = [
-            *_tables_with_truth(groups, paper, differs),
-            *closed,
-            *short_path_tables(result),
-            *settings_tables_without_truth(result),
-            *_tables_without_truth(result, cells),
-        ]
+        report_tables = _tables_with_truth(groups, paper, differs) + closed
+        report_tables += short_path_tables(result) + settings_tables_without_truth(result)
+        report_tables += _tables_without_truth(result, cells)
         conclusions = [*results(groups), *remarks]
         seconds = time.perf_counter() - start
         call = this_call(options.line, seconds, durations.workers)
-        record = reproduction_record(
-            entries=result.entries,
-            paper=paper,
-            missing=table.missing,
-            detector=None if options.detector is None else find_model(options.detector),
-            call=call,
-            earlier=[] if options.fresh else earlier_calls(folder),
-            jobs=jobs,
-            cache=options.cache,
-            differs=differs,
-        )
         write_table_files(
             folder,
             result,
@@ -206,7 +190,17 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
             conclusions=[*without_boxes, *conclusions],
             origin=[call.command, f"duration {seconds:.0f} s, processes: {durations.workers}"],
             removals=removal_pictures(outcomes, options.cache),
-            record=record,
+            record=reproduction_record(
+                entries=result.entries,
+                paper=paper,
+                missing=table.missing,
+                detector=None if options.detector is None else find_model(options.detector),
+                call=call,
+                earlier=[] if options.fresh else earlier_calls(folder),
+                jobs=jobs,
+                cache=options.cache,
+                differs=differs,
+            ),
         )
     for report_table in report_tables:
         show_report_table(report_table)
@@ -218,6 +212,12 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
         print_wrapped(f"Record for chapter 7 and for others: {folder / RECORD}")
     is_incomplete = bool(table.missing) and options.missing != "ok"
     return 1 if result.failed or is_incomplete else 0
+
+
+def _refuse_foreign_files(folder: Path, table: _Table, sequences: list[Sequence]) -> None:
+    """Raise `DataError` if the table would replace files in a folder that has no table of the kit."""
+    own = is_own_table(folder / TABLE) or has_runs(folder / RUNS)
+    refuse_foreign(folder, table_files(table.blocks, [sequence.name for sequence in sequences]), own)
 
 
 def _plan(table: _Table, folder: Path, opener: vehicle_boxes.Opener, fresh: bool) -> list[Cell]:

@@ -109,6 +109,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
+    """Do the run, or read it from its folder; print its errors, and draw its path and its film."""
     method, base = common.read_method(options)
     if options.help_settings:
         return _print_settings_page(base)

@@ -112,6 +112,7 @@ def _read_grid(options: argparse.Namespace) -> _Grid:
 
 
 def _sweep(options: argparse.Namespace) -> int:
+    """Do the runs; write and print a table for each sequence. Exit code 1 if a run failed."""
     common.require_drawing()
     grid = _read_grid(options)
     workers = common.parse_jobs(options.jobs, grid.runs)

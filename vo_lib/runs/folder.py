@@ -323,6 +323,7 @@ def read_config(path: Path) -> dict[str, Any]:
 
 
 def _are_two_texts(value: object) -> bool:
+    """Whether a value of JSON is a list of two texts."""
     return isinstance(value, list) and len(value) == 2 and all(isinstance(each, str) for each in value)
 
 
@@ -462,4 +463,5 @@ def frames_csv(frames: tuple[str, ...], motions: list[FrameResult]) -> str:
 
 
 def _json(data: dict[str, Any]) -> str:
+    """The text of a JSON file; ValueError for a number that is not finite."""
     return json.dumps(data, indent=2, allow_nan=False) + "\n"
