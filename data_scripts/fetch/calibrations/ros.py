@@ -142,10 +142,15 @@ def is_ost(text: str) -> bool:
 
 
 def parse_ost(text: str, path: Path) -> list[CameraInfo]:
-    """The cameras of an ost.txt, which has a section for each camera after the section [image]."""
+    """The cameras of an ost.txt, which has a section for each camera after the section [image].
+
+    Raises `DataError` for a file without a section of a camera, or with an invalid one.
+    """
     sections = re.split(r"^\[([^\]\n]+)\]\s*$", text, flags=re.MULTILINE)
     blocks = dict(zip(sections[1::2], sections[2::2], strict=True))
     head = blocks.pop("image", "")
+    if not blocks:
+        raise DataError("has no camera: expected lines such as [narrow_stereo/left], each by itself", path)
     image = {name: _after(head, name)[:1] for name in ("width", "height")}
     cameras = []
     for name, block in blocks.items():
