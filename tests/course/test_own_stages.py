@@ -306,7 +306,7 @@ E_PREV = "        e_prev = E[winner].ravel() / np.linalg.norm(E[winner])\n"
             "pair.cur_left, pair.cur_right)\n        # Ch",
             "current frame",
         ),
-        ("zip(*(y[good] for y in x))", "zip(*(y[good] for y in x[::-1]))", "`x_pl` and `x_cr` in exchanged"),
+        ("zip(*kept)", "zip(*kept[::-1])", "`x_pl` and `x_cr` in exchanged"),
     ],
 )
 def test_a_fault_of_composition_is_named(
