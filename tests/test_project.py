@@ -153,3 +153,18 @@ def test_a_chapter_imports_no_later_chapter() -> None:
             chapter = re.search(r"course\.ch(\d\d)\b", name)
             is_upward = chapter is not None and int(chapter[1]) > own
             assert folder == "appendix" or not is_upward, (path.relative_to(ROOT), name)
+
+
+def test_deviations_over_seeds_come_from_one_module() -> None:
+    """`evaluation/statistics.py` alone; what an exercise shows to students may write the formula out."""
+    sources = {}
+    for folder in ("vo_lib", "data_scripts", "notebooks"):
+        for path in (ROOT / folder).rglob("*.py"):
+            if path.name not in ("statistics.py", "exercises.py"):
+                sources[str(path)] = path.read_text(encoding="utf-8")
+    for path in (ROOT / "notebooks").glob("*.ipynb"):
+        cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+        code = [line for cell in cells if cell["cell_type"] == "code" for line in cell["source"]]
+        sources[str(path)] = "".join(code)
+    own = re.compile(r"\bddof\b|\b(?:nan)?std\(\w|\bp?stdev\(")
+    assert [path for path, text in sources.items() if own.search(text)] == []

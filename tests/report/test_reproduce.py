@@ -234,7 +234,7 @@ def test_result_compares_means_with_and_without_removal() -> None:
     # From 3 to 2 %; the rotations are exact.
     assert text.endswith(
         f"lowers TE from {means[0]} to {means[1]} % (−33.3 %) compared with solution_selection"
-        "; with two seeds, a change may be due to chance."
+        "; two seeds give only a rough standard deviation."
     )
     assert results([group_of(*(e for e in entries if e.method == "mesvo_f"))]) == []
     # 01 counts if there is no other sequence; its errors are equal here.

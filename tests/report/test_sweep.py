@@ -302,4 +302,4 @@ def test_equal_paths_of_all_seeds_are_called_equal(
     printed = " ".join(capsys.readouterr().out.split())
     assert "no ground truth" in printed
     assert "viso2: all seeds of the default settings give the same path, to the millimetre." in printed
-    assert "may be chance" not in printed
+    assert "one run would not show" not in printed

@@ -383,7 +383,7 @@ def _fields_of_distances(
 
 
 def _seeds_note(cell: _SweepCell, error_of_job: Mapping[Path, str | None], reference: str) -> str:
-    """A sentence on how far the seeds of a cell of the reference are apart, as a measure of chance."""
+    """A sentence on how far two seeds of a cell of the reference are apart, and what one run cannot show."""
     paths: list[Array] = [result.poses for result in _finished_runs(cell, error_of_job)]
     apart = [
         path_difference("", first, "", second).rmse for first, second in itertools.combinations(paths, 2)
@@ -393,7 +393,7 @@ def _seeds_note(cell: _SweepCell, error_of_job: Mapping[Path, str | None], refer
     mean, deviation = mean_and_deviation(apart)
     return (
         f"{cell.method}: two seeds of {reference} are {plus_minus(mean, deviation)} m apart "
-        "(rmse), so a difference of this size may be chance."
+        "(rmse), so one run would not show a difference of this size."
     )
 
 

@@ -364,7 +364,7 @@ def _comparison(group: Group, other: str) -> list[str]:
     if seeds == 1:
         sentence += "; one seed does not tell whether another run would show this"
     elif seeds == 2:
-        sentence += "; with two seeds, a change may be due to chance"
+        sentence += "; two seeds give only a rough standard deviation"
     return [f"{sentence}."]
 
 

@@ -10,12 +10,14 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
 
+from vo_lib.evaluation.statistics import standard_deviation
 from vo_lib.geometry.types import Array
 
 from ..by_depth import DEPTHS
 from ..by_depth import by_depth_figure as by_depth_figure
 from ..colours import BAD, DARK, FIFTH, GOOD, PALE, WHITE
 from ..drawing import COARSE, FONT_SIZE, SMALL_SIZE, figure, finish, log_axis, numbers_at, room, round_limits
+from .weightings import length_errors
 
 # Pixels shown of a residual.
 LEAST = 0.01
@@ -273,10 +275,9 @@ def bias_figure(noises: Array, tables: dict[str, list[dict[str, Array]]], t_true
     made, axes = figure(260, len(tables))
     for axis, (title, table) in zip(axes, tables.items(), strict=True):
         for name, colour in zip(table[0], (BAD, GOOD), strict=True):
-            lengths = np.array([np.linalg.norm(row[name], axis=1) for row in table])
-            off = 100.0 * (lengths / np.linalg.norm(t_true) - 1.0)
+            off = np.array([length_errors(row[name], t_true) for row in table])  # (K, S), %
             mean = off.mean(axis=1)
-            spread = off.std(axis=1, ddof=1)
+            spread = standard_deviation(off.T)
             axis.fill_between(noises, mean - spread, mean + spread, color=colour, alpha=0.2, linewidth=0)
             axis.plot(noises, mean, ".-", color=colour, linewidth=1.5, label=name)
         axis.axhline(0.0, color=DARK, linewidth=1, linestyle=":")

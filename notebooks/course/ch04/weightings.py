@@ -6,6 +6,7 @@ import numpy as np
 
 from course.simulation.tracks import TrackConfig, simulate_tracks
 from vo_lib.errors import DataError
+from vo_lib.evaluation.statistics import mean_and_deviation
 from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.motion import transform
@@ -96,8 +97,7 @@ def length_errors(answers: Array, t_true: Array) -> Array:
 
 def bias_and_deviation(answers: Array, t_true: Array) -> tuple[float, float]:
     """Mean and standard deviation (over S - 1) of the lengths of translations (S, 3), in % of the true length."""
-    errors = length_errors(answers, t_true)
-    return float(errors.mean()), float(errors.std(ddof=1))
+    return mean_and_deviation(length_errors(answers, t_true))
 
 
 def solve_by(

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from vo_lib.data.poses import from_first
 from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.ate_rpe import relative_error
-from vo_lib.evaluation.statistics import change_limit, standard_deviation
+from vo_lib.evaluation.statistics import one_run_shows, standard_deviation
 from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.motion import transform
@@ -119,11 +119,9 @@ def whole_drive_line(section: str, row: str) -> str:
     removed = errors["feature_selection"]
     parts = []
     for name, error, deviation in (("TE", 0, 2), ("RE", 1, 3)):  # places in the arrays
-        limit = change_limit(float(kept[error]), float(kept[deviation]), float(removed[deviation]))
-        change = float(removed[error] - kept[error])
-        word = "better" if change < 0 else "worse"
-        if abs(change) <= limit:
-            word = "not shown"
+        word = "not shown"
+        if one_run_shows(kept[error], kept[deviation], removed[error], removed[deviation]):
+            word = "better" if removed[error] < kept[error] else "worse"
         parts.append(f"{name} {kept[error]:.3f} → {removed[error]:.3f} ({word})")
     return f"{section.rpartition(' ')[2]:9} {row:17}: {', '.join(parts)}"
 

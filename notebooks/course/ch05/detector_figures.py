@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 
-from vo_lib.evaluation.statistics import change_limit, standard_deviation
+from vo_lib.evaluation.statistics import mean_and_deviation, one_run_shows, standard_deviation
 from vo_lib.geometry.boxes import overlap
 from vo_lib.geometry.types import Array, BoolArray, Image
 
@@ -204,10 +204,8 @@ def experiments_figure(names: Sequence[str], height: int = 230) -> Figure:
 
 
 def is_shown(before: Array, after: Array) -> bool:
-    """Whether one run would show the change of a number, from its values over the seeds (S,)."""
-    deviation = float(standard_deviation(before))
-    limit = change_limit(float(before.mean()), deviation, float(standard_deviation(after)))
-    return abs(float(after.mean() - before.mean())) > limit
+    """Whether one run would show the change of a number, from its values over the seeds (S,); not for one seed."""
+    return bool(one_run_shows(*mean_and_deviation(before), *mean_and_deviation(after)))
 
 
 def experiment_lines(names: Sequence[str], columns: Sequence[str] = ()) -> str:

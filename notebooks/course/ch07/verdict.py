@@ -24,6 +24,7 @@ from vo_lib.evaluation.statistics import (
     paired_change,
     prediction_half_width,
     sign_flip_share,
+    standard_deviation,
 )
 from vo_lib.files import read_csv
 from vo_lib.geometry.types import Array
@@ -475,7 +476,7 @@ def simulated_outside(cells: Sequence[Judged]) -> Array:
         seeds = runs[:, :-1]
         printed = printed_and_back(runs[:, -1], cell.method, cell.kind)
         factor = prediction_half_width(1.0, cell.seeds)
-        allowed = factor * seeds.std(axis=1, ddof=1) + rounding(cell.method, cell.kind)
+        allowed = factor * standard_deviation(seeds.T) + rounding(cell.method, cell.kind)
         outside += np.abs(seeds.mean(axis=1) - printed) > allowed
     return outside
 
