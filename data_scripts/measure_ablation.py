@@ -23,7 +23,19 @@ from pathlib import Path
 
 import numpy as np
 
-from measure.ablation import COLUMNS, IDEAS, WHOLE, Ablation, Idea, Row, read_row, row_of, tables
+from measure.ablation import (
+    COLUMNS,
+    IDEAS,
+    TIMED_FRAMES,
+    TIMED_RUNS,
+    WHOLE,
+    Ablation,
+    Idea,
+    Row,
+    read_row,
+    row_of,
+    tables,
+)
 from measure.axes import axes_rotation, fit_axes, is_raw_drive, number_or_nan, turn_axes
 from measure.disturbances import disturbed_drives
 from measure_results import add_inputs, open_all
@@ -45,8 +57,6 @@ from vo_lib.runs.jobs import Job, run_jobs
 
 SEEDS = 5
 DRAWN_FRAMES = 100  # the first frames of a drawn scene; all frames would take a night
-TIMED_FRAMES = 40
-TIMED_RUNS = 3  # the shortest time counts: other programs only add time
 
 
 def results_of(result: Run) -> tuple[float, ...]:

@@ -29,6 +29,9 @@ COLUMNS = (*KEY, *(f"{name}{end}" for name in RESULTS for end in ("", "_sd")), "
 # change. The rule is not that of `one_run_shows`: both runs have the same seed, and 1 % is enough to stay.
 DECISIVE = ("te", "re", "end")
 NEEDED_SHARE = 0.01
+# The times are measured in runs of their own, on the first frames of the first drive.
+TIMED_FRAMES = 40
+TIMED_RUNS = 3  # the shortest time counts: other programs only add time
 WORDS = {"te": "TE", "re": "RE", "end": "end"}
 
 
@@ -300,7 +303,7 @@ def _worth_table(ablation: Ablation) -> ReportTable:
         "errors are over sub-sequences of 20, 50 and 100 m that start at every frame. Drawn scenes have 100 "
         "frames; TE and the end of drive_0013 are computed with the pitch and yaw that minimise TE. The "
         "method is `moving_selection` for ideas of the rule `moving`, and `feature_selection` for all other "
-        "ideas. The column `ms` has the change of the processor time per frame. The column `drives` counts "
+        f"ideas. {_timed_words(ablation)}The column `drives` counts "
         f"the drives on which TE, RE or the end point gets worse by more than {100 * NEEDED_SHARE:.0f} % and "
         "by more than two standard deviations of the change. By this rule an idea stays in the kit, and it "
         "is another rule than that of the tables of errors: a run with the idea and a run without it have "
@@ -319,6 +322,26 @@ def _worth_table(ablation: Ablation) -> ReportTable:
         notes,
         [head],
     )
+
+
+def _timed_words(ablation: Ablation) -> str:
+    """What the column of times has, and how far times differ that should be equal; "" without times."""
+    timed = [row for row in ablation.rows if row.idea and not np.isnan(row.ms)]
+    if not timed:
+        return ""
+    drives = " and ".join(dict.fromkeys(row.sequence for row in timed))
+    words = (
+        "The column `ms` has the change of the processor time per frame, in runs of their own on the first "
+        f"{TIMED_FRAMES} frames of {drives} with seed 0 (the shortest of {TIMED_RUNS} each); it has no "
+        "spread. "
+    )
+    without_effect = [abs(row.ms) for row in timed if not any(row.mean.values())]
+    if without_effect:
+        words += (
+            "Without an idea that changes no result on this drive, the time still differs by up to "
+            f"{max(without_effect):.1f} ms, so a smaller difference tells nothing. "
+        )
+    return words
 
 
 def _counted_words(ablation: Ablation) -> str:

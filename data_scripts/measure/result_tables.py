@@ -227,7 +227,9 @@ def page_tables(
     of_method = {label: row for label, row in rules.items() if label.endswith(method)}
     sentences = compared(of_method, "none", "moving", f"For `{method}`, the rule `moving` in place of `none`")
     result += tables("Box rules, variant kit", rules, sentences, "sequence, method")
-    result.append(plain("Box rules, variant kit: features removed, %", "sequence, method", removed, 0))
+    removed_table = plain("Box rules, variant kit: features removed, %", "sequence, method", removed, 0)
+    removed_table.notes.append("Of the runs with seed 0.")
+    result.append(removed_table)
     learning = with_numbers(learning)
     sentences = compared(learning, "off", "learnt", "Learning the calibration")
     result += tables("Effect of the estimated calibration", learning, sentences, "sequence, method")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import shlex
 import shutil
 from pathlib import Path
 
@@ -30,6 +31,7 @@ from vo_lib.data.poses import write_kitti_poses
 from vo_lib.data.sequence import Sequence
 from vo_lib.files import csv_text, read_csv
 from vo_lib.geometry.types import Array, Image
+from vo_lib.report.page import ReportTable, markdown
 
 FRAMES = 10
 BY_NAME = {kind.name: kind for kind in DISTURBANCES}
@@ -319,3 +321,25 @@ def test_stored_table_belongs_to_the_page() -> None:
     # An idea stays if a drive needs it, or if a chapter is about it.
     for idea in IDEAS:
         assert idea.taught or ablation.harms(idea.name), idea.name
+
+
+@pytest.mark.parametrize("name", ["results.md", "real_traffic.md"])
+def test_stored_pages_say_how_they_were_made(name: str) -> None:
+    """The tables of the ideas come from another command with other seeds, and the page says so."""
+    from measure_results import ABLATION, page_command, page_head
+
+    page = ABLATION.with_name(name).read_text(encoding="utf-8")
+    _, head, command, *_ = page.split("\n\n")
+    words = shlex.split(command)
+    detector = words[words.index("--detector") + 1]
+    assert command == page_command(words[words.index("--sequences") + 1], detector)
+    of_ideas: list[ReportTable] = []
+    if name == "results.md":
+        of_ideas = tables(Ablation([read_row(cells) for _, cells in read_csv(ABLATION)[1:]]))
+        assert "`vo data measure_ablation`" in head
+        assert "with seed 0 (the shortest of 3 each); it has no spread" in of_ideas[0].head[0]
+    assert head == page_head([table.title for table in of_ideas])
+    assert "Unless a table says otherwise, errors are means over seeds 0-4" in head
+    last = "\n\n".join(map(markdown, of_ideas))
+    assert page.endswith(last)
+    assert all(f"## {table.title}\n" not in page.removesuffix(last) for table in of_ideas)
