@@ -135,7 +135,7 @@ def load_sections(
 
 
 def _line_of(error: BaseException, path: Path) -> str:
-    """The line of a file that raised an error, as the begin of a message; "" if the message names it anyway."""
+    """The line of a file that raised an error, as the beginning of a message; "" if the message names it anyway."""
     lines = [step.lineno for step in traceback.extract_tb(error.__traceback__) if step.filename == str(path)]
     return f"line {lines[-1]}: " if lines else ""
 

@@ -20,7 +20,7 @@ from terminal import shown_in_terminal
 from tiny_onnx import write_answering
 
 from vo_lib import settings
-from vo_lib.commands.cli import main
+from vo_lib.commands.cli import COMMANDS, main
 from vo_lib.commands.run import FLAG_MEANINGS
 from vo_lib.config import CONFIG_CLASSES
 from vo_lib.data.poses import read_kitti_poses, read_tum
@@ -306,3 +306,14 @@ def test_every_flag_of_a_frame_is_explained(bands: Path, done: Callable[..., str
     assert "frames flagged few_matches │ 5" in printed
     assert "few_matches: too few matches, so the motion of the frame before is repeated." in printed
     assert "length and duration of the path │ 0.0 m in 0.5 s (0.00 m/s)" in printed
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_begins_with_what_the_command_does(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main([command, "--help"])
+    usage, description, *_ = capsys.readouterr().out.split("\n\n")
+    assert usage.startswith(f"usage: vo {command} ")
+    assert "… ..." not in usage
+    assert description[0].isupper()
+    assert description.endswith(".")

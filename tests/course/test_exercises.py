@@ -157,7 +157,7 @@ def test_numbers_of_chapters_2_and_6_are_those_of_the_kit() -> None:
     assert errors[0] > errors[1] > errors[2]
 
 
-def test_the_answers_of_chapter_4_are_the_librarys() -> None:
+def test_answers_of_chapter_4_equal_the_library() -> None:
     matches = ch04.exact_matches(30, 5, noise=0.5)
     A, B, c = feature_rows(ch00.CAMERA, ch04.exact_matches(1, 3), ch04.R_CP)
     M, right = ch04.eight_rows(*ch04.one_match()[0])
@@ -168,7 +168,7 @@ def test_the_answers_of_chapter_4_are_the_librarys() -> None:
     np.testing.assert_allclose(ch04.stacked(*ch04.weighted_frames()[1]), solved[0], atol=1e-9)
 
 
-def test_the_rule_of_chapter_5_is_the_librarys() -> None:
+def test_rule_of_chapter_5_equals_the_library() -> None:
     for uv_p, uv_c, *corners in ch05.features():
         ones = np.ones(len(uv_p), np.int64)
         matches = StereoMatches(uv_p, uv_p, uv_c, uv_c, ones, np.ones(len(ones)), np.arange(len(ones)))

@@ -59,7 +59,7 @@ def test_names_of_paths(length: int, straight: bool, with_truth: bool) -> None:
 
 @pytest.mark.parametrize("length", LENGTHS)
 @pytest.mark.parametrize("sequences", [1, 3, 11])
-def test_names_below_bars(length: int, sequences: int) -> None:
+def test_long_names_below_bars_do_not_overlap(length: int, sequences: int) -> None:
     errors = {
         (label(length, sequence), label(length, 20 + method)): np.array([[1.0, 1.2], [0.3, 0.4]])
         for sequence, method in itertools.product(range(sequences), range(4))

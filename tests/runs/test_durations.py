@@ -51,7 +51,7 @@ def test_kept_times_count_only_where_nothing_is_measured() -> None:
     assert durations.has_measured()
 
 
-def test_a_family_stands_for_a_kind_that_was_not_done() -> None:
+def test_a_task_that_has_not_run_takes_the_time_of_its_family() -> None:
     durations = Durations()
     durations.add(Task("sets=50", 10, "run"), 2.0)
     other = Task("sets=100", 20, "run")

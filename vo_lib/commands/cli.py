@@ -28,7 +28,10 @@ COMMANDS = {
     ),
     "list": ("list_sequences", "available sequences: frames, length, truth, boxes, size"),
     "check": ("check_installation", "state of packages, data and caches, with a remedy for each problem"),
-    "data": ("data_scripts", "scripts that download, check, draw, import or label data, or train a detector"),
+    "data": (
+        "data_scripts",
+        "scripts that download, check, draw, import or label data, train a detector, or measure",
+    ),
     "lab": ("lab", "open the notebooks in JupyterLab"),
 }
 
@@ -68,7 +71,8 @@ def make_parser(words: Items[str]) -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"vo {metadata.version('stereo-vo-kit')}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     for name, (module_name, text) in COMMANDS.items():
-        command: Any = commands.add_parser(name, help=text)
+        # A module that says more replaces the description.
+        command: Any = commands.add_parser(name, help=text, description=f"{text[0].upper()}{text[1:]}.")
         if name == words[0]:
             module = importlib.import_module(f".{module_name}", __package__)
             module.add(command)

@@ -70,7 +70,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     text = f"only write a zip for the teacher; default {HAND_IN} in the folder of the course"
     only.add_argument("--hand-in", nargs="?", const="", metavar="ZIP", help=text)
     parser.add_argument("--teacher", action="store_true", help="copy solutions and teaching notes, too")
-    parser.add_argument("jupyter", nargs="*", metavar="-- …", help="options for JupyterLab")
+    parser.add_argument("jupyter", nargs="*", metavar="-- OPTION", help="options for JupyterLab")
     parser.set_defaults(command=_lab, others="JupyterLab's options follow --")
 
 

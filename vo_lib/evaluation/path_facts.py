@@ -196,10 +196,10 @@ def _mean_forward(poses: Array) -> float:
 
 
 def _usual_step(lengths: Array) -> float:
-    """A usual one of the lengths (M,) of all steps: the steps of this length or more are half of the path.
+    """The usual length of a step, from the lengths (M,) of all steps.
 
-    Unlike the median, it is not 0 after a long standstill. A leap does not change it much either, unless it
-    is half of the path.
+    The steps that are at least as long make up half of the path. Unlike the median, it is not 0 after a long
+    standstill. A leap does not change it much either, unless it is half of the path.
     """
     descending = np.sort(lengths)[::-1]
     length_so_far = np.cumsum(descending)
