@@ -104,6 +104,8 @@ def shares(number: int) -> dict[str, float]:
 
 def test_chapter_and_appendix_say_the_same_of_clean_drives() -> None:
     """Not more accurate: no drive shows it in TE, and one of three in RE."""
+    assert {each.seeds for each in front_ends()} == {2}
+    assert "Two seeds give only a rough standard deviation" in text_of("01_*.ipynb", "kit-worth-read")
     clean = [each for each in front_ends() if not each.disturbed]
     te = [shares(0)[each.drive] for each in clean]
     assert min(te) < 0 < max(te)
