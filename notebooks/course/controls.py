@@ -18,6 +18,7 @@ from vo_lib.settings import Setting, as_typed
 
 from .drawing import COARSE, room
 
+MOST_DECIMALS = 9  # of the value of a slider
 STEPS = 100  # of a slider at most, if no step is given
 
 _dragged = ContextVar("dragged", default=False)
@@ -66,7 +67,12 @@ class RealSlider(widgets.FloatSlider):  # type: ignore[misc]
     """A slider of real numbers; `is_dragged` is true while a change from the browser is handled."""
 
     def set_state(self, sync_data: Any) -> None:
-        """Take a value that the browser has sent."""
+        """Take a value that the browser has sent, without its rounding error.
+
+        When the browser shows a slider at 100, it may send 99.99999999999999, which would be another state.
+        """
+        if "value" in sync_data:
+            sync_data = {**sync_data, "value": round(sync_data["value"], MOST_DECIMALS)}
         with _dragging():
             super().set_state(sync_data)
 
@@ -185,4 +191,4 @@ def _make(control: Control, setting: Setting, value: Any, label: str) -> Any:
 
 def _decimals(step: float) -> int:
     """Number of decimals that show every step."""
-    return next(digits for digits in range(9) if abs(round(step, digits) - step) < 1e-9)
+    return next(digits for digits in range(MOST_DECIMALS) if abs(round(step, digits) - step) < 1e-9)

@@ -808,6 +808,21 @@ def test_sliders_show_the_value_that_runs(panel: Panel) -> None:
             assert slider.continuous_update
 
 
+def test_the_rounding_error_of_the_browser_is_no_other_state(street: Sequence) -> None:
+    panel = ch04.TranslationPanel(street, frame=20)
+    panel.wait(LONG)
+    panel._complain(DataError("a message that a redraw would remove"))
+    for name, sent in (("translation.max_depth", 99.99999999999999), ("view.noise", 0.10000000000000002)):
+        slider = panel.knobs[name].widget
+        assert sent != panel.first[name]
+        drag(slider, sent)
+        assert slider.value == panel.first[name]
+    assert "a message" in panel._message.value
+    drag(panel.knobs["view.noise"].widget, 0.15000000000000002)
+    assert panel.state().view.noise == 0.15
+    assert panel._message.value == ""
+
+
 @pytest.fixture
 def drawn_charts(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
     """The charts that panels draw from now on."""
