@@ -175,12 +175,13 @@ NAME = """const name = each => {
     const label = each.labels && each.labels.length ? each.labels[0].textContent : '';
     return each.getAttribute('aria-label') || label || each.textContent.trim();
 };"""
-# The place at which the Tab key has stopped, with the name for readers of the screen.
+# The place in a panel at which the Tab key has stopped, with the name for readers of the screen.
 STOP = f"""number => {{
     {NAME}
-    const each = document.activeElement, box = each.getBoundingClientRect();
-    const inside = document.querySelectorAll('.vo-panel')[number].contains(each);
-    return {{inside: inside, name: name(each), x: box.x, y: box.y + box.height / 2}};
+    const each = document.activeElement, panel = document.querySelectorAll('.vo-panel')[number];
+    const box = each.getBoundingClientRect(), whole = panel.getBoundingClientRect();  // the page may scroll
+    return {{inside: panel.contains(each), name: name(each),
+        x: box.x - whole.x, y: box.y + box.height / 2 - whole.y}};
 }}"""
 # The names of all controls that can be changed.
 CONTROLS = f"""number => {{
