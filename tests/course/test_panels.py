@@ -560,12 +560,13 @@ def test_pictures_of_a_drag_are_those_drawn_at_once(panel: Panel, monkeypatch: p
             steps = round(share * (slider.max - slider.min) / slider.step)
             drag(slider, slider.min + steps * slider.step)
             assert panel.error == "", (name, slider.value)
+            assert slider.value == pytest.approx(slider.min + steps * slider.step, abs=1e-9)
         panel.wait(LONG)
         assert panel._sign.value == ""
-        moved, facts = panel.picture.value, panel.facts
+        moved, facts, last = panel.picture.value, panel.facts, slider.value
         forget_layers()
         slider.value = first
-        panel.set(**{name: slider.min + steps * slider.step})
+        panel.set(**{name: last})
         assert panel.picture.value == moved, name
         np.testing.assert_equal(panel.facts, facts)
         panel.set(**{name: first})
