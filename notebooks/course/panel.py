@@ -32,15 +32,16 @@ What it has without a word of its own:
 - the change of each number since the control was first touched;
 - an error as a sentence, in which settings have the names of their controls; the old picture becomes pale;
 - after a stop, or for a sequence that cannot be opened, the sequence, picture and numbers shown before;
-- the layout for a laptop, keys for each control, names for screen readers.
+- the layout for a laptop, keys for each control, names for screen readers, and descriptions as tooltips.
 
 What it has to keep: equal states have equal pictures, so `draw` uses only `state`, and seeds all that is
-random. A picture takes at most 80 ms of processor time, else it does not follow: what several states share
-belongs into a `Memory`, an axis whose limits are round numbers (`room`) and a text at the same place are drawn
-only once, `numbers_at` puts the numbers of an axis faster than `set_ticks`, and a method that runs over many
-frames yields `steps`. All parts of the picture are `WIDTH` pixels
-wide; with more than 550 rows, its text becomes too small on a laptop. Callbacks run on another thread than
-cells, so nothing here uses pyplot.
+random. Code that reads what a control names, such as a file, is in a block of `about`, so that an error begins
+with the label of the control. A picture takes at most 80 ms of processor time, else it does not follow: what
+several states share belongs into a `Memory`, an axis whose limits are round numbers (`room`) and a text at the
+same place are drawn only once, `numbers_at` puts the numbers of an axis faster than `set_ticks`, and a method
+that runs over many frames yields `steps`. All parts of the picture are `WIDTH` pixels wide; with more than 550
+rows, its text becomes too small on a laptop. Callbacks run on another thread than cells, so nothing here uses
+pyplot.
 
 `tests/course/test_panels.py` drives every control of every panel that a chapter exports.
 """

@@ -809,6 +809,17 @@ def test_sliders_show_the_value_that_runs(panel: Panel) -> None:
             assert slider.continuous_update
 
 
+def test_weights_of_no_loops_are_not_stated(street: Sequence) -> None:
+    """The street has no place that is visited twice, so it has no true loops."""
+    panel = ch09.LoopPanel(street)
+    panel.wait(LONG)
+    assert (panel.facts["true loops"], panel.facts["false loops"]) == (0, 1)
+    assert np.isnan(panel.facts["smallest weight, true"])
+    assert panel.facts["largest weight, false"] < 1
+    panel.set(view__false=0)
+    assert np.isnan(panel.facts["largest weight, false"])
+
+
 def test_the_rounding_error_of_the_browser_is_no_other_state(street: Sequence) -> None:
     panel = ch04.TranslationPanel(street, frame=20)
     panel.wait(LONG)

@@ -102,8 +102,8 @@ class LoopPanel(Panel):
             Fact("ATE after", ate_after, "m", 2),
             Fact("true loops", len(pairs)),
             Fact("false loops", false),
-            Fact("smallest weight, true", float(weight[~is_false].min(initial=1.0)), "", 3),
-            Fact("largest weight, false", float(weight[is_false].max(initial=0.0)), "", 3),
+            Fact("smallest weight, true", float(weight[~is_false].min()) if len(pairs) else np.nan, "", 3),
+            Fact("largest weight, false", float(weight[is_false].max()) if false else np.nan, "", 3),
             Fact("robust", int(view.robust)),
         )
         return Drawing([photos, chart], sentence, facts)
