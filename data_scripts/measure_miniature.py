@@ -20,7 +20,7 @@ from typing import Any
 import cv2
 from threadpoolctl import threadpool_limits
 
-from measure.miniature import EXPERIMENTS, SEEDS, Experiment, judged, row_head
+from measure.detector_experiments import EXPERIMENTS, SEEDS, Experiment, judged, row_head
 from vo_lib.commands.common import parse_whole
 from vo_lib.commands.console import print_wrapped, reporting
 from vo_lib.errors import DataError

@@ -11,9 +11,9 @@ from data_command import load
 
 import measure_miniature
 from course.ch05 import exercises as ch05
-from course.ch05 import miniature as judged_by
-from measure import miniature
-from measure.miniature import Experiment, average_precision, found_labels, groups_of
+from course.ch05 import miniature
+from measure import detector_experiments
+from measure.detector_experiments import Experiment, average_precision, found_labels, groups_of
 from vo_lib.data.sequence import Sequence
 from vo_lib.files import read_csv
 from vo_lib.geometry.boxes import Boxes
@@ -62,7 +62,7 @@ def test_a_second_call_continues_and_another_table_is_refused(
         Experiment("three", {"traffic": 3}, {}, "THREE_LEVELS", 2),
     )
     monkeypatch.setattr(measure_miniature, "EXPERIMENTS", tiny)
-    monkeypatch.setattr(judged_by, "JUDGED_STREETS", ("traffic",))
+    monkeypatch.setattr(miniature, "JUDGED_STREETS", ("traffic",))
     trained = measure_miniature._trained
     done = []
 
@@ -76,7 +76,7 @@ def test_a_second_call_continues_and_another_table_is_refused(
     assert main(["--seeds", "1", "--experiments", "tiny", "--out", str(out)]) == 0
     first = out.read_text(encoding="utf-8")
     rows = [cells for _, cells in read_csv(out)]
-    assert rows[0] == miniature.row_head(("traffic",))
+    assert rows[0] == detector_experiments.row_head(("traffic",))
     assert rows[1][:3] == ["tiny", "0", "2"]
     assert main(["--seeds", "1", "--out", str(out)]) == 0
     assert done == ["tiny", "three"]
