@@ -34,7 +34,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fetch.calibrations.files import read_calibration
+from fetch.calibrations.user_files import read_user_calibration
 from fetch.euroc import read_euroc_drive
 from fetch.kitti_raw import read_raw_drive
 from fetch.rectification import Size
@@ -248,7 +248,7 @@ def rig_of_files(size: Size, options: argparse.Namespace) -> tuple[Rig, list[str
         raise DataError("use either --calibration, or --focal, --centre and --baseline")
     places = [*(options.left or []), *(options.right or [])]
     folders = tuple(str(place) for place in places)
-    calibration = read_calibration(options.calibration, size, folders, options.fisheye)
+    calibration = read_user_calibration(options.calibration, size, folders, options.fisheye)
     rig = calibration.rig(size, options.rectified, UNITS.get(options.unit))
     lines = [f"note: {note}" for note in calibration.notes]
     # Only a file without a size can belong to another resolution: any other size was refused.

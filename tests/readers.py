@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from conftest import write_bands
 
-from fetch.calibrations.files import read_calibration as read_calibration_files
+from fetch.calibrations.user_files import read_user_calibration
 from fetch.euroc import read_euroc_drive
 from fetch.kitti_raw import read_raw_drive
 from training.dataset import open_set
@@ -201,7 +201,7 @@ def _calibration(name: str, content: str | bytes, size: tuple[int, int] = (64, 4
     """A calibration file, with other files of the same calibration."""
 
     def read(folder: Path) -> Any:
-        return read_calibration_files([folder / file for file in (name, *others.values())], size).rig(size)
+        return read_user_calibration([folder / file for file in (name, *others.values())], size).rig(size)
 
     contents = {other: CAMERA_INFO.format(name="left", tx=0) for other in others.values()}
     return Reader(name, read, {name: content, **contents})
@@ -285,7 +285,7 @@ def readers() -> dict[str, Reader]:
             {"data.yaml": "train: a\nval: b\nnames: [car, bus]\n", "a/0.png": png(), "b/0.png": png()},
         ),
         "opencv": _alone(
-            "stereo.yml", lambda path: read_calibration_files([path], (64, 48)).rig((64, 48)), _opencv()
+            "stereo.yml", lambda path: read_user_calibration([path], (64, 48)).rig((64, 48)), _opencv()
         ),
         "kalibr": _calibration("camchain.yaml", KALIBR),
         "camera_info": _calibration(

@@ -18,7 +18,7 @@ import pytest
 import yaml
 from test_stereo_calibration import rectified_pixels
 
-from fetch.calibrations.files import read_calibration
+from fetch.calibrations.user_files import read_user_calibration
 from fetch.stereo_calibration import Calibration
 from vo_lib.errors import DataError
 from vo_lib.geometry.motion import inverse, rigid, rotation_from_vector, transform
@@ -92,7 +92,7 @@ def save(path: Path, *parts: dict[str, Any], **arrays: Any) -> None:
 
 
 def read(*paths: Path, size: tuple[int, int] = SIZE, folders: tuple[str, ...] = ()) -> Calibration:
-    return read_calibration([*paths], size, folders)
+    return read_user_calibration([*paths], size, folders)
 
 
 # Kalibr
@@ -526,13 +526,13 @@ def test_four_distortion_numbers_are_radial_tangential_unless_fisheye_is_given(t
         path = tmp_path / f"{fisheye}.npz"
         values = {"K1": K_L, "D1": truth.D[0], "K2": K_R, "D2": truth.D[1]}
         save(path, values, R=T_R_L[:3, :3], T=T_R_L[:3, 3])
-        calibration = read_calibration([path], SIZE, fisheye=fisheye)
+        calibration = read_user_calibration([path], SIZE, fisheye=fisheye)
         require_true(calibration, truth)
         note = "" if fisheye else "the four distortion numbers are read as k1 k2 p1 p2 (radial-tangential)"
         assert "".join(calibration.notes).startswith(note)
     save(path, values, {"D1": PLUMB_BOB[0]}, R=T_R_L[:3, :3], T=T_R_L[:3, 3])
     with pytest.raises(DataError, match="a fisheye lens has four distortion numbers"):
-        read_calibration([path], SIZE, fisheye=True)
+        read_user_calibration([path], SIZE, fisheye=True)
 
 
 def test_opencv_storage_names_its_size(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fetch.calibrations.files import read_calibration
+from fetch.calibrations.user_files import read_user_calibration
 from fetch.stereo_calibration import rig_from_matrices
 from vo_lib.errors import DataError
 from vo_lib.geometry.motion import rotation_from_vector
@@ -70,7 +70,7 @@ def test_names_of_other_tools_are_accepted(tmp_path: Path) -> None:
     inner = {"M1": K1, "dist_coeffs_left": D1, "cameraMatrix2": K2, "D2": D2, "image_points": np.eye(4)}
     outer = {"R": R, "T": 1000 * T}
     paths = [write(tmp_path / "intrinsics.yml", inner), write(tmp_path / "extrinsics.xml", outer)]
-    calibration = read_calibration(paths, SIZE)
+    calibration = read_user_calibration(paths, SIZE)
     result = calibration.matrices
     assert set(result) == set(MATRICES)
     for name in ("K1", "D1", "K2", "D2"):

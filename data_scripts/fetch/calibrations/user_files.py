@@ -22,7 +22,7 @@ OPTIONS = "--focal, --centre and --baseline"
 KNOWN = "OpenCV (YAML, XML, JSON, .npz), Kalibr, ROS camera_info, RealSense (JSON), ZED (.conf), KITTI"
 
 
-def read_calibration(
+def read_user_calibration(
     paths: list[Path],
     size: tuple[int, int],
     folders: tuple[str, ...] = (),
