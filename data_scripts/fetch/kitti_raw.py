@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fetch.calibrations.kitti import matrix, read_calibration_file
+from fetch.calibrations.kitti_calib import matrix, read_calibration_file
 from fetch.stereo_calibration import rig_from_matrices
 from fetch.stereo_sources import Drive, FolderSource, pair_images
 from vo_lib.data.kitti import read_image

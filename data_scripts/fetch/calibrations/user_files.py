@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from fetch.calibrations import kalibr, kitti, opencv, realsense, ros, zed
+from fetch.calibrations import kalibr, kitti_calib, opencv, realsense, ros, zed
 from fetch.calibrations.numbers_in_text import differing_cameras, numbers_in, other_size_in
 from fetch.calibrations.values import UnknownFile, side_of, too_deep, yaml_mapping
 from fetch.rectification import FISHEYE, RADTAN, Lens
@@ -94,8 +94,8 @@ def _read_file(
         raise DataError("is not a stereo calibration: too many brackets", path)
     if zed.is_conf(text):
         return zed.read_conf(text, path, size)
-    if kitti.is_kitti(text):
-        return kitti.read_kitti(path, folders, size)
+    if kitti_calib.is_kitti(text):
+        return kitti_calib.read_kitti(path, folders, size)
     if ros.is_ost(text):
         return ros.parse_ost(text, path)
     if text.lstrip().startswith(("{", "[")):
