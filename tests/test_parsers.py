@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from file_readers import FileReader, expanded, readers
 from hypothesis import given
 from hypothesis import strategies as st
-from readers import Reader, expanded, readers
 
 from vo_lib.commands.common import parse_frames, parse_lengths, parse_methods, parse_whole
 from vo_lib.config import preset
@@ -97,7 +97,9 @@ def test_bad_files_give_one_line(tmp_path: Path, name: str, how: str | list[str]
 
 
 @pytest.fixture(scope="module", params=readers())
-def place(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Reader, Path]:
+def place(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[FileReader, Path]:
     """A reader and a folder of valid files."""
     reader, folder = readers()[request.param], tmp_path_factory.mktemp("reader")
     reader.write(folder)
@@ -107,7 +109,7 @@ def place(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
 @given(data=st.data())
 def test_random_files_give_finite_numbers_or_one_line(
-    place: tuple[Reader, Path], data: st.DataObject
+    place: tuple[FileReader, Path], data: st.DataObject
 ) -> None:
     reader, folder = place
     path = folder / reader.file

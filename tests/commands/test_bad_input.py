@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 from conftest import write_bands
-from readers import expanded
+from file_readers import expanded
 
 from vo_lib.commands.cli import main
 

@@ -58,7 +58,7 @@ def expanded(text: str) -> str:
 
 
 @dataclass(frozen=True)
-class Reader:
+class FileReader:
     """A file in a folder, the function that reads the folder, and the content of all files of the folder."""
 
     file: str
@@ -85,8 +85,8 @@ def png(height: int = 48, width: int = 64) -> bytes:
     return cv2.imencode(".png", np.arange(height * width, dtype=np.uint8).reshape(height, width))[1].tobytes()
 
 
-def _alone(file: str, read: Callable[[Path], Any], content: str | bytes) -> Reader:
-    return Reader(file, lambda folder: read(folder / file), {file: content})
+def _alone(file: str, read: Callable[[Path], Any], content: str | bytes) -> FileReader:
+    return FileReader(file, lambda folder: read(folder / file), {file: content})
 
 
 def _opencv() -> str:
@@ -197,14 +197,16 @@ def _archive() -> bytes:
     return buffer.getvalue()
 
 
-def _calibration(name: str, content: str | bytes, size: tuple[int, int] = (64, 48), **others: str) -> Reader:
+def _calibration(
+    name: str, content: str | bytes, size: tuple[int, int] = (64, 48), **others: str
+) -> FileReader:
     """A calibration file, with other files of the same calibration."""
 
     def read(folder: Path) -> Any:
         return read_user_calibration([folder / file for file in (name, *others.values())], size).rig(size)
 
     contents = {other: CAMERA_INFO.format(name="left", tx=0) for other in others.values()}
-    return Reader(name, read, {name: content, **contents})
+    return FileReader(name, read, {name: content, **contents})
 
 
 def _raw() -> dict[str, str | bytes]:
@@ -253,7 +255,7 @@ def _run() -> tuple[dict[str, str | bytes], Callable[[Path], Any]]:
 
 
 @functools.cache
-def readers() -> dict[str, Reader]:
+def readers() -> dict[str, FileReader]:
     """All readers by name."""
     run_files, read_folder = _run()
     drives: dict[str, str | bytes] = {
@@ -272,14 +274,14 @@ def readers() -> dict[str, Reader]:
         "euroc truth": _alone("data.csv", read_euroc, TRUTH),
         "named poses": _alone("path.csv", read_path, NAMED),
         "calib": _alone("calib.txt", read_calibration, CALIB),
-        "part": Reader("part.txt", read_part, {"part.txt": "--sequences 00 --frames 0:201\n"}),
+        "part": FileReader("part.txt", read_part, {"part.txt": "--sequences 00 --frames 0:201\n"}),
         "times": _alone("times.txt", read_times, "0.0\n0.1\n0.2\n"),
         "labels": _alone("000000.txt", lambda path: read_labels(path, 480, 240), LABEL),
         "image": _alone("000000.png", read_image, png()),
         "calibration.json": _alone(
             "calibration.json", read_learnt_calibration, run_files["calibration.json"]
         ),
-        "data.yaml": Reader(
+        "data.yaml": FileReader(
             "data.yaml",
             open_set,
             {"data.yaml": "train: a\nval: b\nnames: [car, bus]\n", "a/0.png": png(), "b/0.png": png()},
@@ -296,16 +298,16 @@ def readers() -> dict[str, Reader]:
         "zed": _calibration("SN1.conf", ZED, (672, 376)),
         "npz": _calibration("stereo.npz", _archive()),
         "kitti": _calibration("calib.txt", CALIB),
-        "objects": Reader("label_2/000000.txt", objects, drives),
-        "mapping": Reader("mapping.txt", objects, drives),
-        "order": Reader("order.txt", objects, drives),
-        "scene.json": Reader("truth/scene.json", open_truth, _truth()),
-        "objects.npz": Reader("truth/objects.npz", open_truth, _truth()),
+        "objects": FileReader("label_2/000000.txt", objects, drives),
+        "mapping": FileReader("mapping.txt", objects, drives),
+        "order": FileReader("order.txt", objects, drives),
+        "scene.json": FileReader("truth/scene.json", open_truth, _truth()),
+        "objects.npz": FileReader("truth/objects.npz", open_truth, _truth()),
     }
     for name in ("config.json", "frames.csv"):
-        result[name] = Reader(name, read_folder, run_files)
+        result[name] = FileReader(name, read_folder, run_files)
     for name in ("calib_cam_to_cam.txt", "calib_imu_to_velo.txt", "image_00/timestamps.txt"):
-        result[name.removeprefix("image_00/")] = Reader(name, read_raw_drive, _raw())
-    result["oxts"] = Reader("oxts/data/0000000001.txt", read_raw_drive, _raw())
-    result["sensor.yaml"] = Reader("mav0/cam1/sensor.yaml", read_euroc_drive, _euroc())
+        result[name.removeprefix("image_00/")] = FileReader(name, read_raw_drive, _raw())
+    result["oxts"] = FileReader("oxts/data/0000000001.txt", read_raw_drive, _raw())
+    result["sensor.yaml"] = FileReader("mav0/cam1/sensor.yaml", read_euroc_drive, _euroc())
     return result
