@@ -31,7 +31,7 @@ class UnusableOutput(ValueError):
     """The outputs of a network cannot be read; the message says why, without the file's name."""
 
 
-class Candidates(NamedTuple):
+class ScoredBoxes(NamedTuple):
     """All boxes of a network: corners (N, 4) x0, y0, x1, y1 in pixels of its image, and scores (N, C)."""
 
     corners: Array
@@ -41,7 +41,7 @@ class Candidates(NamedTuple):
 class Reader(Protocol):
     """How to read the outputs of a network."""
 
-    def read(self, outputs: Outputs, width: int, height: int) -> Candidates:
+    def read(self, outputs: Outputs, width: int, height: int) -> ScoredBoxes:
         """The boxes in a network's outputs for an image of this size, pixels.
 
         Raises `UnusableOutput` if the values contradict the layout.
@@ -67,7 +67,7 @@ class ClassColumns:
     objectness: bool
     classes: int
 
-    def read(self, outputs: Outputs, width: int, height: int) -> Candidates:
+    def read(self, outputs: Outputs, width: int, height: int) -> ScoredBoxes:
         """See `Reader.read`."""
         table = table_of(outputs[self.index])
         rows = (table.T if self.columns_first else table).astype(np.float64)
@@ -75,10 +75,10 @@ class ClassColumns:
         first = 5 if self.objectness else 4
         scores = rows[:, first : first + self.classes]
         if not self.objectness:
-            return Candidates(corners, scores)
+            return ScoredBoxes(corners, scores)
         # A network may return numbers that are not finite; `best_boxes` ignores them.
         with np.errstate(invalid="ignore"):
-            return Candidates(corners, scores * rows[:, 4:5])
+            return ScoredBoxes(corners, scores * rows[:, 4:5])
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class LabelColumn:
     either: bool
     classes: int | None
 
-    def read(self, outputs: Outputs, width: int, height: int) -> Candidates:
+    def read(self, outputs: Outputs, width: int, height: int) -> ScoredBoxes:
         """See `Reader.read`."""
         rows = table_of(outputs[self.index]).astype(np.float64)
         score = rows[:, self.score]
@@ -110,7 +110,7 @@ class LabelColumn:
             score, label = label, score
         boxes = rows[:, self.box : self.box + 4]
         corners = corners_of(boxes, self.form, width, height, score >= NO_OBJECT)
-        return Candidates(corners, scores_by_class(score, label, self.classes))
+        return ScoredBoxes(corners, scores_by_class(score, label, self.classes))
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ class SeparateOutputs:
     form: BoxForm
     classes: int | None
 
-    def read(self, outputs: Outputs, width: int, height: int) -> Candidates:
+    def read(self, outputs: Outputs, width: int, height: int) -> ScoredBoxes:
         """See `Reader.read`."""
         table = table_of(outputs[self.boxes])
         rows = (table.T if self.boxes_first else table).astype(np.float64)
@@ -148,10 +148,10 @@ class SeparateOutputs:
             if score_table.size == len(rows):  # one class, in a row or in a column
                 score_table = score_table.reshape(-1, 1)
             scores = (score_table.T if self.scores_first else score_table).astype(np.float64)
-            return Candidates(corners, scores[:count])
+            return ScoredBoxes(corners, scores[:count])
         score = outputs[self.scores].ravel().astype(np.float64)
         label = outputs[self.labels].ravel().astype(np.float64)
-        return Candidates(corners, scores_by_class(score[:count], label[:count], self.classes))
+        return ScoredBoxes(corners, scores_by_class(score[:count], label[:count], self.classes))
 
 
 def table_of(output: NDArray[Any]) -> NDArray[Any]:

@@ -25,7 +25,7 @@ from .model_files import model_files
 from .models import find_model
 from .network_image import Letterbox, fit_letterbox, fit_size, fit_stretched, letterboxed
 from .outputs import Output, OutputLayout, recognise
-from .readers import Candidates, UnusableOutput
+from .readers import ScoredBoxes, UnusableOutput
 from .settings import DetectorConfig
 from .suppression import best_boxes
 
@@ -205,7 +205,9 @@ class YoloDetector:
         except Exception as error:  # ONNX Runtime's exception types have no common base class
             raise DataError(f"ONNX Runtime cannot run this model: {_first_line(error)}", self.path) from None
 
-    def _read(self, outputs: list[NDArray[Any]], letterbox: Letterbox, width: int, height: int) -> Candidates:
+    def _read(
+        self, outputs: list[NDArray[Any]], letterbox: Letterbox, width: int, height: int
+    ) -> ScoredBoxes:
         """The boxes in a network's outputs, in pixels of the network's image.
 
         width, height : size of the original image, pixels. A network that asks for it gives boxes in it.
@@ -228,7 +230,7 @@ class YoloDetector:
             scale_x = letterbox.width / width
             scale_y = letterbox.height / height
             corners = corners * (scale_x, scale_y, scale_x, scale_y)
-        return Candidates(corners, scores)
+        return ScoredBoxes(corners, scores)
 
     def _check_boxes(self, boxes: Boxes, letterbox: Letterbox) -> None:
         """Raise `DataError` if most of the boxes, in the network's image, have their centre far outside."""
