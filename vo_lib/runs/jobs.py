@@ -23,6 +23,7 @@ from ..paper.settings import MethodConfig
 from ..parallel import local_pool
 from .drive import Run, run_methods, single_threaded
 from .durations import Durations, Forecast, Task
+from .earlier_seconds import seconds_of_matches, seconds_of_run, write_seconds
 from .folder import (
     DETECTOR_OF_BOXES,
     changed_files,
@@ -37,7 +38,6 @@ from .folder import (
 )
 from .front_end import TimedMatches
 from .identity import NOT_USED, images_digest, run_identity
-from .kept_times import seconds_of_matches, seconds_of_run, write_seconds
 from .match_cache import CachedMatches
 
 if TYPE_CHECKING:
