@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from course.ch01.errors import (
+from course.ch01.wrong_matches import (
     GROSS,
     RIGHT,
     RISE,

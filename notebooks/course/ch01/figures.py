@@ -29,7 +29,7 @@ from ..drawing import (
 )
 from ..drawn_matches import draw_dots, draw_flow
 from ..frames import stereo
-from .errors import RIGHT, ErrorMeasure
+from .wrong_matches import RIGHT, ErrorMeasure
 from .exercises import eigenvalues
 from .trace import CHECKS, CHOSEN, LOST, OPEN, SURPLUS, Trace
 

@@ -12,7 +12,7 @@ from ..drawing import PHOTO_HEIGHT
 from ..frames import stereo, truth
 from ..panel import Control, Drawing, Fact, Panel, State
 from ..simulation.true_matches import match_errors
-from .errors import RIGHT
+from .wrong_matches import RIGHT
 from .figures import by_fate, fates_picture, step_figure
 from .trace import trace
 
