@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
+from course.ch01.figures import errors_chart, on_edge
+from course.ch01.trace import LOST, open_loops, trace, whole_pixels
 from course.ch01.wrong_matches import (
     GROSS,
     RIGHT,
@@ -21,8 +23,6 @@ from course.ch01.wrong_matches import (
     strongest_wrong,
     wrong_example,
 )
-from course.ch01.figures import errors_chart, on_edge
-from course.ch01.trace import LOST, open_loops, trace, whole_pixels
 from course.drawing import figure
 from course.frames import stereo
 from vo_lib.config import preset

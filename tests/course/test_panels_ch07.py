@@ -13,7 +13,7 @@ from real_images import KITTI_00, SHARED, RealImages
 
 from course.ch07 import ExplorePanel, ReproducePanel
 from course.ch07.figures import results_table, tables_of
-from course.ch07.runs import FIRST, Plan, clip, part_of, run_plan
+from course.ch07.plan import FIRST, Plan, clip, part_of, run_plan
 from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.kitti_errors import KITTI_PROTOCOL
 
@@ -84,7 +84,7 @@ def test_the_clip_of_the_row_has_the_boxes_of_a_detector(
     whole = clip(150)
     assert (whole.name, len(whole), whole.labels) == ("kitti/00", 150, None)
     monkeypatch.setattr(
-        "course.ch07.runs.suitable_protocol", lambda truth: KITTI_PROTOCOL
+        "course.ch07.plan.suitable_protocol", lambda truth: KITTI_PROTOCOL
     )  # too short for it
     part = clip(12, str(model))
     assert (part.name, part.frames[0]) == ("kitti/00", "000016")

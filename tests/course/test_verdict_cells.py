@@ -13,7 +13,7 @@ from conftest import write_bands
 from record_rows import record_row
 
 from course.ch07 import figures
-from course.ch07.runs import FIRST, part_of, table_hours
+from course.ch07.plan import FIRST, part_of, table_hours
 from vo_lib.config import VARIANTS
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.sequence import Sequence

@@ -29,9 +29,9 @@ from ..drawing import (
 )
 from ..drawn_matches import draw_dots, draw_flow
 from ..frames import stereo
-from .wrong_matches import RIGHT, ErrorMeasure
 from .exercises import eigenvalues
 from .trace import CHECKS, CHOSEN, LOST, OPEN, SURPLUS, Trace
+from .wrong_matches import RIGHT, ErrorMeasure
 
 HALF = WIDTH // 2
 SQUARE = WIDTH // 4

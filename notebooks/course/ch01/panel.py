@@ -12,9 +12,9 @@ from ..drawing import PHOTO_HEIGHT
 from ..frames import stereo, truth
 from ..panel import Control, Drawing, Fact, Panel, State
 from ..simulation.true_matches import match_errors
-from .wrong_matches import RIGHT
 from .figures import by_fate, fates_picture, step_figure
 from .trace import trace
+from .wrong_matches import RIGHT
 
 CHART_HEIGHT = 252
 

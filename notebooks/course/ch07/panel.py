@@ -37,7 +37,7 @@ from ..frames import opened, true_poses
 from ..kept_runs import frames_of, poses_of, run_by_frame
 from ..panel import Control, Drawing, Fact, Panel, State
 from .figures import PATHS_HEIGHT, paths_figure, table_html, tables_of
-from .runs import Plan, part_of, run_plan
+from .plan import Plan, part_of, run_plan
 
 FRAMES = 30
 METHOD = "feature_selection"
