@@ -10,7 +10,7 @@ Pictures: `drawing` has their style, `drawn_matches` draws matches into photos, 
 rotates, and `raster` turns figures into pixels.
 
 Exercises: `checker` checks answers, with the comparisons of `results`; `stored_answers` saves those that passed, and
-`own_functions` runs them on frames beside the library's. `records` writes down what the checks said, and `tasks`,
+`own_functions` runs them on frames beside the library's. `answer_log` writes down what the checks said, and `tasks`,
 `submissions`, `grading`, `marks` and `hand_in` are for handing in and marking.
 
 Pages: `pages` writes the executed notebooks as HTML, and `minutes` counts how long a chapter takes.

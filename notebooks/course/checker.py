@@ -16,7 +16,7 @@ import numpy as np
 
 from vo_lib.geometry.types import Array
 
-from .records import answered_by, record
+from .answer_log import answered_by, record
 from .results import (
     SHORT,
     Unusable,

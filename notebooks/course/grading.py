@@ -22,7 +22,7 @@ from typing import Any, TextIO
 
 from vo_lib.errors import DataError
 
-from . import records, stored_answers, supervised
+from . import answer_log, stored_answers, supervised
 from .results import RIGHT_CLASS, Verdict
 from .submissions import Submission
 from .tasks import Task, all_tasks
@@ -75,9 +75,9 @@ def grade(
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as name:
         folder = Path(name)
         # What the checks wrote down is read before a student's function runs, which could change it.
-        (folder / records.NAME).write_bytes(submission.files.get(records.NAME, b""))
-        noted = records.read_records(folder / records.NAME)
-        (folder / records.NAME).unlink()
+        (folder / answer_log.NAME).write_bytes(submission.files.get(answer_log.NAME, b""))
+        noted = answer_log.read_records(folder / answer_log.NAME)
+        (folder / answer_log.NAME).unlink()
         content = submission.files.get(stored_answers.NAME, b"")
         names = {task.number: _names(task, noted) for task in tasks if task.is_function}
         try:
@@ -103,13 +103,13 @@ def _remarks_on_unknown_names(code: str, noted: dict[str, dict[str, Any]]) -> li
     unknown = [section for section in stored_answers.SECTION.findall(code) if section not in known]
     if not unknown:
         return []
-    why = f"of no exercise in the notebooks, and {records.NAME} does not say whose they are"
+    why = f"of no exercise in the notebooks, and {answer_log.NAME} does not say whose they are"
     return [_plain(f"{stored_answers.NAME}: {', '.join(unknown)}: names {why}")]
 
 
 def _names(task: Task, noted: dict[str, dict[str, Any]]) -> list[str]:
     """The names under which the function of an exercise may be saved, that of the notebook's check first."""
-    noted_name = noted.get(records.name_of(task.exercise), {}).get("function")
+    noted_name = noted.get(answer_log.name_of(task.exercise), {}).get("function")
     if isinstance(noted_name, str) and noted_name.isidentifier() and noted_name != task.name:
         return [noted_name, task.name]
     return [task.name]
@@ -117,7 +117,7 @@ def _names(task: Task, noted: dict[str, dict[str, Any]]) -> list[str]:
 
 def _remarks_on(task: Task, mark: Mark, noted: dict[str, dict[str, Any]]) -> list[str]:
     """What a teacher should know about a mark, although the table does not say it."""
-    entry = noted.get(records.name_of(task.exercise), {})
+    entry = noted.get(answer_log.name_of(task.exercise), {})
     was_right = entry.get("passed") is True
     if mark.found == UNSEEN:
         return [f"{task.number}: {mark.says}"]
@@ -132,7 +132,7 @@ def _remarks_on(task: Task, mark: Mark, noted: dict[str, dict[str, Any]]) -> lis
 
 def _of_records(task: Task, noted: dict[str, dict[str, Any]], submission: Submission) -> Mark:
     """The mark of an exercise whose function is not there, or whose answer is no function."""
-    entry = noted.get(records.name_of(task.exercise))
+    entry = noted.get(answer_log.name_of(task.exercise))
     if entry is None:
         shown = not task.is_function and _shows_right(task, submission)
         return Mark(shown, "" if shown else "not there", SAID)
@@ -140,7 +140,7 @@ def _of_records(task: Task, noted: dict[str, dict[str, Any]], submission: Submis
     says = _plain(entry.get("says", ""))
     if task.is_function and passed:
         kept = _plain(entry.get("kept") or "its function is not there")
-        return Mark(False, f"right by {records.NAME}, but not in {stored_answers.NAME}: {kept}", UNSEEN)
+        return Mark(False, f"right by {answer_log.NAME}, but not in {stored_answers.NAME}: {kept}", UNSEEN)
     answer = entry.get("answer")
     if not task.has_data and task.exercise.cases is None and answer is not None:
         verdict = task.exercise.grade(answer)

@@ -23,7 +23,7 @@ from vo_lib.commands.console import ENDINGS, OneLineParser, exit_code, print_wra
 from vo_lib.errors import DataError
 from vo_lib.files import read_bytes, write_atomic
 
-from . import records, stored_answers
+from . import answer_log, stored_answers
 from .grading import SAID, grade
 from .minutes import NOTEBOOKS
 from .submissions import ANSWERS, CHANGED, MARKS, MAX_MEMBER_BYTES, NOTEBOOK, POSES, Submission
@@ -33,7 +33,7 @@ DATE = (1980, 1, 1, 0, 0, 0)  # of all members, so that the same files give the 
 # The files that a hand-in should have, and why one of them may be missing.
 WHY_MISSING = {
     stored_answers.NAME: "no function has passed its check yet",
-    records.NAME: "no check was run yet",
+    answer_log.NAME: "no check was run yet",
     POSES: "the drive of chapter 8 was not run",
 }
 

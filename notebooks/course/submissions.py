@@ -20,12 +20,12 @@ from pathlib import Path, PurePosixPath
 from vo_lib.errors import DataError
 from vo_lib.files import read_bytes
 
-from . import records, stored_answers
+from . import answer_log, stored_answers
 
 MARKS = "marks.json"
 POSES = "my_poses.txt"
 ZIP = "hand_in.zip"
-ANSWERS = (stored_answers.NAME, records.NAME)
+ANSWERS = (stored_answers.NAME, answer_log.NAME)
 FILES = (*ANSWERS, POSES, MARKS)
 NOTEBOOK = ".ipynb"
 CHANGED = "last change"  # in marks.json: seconds since 1970

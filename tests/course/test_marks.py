@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from course import checker, hand_in, marks, records
+from course import answer_log, checker, hand_in, marks
 from course.ch00 import exercises as ch00
 from course.ch04 import exercises as ch04
 from course.ch08 import exercises as ch08
@@ -386,12 +386,12 @@ def test_strict_checks_raise(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_answers_are_written_down_as_json() -> None:
-    assert records.as_json(np.float64(2.5)) == 2.5
-    assert records.as_json({"a": np.int64(1), "b": 2.0}) == {"a": 1, "b": 2.0}
-    assert records.as_json(np.arange(3)) == [0, 1, 2]
-    assert records.as_json(np.zeros(1000)) is None
-    assert records.as_json(sys) is None
-    assert records.as_json({"a": sys}) is None
+    assert answer_log.as_json(np.float64(2.5)) == 2.5
+    assert answer_log.as_json({"a": np.int64(1), "b": 2.0}) == {"a": 1, "b": 2.0}
+    assert answer_log.as_json(np.arange(3)) == [0, 1, 2]
+    assert answer_log.as_json(np.zeros(1000)) is None
+    assert answer_log.as_json(sys) is None
+    assert answer_log.as_json({"a": sys}) is None
 
 
 def in_course(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, source: str) -> Any:
