@@ -18,14 +18,15 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, NamedTuple, TextIO
 
 from vo_lib.errors import DataError
 
 from . import answer_log, stored_answers, supervised
+from .checker import Exercise
 from .results import RIGHT_CLASS, Verdict
 from .submissions import Submission
-from .tasks import Task, all_tasks
+from .tasks import Task, all_tasks, exercise_of
 
 PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
 LIMIT_S = 60.0  # for the checks of one function, and for reading a section of my_vo.py
@@ -63,6 +64,13 @@ class Mark:
         return str(int(self.passed))
 
 
+class _Function(NamedTuple):
+    """A function to be checked: the check in the notebook, such as "ch03.select", and names it may have."""
+
+    check: str
+    names: list[str]
+
+
 def grade(
     submission: Submission, tasks: Sequence[Task], limit_s: float = LIMIT_S
 ) -> tuple[dict[str, Mark], list[str]]:
@@ -79,7 +87,9 @@ def grade(
         noted = answer_log.read_records(folder / answer_log.NAME)
         (folder / answer_log.NAME).unlink()
         content = submission.files.get(stored_answers.NAME, b"")
-        names = {task.number: _names(task, noted) for task in tasks if task.is_function}
+        functions = {
+            task.number: _Function(task.check, _names(task, noted)) for task in tasks if task.is_function
+        }
         try:
             code, remark = stored_answers.decoded(content, Path(stored_answers.NAME))
             if remark:
@@ -87,8 +97,10 @@ def grade(
         except DataError as error:
             remarks.append(str(error))
         (folder / stored_answers.NAME).write_bytes(code.encode())
-        marks, faults = _run_functions(folder, names, limit_s)
-    remarks += faults
+        marks = dict[str, Mark]()
+        if code:  # otherwise no function is there, and no process has to start
+            marks, faults = _run_functions(folder, functions, limit_s)
+            remarks += faults
     for task in tasks:
         if task.number not in marks:
             marks[task.number] = _of_records(task, noted, submission)
@@ -163,20 +175,19 @@ def _shows_right(task: Task, submission: Submission) -> bool:
 
 
 def _run_functions(
-    folder: Path, names: dict[str, list[str]], limit_s: float
+    folder: Path, functions: dict[str, _Function], limit_s: float
 ) -> tuple[dict[str, Mark], list[str]]:
     """Marks of the functions in the folder's my_vo.py that are there, and remarks on the file.
 
-    names : by the number of an exercise, the names of its function.
+    functions : by the number of an exercise.
     """
     marks = dict[str, Mark]()
     remarks = list[str]()
-    if not (folder / stored_answers.NAME).exists():
-        return marks, remarks  # without a process
     skipped = list[str]()  # sections that end the process
-    left = list(names)
+    left = list(functions)
     while left:
-        lines, why = _run_process(folder, {number: names[number] for number in left}, skipped, limit_s)
+        wanted = {number: functions[number] for number in left}
+        lines, why = _run_process(folder, wanted, skipped, limit_s)
         for line in lines:
             if "fault" in line:
                 fault = _plain(line["fault"])
@@ -204,14 +215,14 @@ def _place(section: object) -> str:
 
 
 def _run_process(
-    folder: Path, names: dict[str, list[str]], skipped: list[str], limit_s: float
+    folder: Path, functions: dict[str, _Function], skipped: list[str], limit_s: float
 ) -> tuple[list[dict[str, Any]], str]:
     """The lines that a process wrote, and why it stopped in the middle; "" if it did not."""
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as outside:
         results = Path(outside) / "results.jsonl"
         results.touch()
         word = secrets.token_hex(16)
-        task = {"word": word, "results": str(results), "names": names, "skipped": skipped}
+        task = {"word": word, "results": str(results), "functions": functions, "skipped": skipped}
         path = os.pathsep.join(filter(None, [str(PACKAGE_FOLDER), os.environ.get("PYTHONPATH", "")]))
         command = [sys.executable, "-m", "course.grading"]
         if os.name == "posix":
@@ -280,11 +291,13 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 def _check_functions(task: dict[str, Any], my_vo: Path) -> None:
     """In the process: check the functions of my_vo.py, and write a line for each.
 
-    task : "names" of the functions by number of the exercise, sections to be "skipped", the file for the
+    task : the "functions" (`_Function`) by number of the exercise, sections to be "skipped", the file for the
         "results" and the "word" of each line.
     """
     _limit_memory()
-    tasks = {each.number: each for each in all_tasks()}
+    functions = {number: _Function(*entry) for number, entry in task["functions"].items()}
+    # Only the chapters of these exercises are imported: the imports are most of the process's work.
+    exercises = {number: exercise_of(entry.check) for number, entry in functions.items()}
     word = task["word"]
     with open(task["results"], "a", encoding="utf-8") as file:
         _write(file, word, {"ready": True})
@@ -294,14 +307,14 @@ def _check_functions(task: dict[str, Any], my_vo: Path) -> None:
         _write(file, word, {"read": True})
         for section, fault in faults.items():
             _write(file, word, {"fault": f"{_place(section)}: {fault}"})
-        for number, names in task["names"].items():
-            functions = [definitions[name] for name in names if callable(definitions.get(name))]
-            if not functions:
+        for number, entry in functions.items():
+            answers = [definitions[name] for name in entry.names if callable(definitions.get(name))]
+            if not answers:
                 continue
             _write(file, word, {"number": number})
-            for function in functions:
+            for answer in answers:
                 try:
-                    verdict = _verdict(tasks[number], function)
+                    verdict = _verdict(exercises[number], answer)
                 except BaseException as error:  # such as SystemExit, which a check does not expect
                     verdict = Verdict(False, f"it raises {type(error).__name__}: {error}")
                 if verdict.passed:
@@ -311,11 +324,11 @@ def _check_functions(task: dict[str, Any], my_vo: Path) -> None:
         _write(file, word, {"done": True})
 
 
-def _verdict(task: Task, function: Any) -> Verdict:
+def _verdict(exercise: Exercise, function: Any) -> Verdict:
     """The verdict of an exercise on a function of my_vo.py, which must not be the kit's own."""
     if module := stored_answers.kit_module_of(function):
         return Verdict(False, f"it is the kit's own function, of {module}.")
-    return task.exercise.grade(function)
+    return exercise.grade(function)
 
 
 def _write(file: TextIO, word: str, line: dict[str, Any]) -> None:

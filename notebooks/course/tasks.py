@@ -112,6 +112,15 @@ def _tasks_of(path: Path) -> Iterator[Task]:
             )
 
 
+def exercise_of(check: str) -> Exercise:
+    """The check that a notebook calls, such as "ch03.select"; imports its chapter only."""
+    chapter, _, name = check.partition(".")
+    exercise, _ = _exercise(chapter, name)
+    if exercise is None:
+        raise LookupError(f"{check} is no check of an exercise")
+    return exercise
+
+
 def _exercise(chapter: str, check: str) -> tuple[Exercise | None, bool]:
     """The exercise that a notebook checks, and whether the check measures first.
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from course import answer_log, checker, hand_in, marks
+from course import answer_log, checker, hand_in, marks, stored_answers
 from course.ch00 import exercises as ch00
 from course.ch04 import exercises as ch04
 from course.ch08 import exercises as ch08
@@ -25,7 +25,7 @@ from course.grading import grade
 from course.minutes import NOTEBOOKS
 from course.results import Verdict
 from course.submissions import MAX_MEMBERS, Submission, find_submissions, read_submission
-from course.tasks import all_tasks, chosen_tasks, tasks
+from course.tasks import all_tasks, chosen_tasks, exercise_of, tasks
 from vo_lib.commands.cli import main
 from vo_lib.errors import DataError
 
@@ -81,6 +81,7 @@ def test_exercises_are_those_of_the_notebooks() -> None:
         "my_drive",
     }
     assert tasks()["weights"][1] is ch04.robust_weight
+    assert all(exercise_of(task.check) is task.exercise for task in all_tasks())
     assert [task.chapter for task in chosen_tasks("0,8")] == [
         task.chapter for task in all_tasks() if task.chapter in "08"
     ]
@@ -174,6 +175,21 @@ def test_answers_that_are_no_functions_are_checked_again(
     assert (of_names["my_drive"].passed, of_names["my_drive"].found) == (True, "answer")
     assert (of_names["percent"].passed, of_names["percent"].found) == (True, "said")
     assert (of_names["te_re"].passed, of_names["te_re"].says) == (False, "not there")
+
+
+def test_a_student_without_functions_costs_no_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    started = list[Any]()
+
+    def run_process(*parameters: Any) -> tuple[list[dict[str, Any]], str]:
+        started.append(parameters)
+        return [], ""
+
+    monkeypatch.setattr("course.grading._run_process", run_process)
+    found, remarks = grade(Submission("dora", {"my_answers.json": b"{}"}), all_tasks())
+    assert (started, remarks) == ([], [])
+    assert not any(mark.passed for mark in found.values())
+    grade(Submission("anna", {"my_vo.py": my_vo().encode()}), all_tasks())
+    assert len(started) == 1
 
 
 def test_a_function_that_failed_says_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -483,26 +499,30 @@ def test_a_right_answer_stays_and_a_later_wrong_one_is_named(
     assert len(grade(handed_in(tmp_path), chosen_tasks("0"))[1]) == 0
 
 
-@pytest.mark.parametrize(
-    "source",
-    [
-        "from course.ch04.exercises import robust_weight\nweights = robust_weight.right\n",
-        "from course.ch04 import exercises as e\nglobals().update({'weights': e.robust_weight.right})\n",
-        "import functools\nfrom course.ch04 import exercises as e\n"
-        "weights = functools.partial(e.robust_weight.right)\n",
-        "import functools\nfrom course.ch04 import exercises as e\n"
-        "weights = functools.lru_cache(e.robust_weight.right)\n",
-        "from course.ch04.exercises import robust_weight as weights\n",
-        "from types import FunctionType\nfrom course.ch04.exercises import robust_weight as e\n"
-        "weights = FunctionType(e.right.__code__, e.right.__globals__)\nweights.__module__ = 'my_vo'\n",
-    ],
-)
-def test_functions_of_the_kit_have_no_marks(source: str) -> None:
-    content = f"# ---- weights ----\n{source}".encode()
-    found, _ = grade(Submission("eve", {"my_vo.py": content}), chosen_tasks("4"))
-    mark = found[tasks()["weights"][0]]
-    assert not mark.passed
-    assert "it is the kit's own function" in mark.says
+# Ways to hand in the kit's own answer, each for another exercise, so that one process checks them all.
+FUNCTIONS_OF_THE_KIT = {
+    "weights": "from course.ch04.exercises import robust_weight\nweights = robust_weight.right\n",
+    "rows_of_one": "from course.ch04 import exercises as e\n"
+    "globals().update({'rows_of_one': e.feature_rows.right})\n",
+    "translation_of_one": "import functools\nfrom course.ch04 import exercises as e\n"
+    "translation_of_one = functools.partial(e.one_feature.right)\n",
+    "translation_of_all": "import functools\nfrom course.ch04 import exercises as e\n"
+    "translation_of_all = functools.lru_cache(e.stack.right)\n",
+    "depth_weights": "from course.ch04.exercises import depth_weight as depth_weights\n",
+    "bias_and_scatter": "from types import FunctionType\nfrom course.ch04.exercises import bias as e\n"
+    "bias_and_scatter = FunctionType(e.right.__code__, e.right.__globals__)\n"
+    "bias_and_scatter.__module__ = 'my_vo'\n",
+}
+
+
+def test_functions_of_the_kit_have_no_marks() -> None:
+    content = "".join(f"# ---- {name} ----\n{source}\n\n" for name, source in FUNCTIONS_OF_THE_KIT.items())
+    found, remarks = grade(Submission("eve", {"my_vo.py": content.encode()}), chosen_tasks("4"))
+    assert remarks == []
+    for name in FUNCTIONS_OF_THE_KIT:
+        mark = found[tasks()[name][0]]
+        assert (mark.passed, mark.found) == (False, "run"), name
+        assert "it is the kit's own function" in mark.says, name
 
 
 def test_results_cannot_be_written_by_the_student() -> None:
@@ -547,12 +567,22 @@ def test_a_verdict_by_the_students_file_alone_has_a_mark_of_its_own(
         (my_vo("é = 1").encode("latin-1"), "line 3 is not in UTF-8"),
     ],
 )
-def test_other_encodings_are_read(encoded: bytes, remark: str) -> None:
-    found, remarks = grade(Submission("ben", {"my_vo.py": encoded}), chosen_tasks("0,4"))
-    assert found[tasks()["weights"][0]].passed
-    assert found[tasks()["chain"][0]].passed
+def test_other_encodings_are_read(tmp_path: Path, encoded: bytes, remark: str) -> None:
+    # Chapter 8 has no functions, so that no process starts; the file is read and remarked on all the same.
+    _, remarks = grade(Submission("ben", {"my_vo.py": encoded}), chosen_tasks("8"))
     assert len(remarks) == bool(remark)
     assert remark in "".join(remarks)
+    (tmp_path / "my_vo.py").write_bytes(encoded)
+    definitions = stored_answers.load_functions(tmp_path / "my_vo.py")
+    assert ch04.robust_weight.grade(definitions["weights"]).passed
+    assert ch00.chain.grade(definitions["chain"]).passed
+
+
+def test_the_process_gets_a_file_of_another_encoding_as_text() -> None:
+    encoded = ("# Größe\n" + my_vo("é = 1")).encode("utf-16")
+    found, _ = grade(Submission("ben", {"my_vo.py": encoded}), chosen_tasks("0,4"))
+    assert found[tasks()["weights"][0]].passed
+    assert found[tasks()["chain"][0]].passed
 
 
 @pytest.mark.parametrize(
