@@ -28,13 +28,13 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def _data(options: argparse.Namespace) -> int:
     """Run a script and return its exit code, or list the scripts."""
-    purposes = scripts()
     if options.name is None:
-        show_table(["script", "purpose"], [[*row] for row in purposes.items()], numbers=False)
+        show_table(["script", "purpose"], [[*row] for row in scripts().items()], numbers=False)
         print_wrapped("vo data NAME --help: options and examples of a script")
         return 0
-    if options.name not in purposes:
-        near = did_you_mean(options.name, purposes)
+    names = [path.stem for path in _script_files()]
+    if options.name not in names:
+        near = did_you_mean(options.name, names)
         raise DataError(f"unknown data script {options.name!r}; {near}`vo data` lists the scripts")
     folder = str(folder_of_checkout("data_scripts"))
     if folder not in sys.path:
@@ -45,10 +45,15 @@ def _data(options: argparse.Namespace) -> int:
 def scripts() -> dict[str, str]:
     """The first paragraph of each script's docstring as one line, by script name."""
     purposes = {}
-    for path in sorted(folder_of_checkout("data_scripts").glob("[!_]*.py")):
+    for path in _script_files():
         docstring = ast.get_docstring(ast.parse(read_text(path))) or ""
         purposes[path.stem] = " ".join(docstring.partition("\n\n")[0].split())
     return purposes
+
+
+def _script_files() -> list[Path]:
+    """The files of the scripts, by name."""
+    return sorted(folder_of_checkout("data_scripts").glob("[!_]*.py"))
 
 
 def run_script(script: ModuleType, words: Sequence[str] | None = None) -> int:
