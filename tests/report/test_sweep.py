@@ -284,6 +284,7 @@ def test_a_sweep_says_how_long_the_rest_will_take(
 ) -> None:
     """With one seed, too: every run has other settings then, and the matches may be kept."""
     words = ["sweep", "--sequence", str(sequence.folder), "--seeds", "1", "--method", "mesvo_f"]
+    words += ["--frames", "0:12"]
     words += ["--set", "selection.sets=10,20,30,40", "--jobs", jobs, "--cache", str(cache)]
     for out in ("first", "second"):  # the second one with kept matches in any case
         capsys.readouterr()
