@@ -59,8 +59,12 @@ def test_small_excesses_are_clipped(tmp_path: Path) -> None:
         ("2.5 0.2 0.5 0.2 0.6", "expected a class number"),
         ("-1 0.2 0.5 0.2 0.6", "expected a class number"),
         ("2 120 200 60 40", "values in 0..1"),
-        ("2 0.2 0.5 0.2 0.6 0.9 3", "values in 0..1"),  # Ultralytics' number of a track
-        ("2 0.2 0.5 0.2 0.6 0.9 1", "omit the number of the track"),
+        ("2 0.2 0.5 0.2 0.6 0.9 3", "omit the number of the track$"),  # as Ultralytics writes it
+        ("2 0.2 0.5 0.2 0.6 0.9 117", "omit the number of the track$"),
+        ("2 0.2 0.5 0.2 0.6 0.9 1", r"omit the number of the track; a triangle ends with 1\.0"),
+        ("2 0.2 0.5 0.2 0.6 0.9 0", r"omit the number of the track; a triangle ends with 0\.0"),
+        ("2 20 50 20 60 90 3", "values in 0..1"),
+        ("2 0.2 0.5 0.2 0.6 0.9 3.5", "values in 0..1"),
         ("2 0.2 0.5 0.2", "found 4 fields"),
         ("2 0.2 0.5 0.2 0.6 0.1 0.1 0.1", "found 8 fields"),
     ],
@@ -69,6 +73,21 @@ def test_other_lines_are_refused(tmp_path: Path, line: str, words: str) -> None:
     (tmp_path / "000000.txt").write_text(f"2 0.2 0.5 0.2 0.6\n{line}\n")
     with pytest.raises(DataError, match=f"000000.txt, line 2: .*{words}"):
         read_labels(tmp_path / "000000.txt", 100, 50)
+
+
+@pytest.mark.parametrize(
+    ("line", "box"),
+    [
+        ("2 0.2 0.2 0.9 0.9 0.5 1", [0.2, 0.2, 0.9, 1.0]),
+        ("2 0.1 0.5 0.8 0.4 0.3 0", [0.1, 0.0, 0.8, 0.5]),
+        ("2 0.5 0.9 0 0.3 0.7 1", [0.0, 0.3, 0.7, 1.0]),  # no box has the width 0
+        ("2 0.2 0.5 0.2 0.6 0.9 1.0", [0.2, 0.5, 0.9, 1.0]),
+    ],
+)
+def test_triangles_may_end_with_a_whole_number(tmp_path: Path, line: str, box: list[float]) -> None:
+    (tmp_path / "000000.txt").write_text(f"{line}\n")
+    boxes = read_labels(tmp_path / "000000.txt", 100, 50)
+    assert boxes.xyxy == pytest.approx(np.array([box]) * [100, 50, 100, 50] - 0.5)
 
 
 def test_kittis_object_labels_name_their_conversion(tmp_path: Path) -> None:

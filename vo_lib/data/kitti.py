@@ -322,15 +322,15 @@ def read_image(path: Path, bits: int | None = None) -> Image:
     return np.asarray(image >> (used_bits - IMAGE_BITS), np.uint8)
 
 
-def grey_bits(sides: Iterable[list[Path]]) -> int:
+def grey_bits(files_by_camera: Iterable[list[Path]]) -> int:
     """Bits that the largest grey value of all images needs: one of `BITS`; 8 if the first images have 8 bits.
 
     With 16 bits in the files, all images are read, since one bright image decides.
 
-    sides : the images of each camera.
+    files_by_camera : the images of each camera.
     """
     needed = IMAGE_BITS
-    for files in sides:
+    for files in files_by_camera:
         if not files or not _has_16_bits(files[0]):
             continue
         with ThreadPoolExecutor(READING_THREADS) as pool:

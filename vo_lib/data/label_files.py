@@ -24,10 +24,10 @@ MAX_OUTSIDE = 0.01  # share of the image; a box that reaches further out of it m
 KITTI_FIELDS = (15, 16)  # of a line of KITTI's object labels, without and with a score
 KEYPOINT_SIZES = (2, 3)  # numbers of a keypoint: x, y, and perhaps whether or how surely it is visible
 MAX_VISIBILITY = 2.0  # the largest such third number
-# The second pair of numbers may be the size of a box, not a point of a polygon, if it lies further outside
-# the other points than the first of these shares of their extent; beyond the second share, it is a size.
-MAY_BE_SIZE = 0.25
-IS_SIZE = 1.0
+# A row's second pair is a size in a box with keypoints, a point near the others in a polygon. How far it lies
+# outside the others, in units of their extent:
+MAY_BE_SIZE = 0.25  # above this, it may be a size
+IS_SIZE = 1.0  # above this, it is one
 TRIANGLE_POINTS = 3  # too few to tell
 SMALLEST_AREA = 1e-6  # of a rotated box, as a share of the image
 MAX_GAP = 2e-3  # shares of the image, between the fourth corner of a rotated box and its place by the others
@@ -113,16 +113,17 @@ def _read_row(line: str, path: str | Path, line_number: int) -> _Row:
             line_number,
         )
     numbers = _numbers(words)
-    if not _are_class_and_shares(numbers):
-        start = line.strip()[:60]
-        raise DataError(f"expected a class number and values in 0..1, found {start!r}", path, line_number)
-    if len(words) == POLYGON_FIELDS and words[-1].isdecimal():
+    if len(words) == POLYGON_FIELDS and words[-1].isdecimal() and _ends_with_track(numbers):
+        triangle = "" if numbers[-1] > 1 else f"; a triangle ends with {words[-1]}.0"
         raise DataError(
             "expected class cx cy w h [score], found 7 fields, the last of which is a whole number: omit "
-            "the number of the track",
+            f"the number of the track{triangle}",
             path,
             line_number,
         )
+    if not _are_class_and_shares(numbers):
+        start = line.strip()[:60]
+        raise DataError(f"expected a class number and values in 0..1, found {start!r}", path, line_number)
     class_id = int(numbers[0])
     values = [min(max(value, 0.0), 1.0) for value in numbers[1:]]
     if is_polygon:
@@ -130,6 +131,16 @@ def _read_row(line: str, path: str | Path, line_number: int) -> _Row:
         return _Row(class_id, _bounding_box(values), 1.0, polygon=True, may_be_keypoints=may_be_keypoints)
     score = values[4] if len(values) == 5 else 1.0
     return _Row(class_id, values[:4], score, polygon=False, may_be_keypoints=False)
+
+
+def _ends_with_track(numbers: list[float]) -> bool:
+    """Whether the last of 7 numbers, a whole one, may be that of a track, behind the score of a box.
+
+    With 0 or 1, which a triangle at the image border may end with, only the box tells.
+    """
+    if not _are_class_and_shares(numbers[:-1]):
+        return False
+    return numbers[-1] > 1 or _is_box_in_image(numbers[1:5])
 
 
 def _are_class_and_shares(numbers: list[float]) -> bool:
@@ -166,7 +177,7 @@ def _have_keypoints(values: list[float]) -> _Answer:
     Of a polygon, too, the first two points may look like a box around the others; but then the second point
     lies near them, which is rarely true for the size of a box.
     """
-    if len(values) < POLYGON_FIELDS - 1 or not _is_box_in_image(values[:4]):
+    if not values or not _is_box_in_image(values[:4]):  # without values, a word is no number
         return _Answer.NO
     answer = _Answer.NO
     for rest in (values[4:], values[4:-1]):  # without a score, and with one

@@ -19,7 +19,7 @@ def label_remarks(sequence: Sequence, classes: tuple[str, ...]) -> list[str]:
     """
     if sequence.labels is None:
         return []
-    sequence.require_boxes(classes)
+    sequence.refuse_other_numbers(classes)
     names = read_class_names(sequence.labels)
     counts = count_labels(label_files(sequence.labels))
     choice = names.choose(classes)

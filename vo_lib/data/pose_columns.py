@@ -290,7 +290,10 @@ def _one_path(candidates: dict[str, list[Column]], path: str | Path, line_number
     paths: dict[tuple[str, ...], dict[str, Column]] = {}
     for role, columns in candidates.items():
         for column in columns:
-            one_path = paths.setdefault(_words_of_path(column), {})
+            words_of_path = _words_of_path(column)
+            if words_of_path not in paths:
+                paths[words_of_path] = {}
+            one_path = paths[words_of_path]
             if role in one_path:
                 raise DataError(f"the header names {column.name} twice", path, line_number)
             one_path[role] = column

@@ -240,38 +240,51 @@ def _read_named(path: str | Path, header: int) -> PoseFile:
         raise DataError("no rows below the header", path, header)
     separator = separator_of(rows[0].text)
     columns = read_columns(lines[header - 1], header, path, separator)
-    table, pose_lines = _read_table(rows, separator, columns, path)
+    table = _read_table(rows, separator, columns, path)
     notes = list[str]()
-    skipped = len(rows) - len(table)
+    skipped = len(rows) - len(table.lines)
     if skipped:
         notes.append(f"{path}: {skipped} rows without a pose are skipped.")
-    numbers = table[:, -POSE_NUMBERS:]
-    numbers[:, :3] *= columns.metres
+    position = columns.metres * table.pose[:, :3]
+    quaternion = table.pose[:, 3:]
     names = " ".join(columns.names[place] for place in columns.quaternion)
-    poses = _poses(numbers, pose_lines, path, f"{names} of length 1")
+    rows_in_metres = np.concatenate([position, quaternion], axis=1)
+    poses = _poses(rows_in_metres, table.lines, path, f"{names} of length 1")
     time_columns = columns.time
-    if columns.frame is not None and epoch_unit(table[:, 0]) != 1.0:
+    if columns.frame is not None and epoch_unit(table.before_pose[:, 0]) != 1.0:
         # Some data sets call the time of a frame, in nanoseconds since 1970, its number.
         time_columns = (TimeColumn(columns.frame, factor=None),)
     if time_columns:
-        times, unit_notes = _sum_times(table, time_columns, columns.names, path)
-        _refuse_not_increasing(times, pose_lines, path)
+        times, unit_notes = _sum_times(table.before_pose, time_columns, columns.names, path)
+        _refuse_not_increasing(times, table.lines, path)
         return PoseFile(times, poses, (*notes, *unit_notes))
     if columns.frame is not None:
-        _refuse_missing_frames(table[:, 0], pose_lines, path)
+        _refuse_missing_frames(table.before_pose[:, 0], table.lines, path)
     elif skipped:
         raise DataError("rows without a pose in a file without times", path, header)
     notes.append(f"{path}: the header names no time, so row k is frame k.")
     return PoseFile(None, poses, tuple(notes))
 
 
+class _Table(NamedTuple):
+    """The N rows with a pose of a file with a header.
+
+    Attributes
+    ----------
+    before_pose : (N, M) the time, in one or two columns, or the frame number; M is 0 without both.
+    pose : (N, 7) x y z qx qy qz qw, positions in the unit of the file.
+    lines : the line number of each row.
+    """
+
+    before_pose: Array
+    pose: Array
+    lines: list[int]
+
+
 def _read_table(
     rows: list[_TextRow], separator: str | None, columns: PoseColumns, path: str | Path
-) -> tuple[Array, list[int]]:
-    """The numbers (N, M) of the rows with a pose, in the order of `columns.places`, and their line numbers.
-
-    So the last `POSE_NUMBERS` columns are the pose, and those before are the time or the frame number.
-    """
+) -> _Table:
+    """The numbers of the rows with a pose."""
     lines = list[int]()
     values = list[list[float]]()
     for row in rows:
@@ -285,21 +298,22 @@ def _read_table(
         lines.append(row.line)
     if not values:
         raise DataError("no row has a pose", path, columns.line)
-    return np.array(values), lines
+    numbers = np.array(values)  # in the order of `columns.places`, which ends with the pose
+    return _Table(numbers[:, :-POSE_NUMBERS], numbers[:, -POSE_NUMBERS:], lines)
 
 
 def _sum_times(
-    table: Array, time_columns: tuple[TimeColumn, ...], names: tuple[str, ...], path: str | Path
+    numbers: Array, time_columns: tuple[TimeColumn, ...], names: tuple[str, ...], path: str | Path
 ) -> tuple[Array, list[str]]:
-    """Times (N,) in seconds from the first columns of a table (N, M), and notes on units that were guessed.
+    """Times (N,) in seconds from the columns (N, M) of the time, and notes on units that were guessed.
 
     names : of all columns in the header.
     """
-    times = np.zeros(len(table))
+    times = np.zeros(len(numbers))
     notes = list[str]()
     for column, (place, factor) in enumerate(time_columns):
-        unit = epoch_unit(table[:, column]) if factor is None else factor
-        times += unit * table[:, column]
+        unit = epoch_unit(numbers[:, column]) if factor is None else factor
+        times += unit * numbers[:, column]
         if factor is None and unit != 1.0:
             notes.append(f"{path}: the numbers in {names[place]} are read as {UNIT_NAMES[unit]} since 1970.")
     return times, notes
@@ -364,9 +378,9 @@ def match_times(
     distances = np.abs(times_a - times_b[nearest])
     close = np.flatnonzero(distances <= tolerance)
     # A pose has one partner at most, the nearest: of equal indices, `unique` takes the first.
-    nearest_first = close[np.argsort(distances[close], kind="stable")]
-    in_b, first = np.unique(nearest[nearest_first], return_index=True)
-    return nearest_first[first], in_b
+    by_distance = close[np.argsort(distances[close], kind="stable")]
+    in_b, chosen = np.unique(nearest[by_distance], return_index=True)
+    return by_distance[chosen], in_b
 
 
 def format_kitti_poses(T: Array) -> str:

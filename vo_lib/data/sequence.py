@@ -199,10 +199,11 @@ class Sequence:
         choice = read_class_names(self.labels).choose(classes)
         return lambda index: choice.select(self.labelled_boxes(index))
 
-    def require_boxes(self, classes: tuple[str, ...]) -> None:
-        """Raise `ClassesError` if the label folder has boxes, but none of a chosen class and no names.
+    def refuse_other_numbers(self, classes: tuple[str, ...]) -> None:
+        """Raise `ClassesError` if the label folder names no classes and no box has a chosen number.
 
-        Then the numbers are probably not COCO's. Raises also as `ClassNames.choose`.
+        Then the numbers are probably not COCO's. A folder without boxes is not refused. Raises also as
+        `ClassNames.choose`.
         """
         if self.labels is None:
             return
@@ -245,7 +246,10 @@ def at_pixels(picture: NDArray[Any], uv: Array) -> NDArray[Any]:
 
 
 def open_folder(folder: Path, name: str, labels: str | Path | None = None) -> Sequence:
-    """The sequence in a folder in KITTI's layout. Of images with 8 bits, only the first pair is read.
+    """The sequence in a folder in KITTI's layout.
+
+    Of images with 8 bits, only the first left one is read, and the header of the first right one; with more
+    bits, all are, as in `grey_bits`.
 
     labels : folder of YOLO label files; by default `labels` in the sequence's folder, if it exists.
 

@@ -2,6 +2,10 @@
 
 A label folder contains `000000.txt` …; `detector.json`, with the model's SHA-256, the settings, and the names
 and numbers of the classes; and `images.sha256`, with the hash of the image of each label.
+
+A class has three numbers, which often agree: the model's own; the one in label files, which is COCO's if that
+is free and the class is in COCO or resembles a vehicle there, else 80 or more (`label_numbers`); and that of
+its kind, COCO's number of such a vehicle, which the boxes that count have (`ClassChoice.select`).
 """
 
 from __future__ import annotations
@@ -170,10 +174,10 @@ def with_label_numbers(detector: YoloDetector, boxes: Boxes) -> Boxes:
 def with_kinds(detector: YoloDetector, boxes: Boxes) -> Boxes:
     """A detector's boxes with COCO's class number of their kind, as boxes of a label folder have it."""
     numbered = with_label_numbers(detector, boxes)
-    _, classes = model_classes(detector)
-    if not classes.names:
+    _, names = model_classes(detector)
+    if not names.names:
         return numbered
-    return classes.choose_all().select(numbered)
+    return names.choose_all().select(numbered)
 
 
 def write_label_folder(
@@ -217,7 +221,9 @@ def write_label_folder(
         raise DataError(f"the folder cannot be created: {error.strerror}", folder) from None
     with only_process(folder, waiting):
         _require_replaceable(folder)
-        is_own = _belongs(folder, record, replace)
+        is_own = _are_labels_of(folder, record)
+        if not is_own:
+            _refuse_other_labels(folder, replace)
         digests = _image_digests(sequence)
         missing = _missing_frames(folder, sequence, digests) if is_own else list(sequence.frames)
         if not missing:
@@ -389,16 +395,16 @@ def _write_record(
     folder: Path, record: dict[str, Any], detector: YoloDetector, class_mask: BoolArray
 ) -> None:
     """Write the record of a detector, with the names of its classes and the numbers of the written ones."""
-    classes: dict[str, Any] = {"written": np.flatnonzero(class_mask).tolist()}
+    class_fields: dict[str, Any] = {"written": np.flatnonzero(class_mask).tolist()}
     if detector.names is not None:
         numbers = label_numbers(detector.names)
         names = {str(number): name for number, name in zip(numbers, detector.names, strict=True)}
-        classes = {
+        class_fields = {
             "written": numbers[class_mask].tolist(),
             "names": names,
             "numbers": numbers.tolist(),  # of the model's classes, in the model's order
         }
-    write_atomic(folder / DETECTOR_RECORD, json.dumps(record | classes, indent=1) + "\n")
+    write_atomic(folder / DETECTOR_RECORD, json.dumps(record | class_fields, indent=1) + "\n")
 
 
 def require_label_folder(folder: Path) -> None:
@@ -445,25 +451,29 @@ def is_current_record(record: dict[str, Any]) -> bool:
     return isinstance(settings, dict) and settings.keys() == names and "written" in record
 
 
-def _belongs(folder: Path, record: dict[str, Any], replace: bool) -> bool:
+def _are_labels_of(folder: Path, record: dict[str, Any]) -> bool:
     """Whether the labels in a folder are those of this record; not so in a folder without a record.
 
-    Raises `DataError` for a record of another program, and for other labels unless `replace`.
+    Raises `DataError` for a file in place of the record that cannot be read.
     """
     path = folder / DETECTOR_RECORD
-    if path.exists():
-        present = read_mapping(path, EXPECTED_RECORD)
-        if all(present.get(name) == value for name, value in record.items()):
-            return True
-        if not RECORD_KEYS.issubset(present):
-            raise DataError(f"expected {EXPECTED_RECORD}: choose another folder for labels", path)
+    if not path.exists():
+        return False
+    present = read_mapping(path, EXPECTED_RECORD)
+    return all(present.get(name) == value for name, value in record.items())
+
+
+def _refuse_other_labels(folder: Path, replace: bool) -> None:
+    """Raise `DataError` for another program's record, and for another detector's labels unless `replace`."""
+    path = folder / DETECTOR_RECORD
+    if path.exists() and not RECORD_KEYS.issubset(read_mapping(path, EXPECTED_RECORD)):
+        raise DataError(f"expected {EXPECTED_RECORD}: choose another folder for labels", path)
     if label_files(folder) and not replace:
         raise DataError(
             "contains labels that this detector did not write: choose another folder",
             folder,
             remedy="replace",
         )
-    return False
 
 
 def _require_replaceable(folder: Path) -> None:

@@ -74,18 +74,18 @@ class OutputLayout:
     Attributes
     ----------
     name : short name of the layout. reader : see `Reader`.
-    classes : number of classes, None if neither the outputs nor the metadata tell.
+    class_count : number of classes, None if neither the outputs nor the metadata tell.
     placement : of the image in the network's image: "centred" with borders on both sides, in the upper left
         "corner", or "stretched" over all of it.
-    bytes_in : the input is BGR from 0 to 255, otherwise RGB from 0 to 1.
+    wants_bgr_bytes : the input is BGR from 0 to 255, otherwise RGB from 0 to 1.
     one_to_one : the network has selected its boxes; each object has one.
     """
 
     name: str
     reader: Reader
-    classes: int | None
+    class_count: int | None
     placement: str = "centred"
-    bytes_in: bool = False
+    wants_bgr_bytes: bool = False
     one_to_one: bool = False
 
 
@@ -112,8 +112,8 @@ def recognise(outputs: Sequence[Output], metadata: Metadata, width: int, height:
     else:
         raise _refusal(outputs, "these look like the raw maps of a network, before its boxes")
     names = metadata.names
-    if names is not None and layout.classes is not None and len(names) != layout.classes:
-        raise _refusal(outputs, f"{layout.classes} classes, but its metadata names {len(names)}")
+    if names is not None and layout.class_count is not None and len(names) != layout.class_count:
+        raise _refusal(outputs, f"{layout.class_count} classes, but its metadata names {len(names)}")
     return layout
 
 
@@ -123,20 +123,20 @@ def _from_table(
     """The layout of a network whose boxes are in one output, that with the number `index`."""
     values = outputs[index].values
     table = table_of(values)
-    boxes_a_cell = _boxes_a_cell(width, height)
+    boxes_a_cell_by_rows = _grids_by_rows(width, height)
     masks = _mask_count(outputs)
     if metadata.names is not None and 4 + len(metadata.names) in table.shape:
         masks = 0  # a detection model; its maps are of no concern here
     selects_boxes = metadata.one_to_one or metadata.transformer
-    columns_first = table.shape[1] in boxes_a_cell
-    if columns_first or (len(table) in boxes_a_cell and not selects_boxes):
+    columns_first = table.shape[1] in boxes_a_cell_by_rows
+    if columns_first or (len(table) in boxes_a_cell_by_rows and not selects_boxes):
         rows = np.asarray(table.T if columns_first else table, np.float64)
         grid = _Grid(
             outputs=outputs,
             index=index,
             rows=rows,
             columns_first=columns_first,
-            boxes_a_cell=boxes_a_cell[len(rows)],
+            boxes_a_cell=boxes_a_cell_by_rows[len(rows)],
             masks=masks,
             metadata=metadata,
             width=width,
@@ -193,32 +193,34 @@ def _from_grid(grid: _Grid) -> OutputLayout:
     """The layout of a table with one or three rows for each cell of a grid."""
     names = grid.metadata.names
     if grid.columns == 6 and grid.masks == 0 and _is_labelled(grid.rows, names):
-        classes = None if names is None else len(names)
-        labelled = LabelColumn(grid.index, "corners", box=0, score=4, label=5, either=False, classes=classes)
-        return OutputLayout("deepstream", labelled, classes)
+        class_count = None if names is None else len(names)
+        labelled = LabelColumn(
+            grid.index, "corners", box=0, score=4, label=5, either=False, class_count=class_count
+        )
+        return OutputLayout("deepstream", labelled, class_count)
     too_few = f"{grid.rows.shape[1]} columns are too few for a box and its score"
     if names is None and grid.columns < 5:
         raise _refusal(grid.outputs, too_few)
     objectness = _has_objectness(grid)
-    classes = grid.columns - (5 if objectness else 4)
-    if classes < 1:
+    class_count = grid.columns - (5 if objectness else 4)
+    if class_count < 1:
         raise _refusal(grid.outputs, too_few)
     scores = grid.rows[:, 4 : grid.columns]
     if not is_share(scores[np.isfinite(scores)], SCORE_SLACK).all():
         raise _refusal(grid.outputs, "columns behind the box are not scores from 0 to 1" + _guess(grid))
-    as_centres = ClassColumns(grid.index, grid.columns_first, "centre", objectness, classes)
+    as_centres = ClassColumns(grid.index, grid.columns_first, "centre", objectness, class_count)
     if not objectness:
-        return OutputLayout("yolov8", as_centres, classes)
+        return OutputLayout("yolov8", as_centres, class_count)
     if grid.boxes_a_cell == ANCHORS:
-        return OutputLayout("yolov5", as_centres, classes)
+        return OutputLayout("yolov5", as_centres, class_count)
     if _is_yolov6(grid.rows, grid.output_name):
-        return OutputLayout("yolov6", as_centres, classes)
+        return OutputLayout("yolov6", as_centres, class_count)
     if not grid.is_raw():
-        return OutputLayout("yolox-decoded", as_centres, classes, "corner", bytes_in=True)
+        return OutputLayout("yolox-decoded", as_centres, class_count, "corner", wants_bgr_bytes=True)
     if len(grid.rows) != yolox_cells(grid.width, grid.height):
         raise _refusal(grid.outputs, "raw boxes of cells of another size than 8, 16 and 32 px")
-    in_cells = ClassColumns(grid.index, grid.columns_first, "cell", objectness, classes)
-    return OutputLayout("yolox", in_cells, classes, "corner", bytes_in=True)
+    in_cells = ClassColumns(grid.index, grid.columns_first, "cell", objectness, class_count)
+    return OutputLayout("yolox", in_cells, class_count, "corner", wants_bgr_bytes=True)
 
 
 def _has_objectness(grid: _Grid) -> bool:
@@ -228,7 +230,7 @@ def _has_objectness(grid: _Grid) -> bool:
     """
     columns = grid.columns
     if grid.metadata.names is not None:
-        return _has_objectness_beside(grid, len(grid.metadata.names))
+        return _has_objectness_by_names(grid, len(grid.metadata.names))
     if grid.boxes_a_cell == ANCHORS:
         return True
     if grid.columns_first or columns == 4 + len(COCO):
@@ -242,10 +244,10 @@ def _has_objectness(grid: _Grid) -> bool:
     raise _refusal(grid.outputs, words, remedy="")
 
 
-def _has_objectness_beside(grid: _Grid, classes: int) -> bool:
+def _has_objectness_by_names(grid: _Grid, class_count: int) -> bool:
     """Whether a table with this number of classes has a column with the probability of an object, too."""
-    without = 4 + classes
-    with_objectness = 5 + classes
+    without = 4 + class_count
+    with_objectness = 5 + class_count
     if grid.boxes_a_cell == ANCHORS:
         expected = [with_objectness]
         form = "5 + classes"
@@ -258,7 +260,7 @@ def _has_objectness_beside(grid: _Grid, classes: int) -> bool:
         form = "4 + classes or 5 + classes"
     if grid.columns in expected:
         return grid.columns == with_objectness
-    words = f"expected {form} columns; the metadata names {classes} classes" + _guess(grid)
+    words = f"expected {form} columns; the metadata names {class_count} classes" + _guess(grid)
     raise _refusal(grid.outputs, words)
 
 
@@ -266,7 +268,7 @@ def _from_selected(
     outputs: Sequence[Output], index: int, rows: Array, masks: int, batched: bool, metadata: Metadata
 ) -> OutputLayout:
     """The layout of a table with a row for each box that the network selected; there may be no row."""
-    classes = None if metadata.names is None else len(metadata.names)
+    class_count = None if metadata.names is None else len(metadata.names)
     used = rows[np.any(rows != 0, axis=1)]
     columns = rows.shape[1]
     if columns == 7 and not batched and np.all(rows[:, 0] == 0):
@@ -278,33 +280,35 @@ def _from_selected(
             score=5 if label_last else 6,
             label=6 if label_last else 5,
             either=True,
-            classes=classes,
+            class_count=class_count,
         )
-        return OutputLayout("yolov7-end2end", reader, classes, one_to_one=True)
+        return OutputLayout("yolov7-end2end", reader, class_count, one_to_one=True)
     if columns == 6 + masks:
-        return _from_six(outputs, index, used, masks, metadata)
+        return _from_score_and_label(outputs, index, used, masks, metadata)
     scores = columns - 4 - masks
-    expected_scores = len(COCO) if classes is None else classes
+    expected_scores = len(COCO) if class_count is None else class_count
     may_be_shares = metadata.transformer or np.abs(used[:, :4]).max(initial=0.0) <= LARGEST_SHARE
     if scores != expected_scores or not may_be_shares:
-        words = "expected 6 columns (corners, score, class)" + _guess_selected(rows, masks, classes)
+        words = "expected 6 columns (corners, score, class)" + _guess_selected(rows, masks, class_count)
         raise _refusal(outputs, words)
     if not is_share(used[:, 4 : 4 + scores], SCORE_SLACK).all():
         raise _refusal(outputs, "the columns behind the box are not scores from 0 to 1")
     return _from_class_columns(index, scores)
 
 
-def _from_class_columns(index: int, classes: int) -> OutputLayout:
+def _from_class_columns(index: int, class_count: int) -> OutputLayout:
     """The layout of RT-DETR's boxes, centre and size, with a score for each class."""
-    reader = ClassColumns(index, columns_first=False, form="centre", objectness=False, classes=classes)
-    return OutputLayout("rtdetr", reader, classes, "stretched", one_to_one=True)
+    reader = ClassColumns(
+        index, columns_first=False, form="centre", objectness=False, class_count=class_count
+    )
+    return OutputLayout("rtdetr", reader, class_count, "stretched", one_to_one=True)
 
 
-def _from_six(
+def _from_score_and_label(
     outputs: Sequence[Output], index: int, used: Array, masks: int, metadata: Metadata
 ) -> OutputLayout:
     """The layout of selected boxes with a score and a class number each; `used` are the rows with values."""
-    classes = None if metadata.names is None else len(metadata.names)
+    class_count = None if metadata.names is None else len(metadata.names)
     if metadata.one_to_one or _may_have_score_in(4, used, label=5):
         score = 4
         label = 5
@@ -313,7 +317,7 @@ def _from_six(
         label = 4
     else:
         rows = _with_score(used, [4, 5])
-        two_classes = masks == 0 and classes in (None, 2) and is_share(rows[:, 4:6]).all()
+        two_classes = masks == 0 and class_count in (None, 2) and is_share(rows[:, 4:6]).all()
         if not two_classes or not _are_shares(rows):
             raise _refusal(outputs, "expected the columns x0, y0, x1, y1, score, class")
         return _from_class_columns(index, 2)
@@ -321,10 +325,10 @@ def _from_six(
     # The metadata go first: a network without training may give corners in any order.
     has_corners = not metadata.transformer and (metadata.one_to_one or _are_corners(rows[:, :4]))
     form: BoxForm = "corners" if has_corners else "centre"
-    reader = LabelColumn(index, form, box=0, score=score, label=label, either=False, classes=classes)
+    reader = LabelColumn(index, form, box=0, score=score, label=label, either=False, class_count=class_count)
     if form == "centre" and (metadata.transformer or _are_shares(rows)):
-        return OutputLayout("rtdetr", reader, classes, "stretched", one_to_one=True)
-    return OutputLayout("end2end", reader, classes, one_to_one=True)
+        return OutputLayout("rtdetr", reader, class_count, "stretched", one_to_one=True)
+    return OutputLayout("end2end", reader, class_count, one_to_one=True)
 
 
 def _may_have_score_in(score: int, rows: Array, label: int) -> bool:
@@ -362,7 +366,7 @@ def _from_separate(
     others = [index for index in others if index != number]
     lists = [index for index in others if outputs[index].values.size == len(rows)]  # one value for each box
     wide = [index for index in others if index not in lists]
-    classes = None if metadata.names is None else len(metadata.names)
+    class_count = None if metadata.names is None else len(metadata.names)
     if rows.shape[1] == 5:
         words = (
             "boxes with scores and a list of classes, as of MMDetection, whose networks expect images with "
@@ -374,20 +378,20 @@ def _from_separate(
     name = "boxes-scores"
     if len(wide) == 1 and not lists and number is None:
         scores = wide[0]
-        scores_first, classes = _score_table(outputs, scores, len(rows))
+        scores_first, class_count = _score_table(outputs, scores, len(rows))
     elif not wide and len(lists) == 2:
         scores, labels = _scores_and_labels(outputs, lists[0], lists[1])
         name = "boxes-scores-classes"
-    elif not wide and len(lists) == 1 and classes in (None, 1):
+    elif not wide and len(lists) == 1 and class_count in (None, 1):
         scores = lists[0]
-        classes = 1
+        class_count = 1
     else:
         words = "expected one output of boxes and one of scores, or boxes, scores and classes"
         raise _refusal(outputs, words)
     form: BoxForm = "corners" if _are_corners(rows[:, :4]) else "centre"
-    reader = SeparateOutputs(boxes, scores, labels, number, boxes_first, scores_first, form, classes)
-    on_grid = len(rows) in _boxes_a_cell(width, height)
-    return OutputLayout(name, reader, classes, one_to_one=not on_grid)
+    reader = SeparateOutputs(boxes, scores, labels, number, boxes_first, scores_first, form, class_count)
+    on_grid = len(rows) in _grids_by_rows(width, height)
+    return OutputLayout(name, reader, class_count, one_to_one=not on_grid)
 
 
 def _number_output(outputs: Sequence[Output], others: Sequence[int]) -> int | None:
@@ -404,10 +408,10 @@ def _score_table(outputs: Sequence[Output], scores: int, count: int) -> tuple[bo
     if table.ndim != 2 or count not in table.shape:
         raise _refusal(outputs, "boxes and scores have different numbers of rows")
     scores_first = len(table) != count
-    classes = table.shape[0] if scores_first else table.shape[1]
+    class_count = table.shape[0] if scores_first else table.shape[1]
     if not is_share(np.asarray(table, np.float64), SCORE_SLACK).all():
         raise _refusal(outputs, "the scores are not from 0 to 1: before the last step (sigmoid)?")
-    return scores_first, classes
+    return scores_first, class_count
 
 
 def _boxes_output(outputs: Sequence[Output], tables: Sequence[int]) -> tuple[int, bool]:
@@ -480,7 +484,7 @@ def _may_be_values(scores: Output, labels: Output) -> bool:
     return is_score_and_label(score, label)
 
 
-def _boxes_a_cell(width: int, height: int) -> dict[int, int]:
+def _grids_by_rows(width: int, height: int) -> dict[int, int]:
     """Boxes a cell, by the number of rows that a network has for an image of this size."""
     found: dict[int, int] = {}
     for strides in STRIDE_SETS:
@@ -557,10 +561,10 @@ def _guess(grid: _Grid) -> str:
     return _guess_further(grid.rows.shape[1] - 4 - len(grid.metadata.names), may_be_keypoints=True)
 
 
-def _guess_selected(rows: Array, masks: int, classes: int | None) -> str:
+def _guess_selected(rows: Array, masks: int, class_count: int | None) -> str:
     """What the columns of selected boxes that do not fit may be, as words."""
     further = rows.shape[1] - 6 - masks
-    return _guess_further(further, may_be_keypoints=classes in (None, 1))
+    return _guess_further(further, may_be_keypoints=class_count in (None, 1))
 
 
 def _guess_further(columns: int, may_be_keypoints: bool) -> str:

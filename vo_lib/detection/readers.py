@@ -58,14 +58,14 @@ class ClassColumns:
     index : number of the output. columns_first : the table is (columns, N), otherwise (N, columns).
     form : what the numbers of a box are; see `BoxForm`.
     objectness : column 4 is the probability of an object, by which the class scores are multiplied.
-    classes : number of classes; further columns are mask coefficients.
+    class_count : number of classes; further columns are mask coefficients.
     """
 
     index: int
     columns_first: bool
     form: BoxForm
     objectness: bool
-    classes: int
+    class_count: int
 
     def read(self, outputs: Outputs, width: int, height: int) -> ScoredBoxes:
         """See `Reader.read`."""
@@ -73,7 +73,7 @@ class ClassColumns:
         rows = (table.T if self.columns_first else table).astype(np.float64)
         corners = corners_of(rows[:, :4], self.form, width, height)
         first = 5 if self.objectness else 4
-        scores = rows[:, first : first + self.classes]
+        scores = rows[:, first : first + self.class_count]
         if not self.objectness:
             return ScoredBoxes(corners, scores)
         # A network may return numbers that are not finite; `best_boxes` ignores them.
@@ -90,7 +90,7 @@ class LabelColumn:
     index : number of the output. form : what the numbers of a box are; see `BoxForm`.
     box, score, label : first column of the box, column of the score, column of the class number.
     either : score and class number may also be in each other's column; the values tell.
-    classes : number of classes, None if unknown.
+    class_count : number of classes, None if unknown.
     """
 
     index: int
@@ -99,7 +99,7 @@ class LabelColumn:
     score: int
     label: int
     either: bool
-    classes: int | None
+    class_count: int | None
 
     def read(self, outputs: Outputs, width: int, height: int) -> ScoredBoxes:
         """See `Reader.read`."""
@@ -110,7 +110,7 @@ class LabelColumn:
             score, label = label, score
         boxes = rows[:, self.box : self.box + 4]
         corners = corners_of(boxes, self.form, width, height, score >= NO_OBJECT)
-        return ScoredBoxes(corners, scores_by_class(score, label, self.classes))
+        return ScoredBoxes(corners, scores_by_class(score, label, self.class_count))
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ class SeparateOutputs:
         column for each class. The output `number` is the count of the rows that are boxes; None: all.
     boxes_first, scores_first : whether the table is (columns, N), otherwise (N, columns).
     form : what the numbers of a box are; see `BoxForm`.
-    classes : number of classes, None if unknown.
+    class_count : number of classes, None if unknown.
     """
 
     boxes: int
@@ -133,7 +133,7 @@ class SeparateOutputs:
     boxes_first: bool
     scores_first: bool
     form: BoxForm
-    classes: int | None
+    class_count: int | None
 
     def read(self, outputs: Outputs, width: int, height: int) -> ScoredBoxes:
         """See `Reader.read`."""
@@ -151,7 +151,7 @@ class SeparateOutputs:
             return ScoredBoxes(corners, scores[:count])
         score = outputs[self.scores].ravel().astype(np.float64)
         label = outputs[self.labels].ravel().astype(np.float64)
-        return ScoredBoxes(corners, scores_by_class(score[:count], label[:count], self.classes))
+        return ScoredBoxes(corners, scores_by_class(score[:count], label[:count], self.class_count))
 
 
 def table_of(output: NDArray[Any]) -> NDArray[Any]:
@@ -181,10 +181,10 @@ def corners_of(
     return boxes
 
 
-def scores_by_class(score: Array, label: Array, classes: int | None) -> Array:
+def scores_by_class(score: Array, label: Array, class_count: int | None) -> Array:
     """Scores (N, C) from the score (N,) and class number (N,) of each box; 0 for the other classes.
 
-    Raises `UnusableOutput` for a class number that is not a whole number, or is not below `classes`.
+    Raises `UnusableOutput` for a class number that is not a whole number, or is not below `class_count`.
     """
     is_object = score >= NO_OBJECT
     labels = label[is_object]
@@ -192,9 +192,11 @@ def scores_by_class(score: Array, label: Array, classes: int | None) -> Array:
     if len(broken):
         raise UnusableOutput(f"expected the number of a class for each box, found {broken[0]:g}")
     largest = float(np.max(labels, initial=0.0))
-    if largest >= (MAX_CLASSES if classes is None else classes):
-        raise UnusableOutput(f"a box has class {largest:g}, but the model has {classes or 'fewer'} classes")
-    scores = np.zeros((len(score), int(largest) + 1 if classes is None else classes))
+    if largest >= (MAX_CLASSES if class_count is None else class_count):
+        raise UnusableOutput(
+            f"a box has class {largest:g}, but the model has {class_count or 'fewer'} classes"
+        )
+    scores = np.zeros((len(score), int(largest) + 1 if class_count is None else class_count))
     rows = np.flatnonzero(is_object & (label >= 0))  # a negative number marks a row that is no box
     scores[rows, label[rows].astype(np.intp)] = score[rows]
     return scores

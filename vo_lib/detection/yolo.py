@@ -105,7 +105,7 @@ class YoloDetector:
         self.layout_name = self._output_layout.name
         self._height_first = self._sizes_input is not None and self._expects_height_first()
         # The classes, by the file's own names or by COCO's.
-        self.class_count = self._output_layout.classes
+        self.class_count = self._output_layout.class_count
         self.named = self._metadata.names is not None
         self.names = self._metadata.names
         if self.names is None and self.class_count == len(COCO):
@@ -181,7 +181,7 @@ class YoloDetector:
 
         image : the network's image, uint8, grey (H, W) or BGR (H, W, 3).
         """
-        in_bytes = self._output_layout.bytes_in or self._type == np.uint8
+        in_bytes = self._output_layout.wants_bgr_bytes or self._type == np.uint8
         if image.ndim == 2:
             planes = np.broadcast_to(image, (3, *image.shape))
         else:
@@ -308,8 +308,8 @@ class YoloDetector:
     def _expects_height_first(self) -> bool:
         """Whether a network with the input of sizes expects the height of the image first, not the width.
 
-        The boxes are pixels of the original image, so that their x grow with its width: with the number that
-        the network takes for it.
+        Its boxes are in pixels of the original image, so their x grow with the number that it takes for the
+        width.
         """
         width = self._width or self._default_size
         height = self._height or self._default_size

@@ -128,10 +128,10 @@ def boxes_for(sequence: Sequence, rule: FilterConfig) -> Callable[[int], Boxes]:
 
     Raises
     ------
-    DataError : for a rule with boxes, as `Sequence.require_boxes` and `Sequence.boxes_of`.
+    DataError : for a rule with boxes, as `Sequence.refuse_other_numbers` and `Sequence.boxes_of`.
     """
     if rule.uses_boxes:
-        sequence.require_boxes(rule.classes)
+        sequence.refuse_other_numbers(rule.classes)
         return sequence.boxes_of(rule.classes)
     try:
         return sequence.boxes_of(rule.classes)

@@ -88,7 +88,7 @@ class Detected(Sequence):
     def boxes_of(self, classes: tuple[str, ...] = (VEHICLES,)) -> Callable[[int], Boxes]:
         return self.labelled_boxes
 
-    def require_boxes(self, classes: tuple[str, ...]) -> None:
+    def refuse_other_numbers(self, classes: tuple[str, ...]) -> None:
         """No label folder needs a check."""
 
 
