@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import ast
+import graphlib
 import importlib.metadata as metadata
 import json
 import re
 import shlex
 import tomllib
+from collections import defaultdict
 from pathlib import Path
 
 from packaging.requirements import Requirement
@@ -15,6 +17,9 @@ from packaging.requirements import Requirement
 from vo_lib.commands.cli import make_parser
 
 ROOT = Path(__file__).resolve().parents[1]
+LIBRARY = ROOT / "vo_lib"
+COURSE = ROOT / "notebooks" / "course"
+SCRIPTS = ROOT / "data_scripts"
 
 
 def test_measured_versions_are_within_the_ranges() -> None:
@@ -118,9 +123,113 @@ def test_renderer_imports_little_of_the_library() -> None:
         assert imported_packages(path) <= BASE | {"data"}, path
 
 
+# Modules of the library that call the renderer. It reads the library's settings of scenes, so they import it
+# inside the functions that need it.
+CALLS_RENDERER = {"data/drawn.py": "draws a scene that is missing, and counts the frames of its route"}
+
+
 def test_the_library_reaches_the_renderer_only_through_drawn_scenes() -> None:
-    callers = [path for path in (ROOT / "vo_lib").rglob("*.py") if "vo_street" in packages(path)]
-    assert callers == [ROOT / "vo_lib" / "data" / "drawn.py"]
+    callers = [path for path in LIBRARY.rglob("*.py") if "vo_street" in packages(path)]
+    assert {path.relative_to(LIBRARY).as_posix() for path in callers} == CALLS_RENDERER.keys()
+
+
+# Outside the library: the packages of the data scripts that each of them may import; of the course, none.
+SCRIPT_PACKAGES: dict[str, set[str]] = {
+    "vo_street": set(),
+    "fetch": set(),
+    "measure": set(),
+    "training": {"vo_street"},
+}
+# Scripts that import the course, inside a function.
+IMPORTS_COURSE = {"measure_miniature.py": "trains the network that the cells of chapter 5 define"}
+
+
+def test_packages_of_the_data_scripts_import_neither_scripts_nor_the_course() -> None:
+    scripts = {path.stem for path in SCRIPTS.glob("*.py")}
+    folders = {path.parent.relative_to(SCRIPTS).parts[0] for path in SCRIPTS.glob("*/*.py")}
+    assert folders == SCRIPT_PACKAGES.keys()
+    for package, allowed in SCRIPT_PACKAGES.items():
+        others = (SCRIPT_PACKAGES.keys() | scripts | {"course"}) - allowed - {package}
+        for path in (SCRIPTS / package).rglob("*.py"):
+            assert not packages(path) & others, path.relative_to(ROOT)
+
+
+def test_one_script_imports_the_course_which_imports_only_the_renderer() -> None:
+    callers = {path.name for path in SCRIPTS.glob("*.py") if "course" in packages(path)}
+    assert callers == IMPORTS_COURSE.keys()
+    others = {path.stem for path in SCRIPTS.iterdir()} - {"vo_street"}
+    for path in COURSE.rglob("*.py"):
+        assert not packages(path) & others, path.relative_to(ROOT)
+
+
+# Files that import a module whose name is a value, so that no other test here sees what they import.
+IMPORTS_BY_NAME = {
+    "vo_lib/__init__.py": "the names that `import vo_lib` offers, each from its module in the library",
+    "vo_lib/commands/cli.py": "the command that was typed",
+    "vo_lib/commands/data_scripts.py": "the script of `vo data NAME`",
+    "notebooks/course/tasks.py": "the exercises of each chapter, for handing in and marking",
+}
+
+
+def test_imports_by_name_are_known() -> None:
+    found = set()
+    for folder in (LIBRARY, COURSE, SCRIPTS):
+        for path in folder.rglob("*.py"):
+            if re.search(r"\bimport_module\(|\b__import__\(", path.read_text(encoding="utf-8")):
+                found.add(path.relative_to(ROOT).as_posix())
+    assert found == IMPORTS_BY_NAME.keys()
+
+
+def modules_by_name() -> dict[str, Path]:
+    """All modules of the library, the course and the data scripts, by the names of their imports."""
+    result = {}
+    for place, folder in ((ROOT, LIBRARY), (COURSE.parent, COURSE), (SCRIPTS, SCRIPTS)):
+        for path in folder.rglob("*.py"):
+            parts = path.relative_to(place).with_suffix("").parts
+            result[".".join(parts).removesuffix(".__init__")] = path
+    return result
+
+
+def test_no_module_imports_itself_in_a_circle() -> None:
+    """Imports inside functions count, too; those by name do not."""
+    modules = modules_by_name()
+    graph: dict[str, set[str]] = {}
+    for own, path in modules.items():
+        graph[own] = set()
+        for name in imports(path):
+            whole = name.removeprefix("notebooks.").removeprefix("data_scripts.")  # of relative imports
+            module = whole if whole in modules else whole.rpartition(".")[0]
+            if module in modules and module != own:
+                graph[own].add(module)
+    assert "course.panel" in graph["course.ch05.panel"]
+    assert "vo_street.cache" in graph["vo_lib.data.drawn"]
+    list(graphlib.TopologicalSorter(graph).static_order())  # raises CycleError, with the circle
+
+
+# Names that several modules may have, since the folder says which one it is.
+SAME_ROLE = {
+    "__init__": "of each package",
+    "settings": "declared thresholds: of one package of the library, or how they are declared",
+    "exercises": "of one chapter",
+    "figures": "of one chapter",
+    "panel": "of one chapter, or what all panels share",
+}
+
+
+def test_no_two_modules_have_one_name() -> None:
+    """In the library, the course, the data scripts and what tests share."""
+    places = defaultdict(list)
+    for path in modules_by_name().values():
+        places[path.stem].append(path.relative_to(ROOT).as_posix())
+    for path in (ROOT / "tests").rglob("*.py"):
+        if not path.stem.startswith("test_"):
+            places[path.stem].append(path.relative_to(ROOT).as_posix())
+    shared = {stem: paths for stem, paths in places.items() if len(paths) > 1}
+    assert shared.keys() == SAME_ROLE.keys(), {s: p for s, p in shared.items() if s not in SAME_ROLE}
+    for stem in ("exercises", "figures", "panel"):
+        folders = {Path(path).parent for path in shared[stem]} - {COURSE.relative_to(ROOT)}
+        assert {folder.parent for folder in folders} == {COURSE.relative_to(ROOT)}, shared[stem]
+    assert {Path(path).parts[0] for path in shared["settings"]} == {"vo_lib"}
 
 
 def test_library_does_not_import_course_scripts_or_pyplot() -> None:
@@ -144,15 +253,17 @@ def test_imported_packages_are_declared() -> None:
 
 
 def test_a_chapter_imports_no_later_chapter() -> None:
-    """What all chapters share imports no chapter."""
-    course = ROOT / "notebooks" / "course"
-    for path in course.rglob("*.py"):
-        folder = path.relative_to(course).parts[0]
+    """What all chapters share imports none (`tasks` does, by name), and no chapter imports the appendix."""
+    for path in COURSE.rglob("*.py"):
+        folder = path.relative_to(COURSE).parts[0]
+        if folder == "appendix":
+            continue
         own = int(folder[2:]) if re.fullmatch(r"ch\d\d", folder) else -1
         for name in imports(path):
-            chapter = re.search(r"course\.ch(\d\d)\b", name)
-            is_upward = chapter is not None and int(chapter[1]) > own
-            assert folder == "appendix" or not is_upward, (path.relative_to(ROOT), name)
+            chapter = re.search(r"course\.(?:ch(\d\d)|(appendix))\b", name)
+            if chapter is not None:
+                is_later = chapter[2] is not None or int(chapter[1]) > own
+                assert not is_later, (path.relative_to(ROOT), name)
 
 
 def test_deviations_over_seeds_come_from_one_module() -> None:

@@ -125,6 +125,7 @@ def _exercise(chapter: str, check: str) -> tuple[Exercise | None, bool]:
     """The exercise that a notebook checks, and whether the check measures first.
 
     Such a check (`ch08.better`) is a function, and its exercise is the one that it calls. None if there is none.
+    The chapter is imported by its name in the notebook: nothing else that the chapters share imports a chapter.
     """
     module = importlib.import_module(f"course.{chapter}.exercises")
     found = getattr(module, check, None)
