@@ -38,7 +38,7 @@ from fetch.calibrations.user_files import read_user_calibration
 from fetch.euroc import read_euroc_drive
 from fetch.kitti_raw import read_raw_drive
 from fetch.rectification import Size
-from fetch.stereo_calibration import UNITS, Rig, centre_warning, rig_from_numbers
+from fetch.stereo_calibration import UNITS, RectifiedRig, centre_warning, rig_from_numbers
 from fetch.stereo_import import check_source, require_new, write_sequence
 from fetch.stereo_sources import MAX_DELAY_S, Drive, FolderSource, Source, VideoSource, pair_images
 from vo_lib.commands.console import print_lines, print_wrapped, reporting, typed
@@ -219,7 +219,7 @@ def refuse_calibration_options(options: argparse.Namespace, kind: str) -> None:
             raise DataError(f"--{name} with --{kind}: the folder has its own calibration")
 
 
-def rig_of(source: Source, options: argparse.Namespace) -> tuple[Rig, list[str]]:
+def rig_of(source: Source, options: argparse.Namespace) -> tuple[RectifiedRig, list[str]]:
     """The rig given by either numbers or calibration files, and lines to print; otherwise `DataError`."""
     read_first_pair = next(iter(source.pairs()))
     height, width = read_first_pair()[0].shape
@@ -242,7 +242,7 @@ def rig_of(source: Source, options: argparse.Namespace) -> tuple[Rig, list[str]]
     return rig, [f"warning: {warning}"] if warning else []
 
 
-def rig_of_files(size: Size, options: argparse.Namespace) -> tuple[Rig, list[str]]:
+def rig_of_files(size: Size, options: argparse.Namespace) -> tuple[RectifiedRig, list[str]]:
     """The rig given by calibration files, for images of this size, and lines to print."""
     if any(number is not None for number in (options.focal, options.centre, options.baseline)):
         raise DataError("use either --calibration, or --focal, --centre and --baseline")

@@ -62,7 +62,7 @@ CLASSES = classes_with_arrays()
 
 def test_classes_with_arrays_are_found() -> None:
     expected = {"vo_lib.geometry.result.FrameResult", "vo_lib.runs.drive.Run", "course.frames.Points"}
-    assert expected | {"vo_street.route.Route", "fetch.stereo_calibration.Rig"} < set(CLASSES)
+    assert expected | {"vo_street.route.Route", "fetch.stereo_calibration.RectifiedRig"} < set(CLASSES)
 
 
 @pytest.mark.parametrize("name", CLASSES)

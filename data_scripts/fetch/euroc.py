@@ -8,7 +8,7 @@ import numpy as np
 
 from fetch.calibrations.values import image_size, intrinsic_matrix, numbers, rigid_transform
 from fetch.rectification import FISHEYE, RADTAN, Lens
-from fetch.stereo_calibration import Rig, rig_from_matrices
+from fetch.stereo_calibration import RectifiedRig, rig_from_matrices
 from fetch.stereo_sources import MAX_DELAY_S, Drive, pair_images
 from vo_lib.data.poses import from_first, match_times, read_euroc
 from vo_lib.errors import DataError
@@ -55,7 +55,7 @@ def read_euroc_drive(folder: Path, max_delay: float = MAX_DELAY_S) -> Drive:
     )
 
 
-def _rig(base: Path) -> tuple[Rig, Array]:
+def _rig(base: Path) -> tuple[RectifiedRig, Array]:
     """The rig of both cameras, and T_body_camera (4, 4) of the rectified left camera."""
     matrices: dict[str, Array] = {}
     T_body = []

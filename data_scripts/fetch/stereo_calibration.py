@@ -27,7 +27,7 @@ MIDDLE = 0.25, 0.75  # share of the width and height in which the principal poin
 
 
 @dataclass(frozen=True, eq=False)
-class Calibration:
+class FileCalibration:
     """A stereo calibration as its files give it. Camera 1 is the left camera, camera 2 the right one.
 
     Attributes
@@ -48,7 +48,7 @@ class Calibration:
     lenses: tuple[Lens, Lens] = (Lens(), Lens())
     notes: tuple[str, ...] = ()
 
-    def rig(self, size: Size, rectified: bool = False, unit: float | None = None) -> Rig:
+    def rig(self, size: Size, rectified: bool = False, unit: float | None = None) -> RectifiedRig:
         """The rectified camera for images of this size; `unit` replaces the unit of the files.
 
         Raises `DataError` if the files name another size, or as `rig_from_matrices`.
@@ -65,7 +65,7 @@ class Calibration:
 
 
 @dataclass(frozen=True, eq=False)
-class Rig:
+class RectifiedRig:
     """A rectified stereo camera.
 
     Attributes
@@ -118,7 +118,7 @@ def rig_from_matrices(
     rectified: bool = False,
     unit: float = 1.0,
     lenses: tuple[Lens, Lens] = (Lens(), Lens()),
-) -> Rig:
+) -> RectifiedRig:
     """The rig with the given calibration matrices.
 
     The rectification is computed from K, D of both cameras and from R, T (for RADTAN lenses by
@@ -127,7 +127,7 @@ def rig_from_matrices(
 
     Parameters
     ----------
-    matrices : as in `Calibration`. lenses : lens models of both cameras.
+    matrices : as in `FileCalibration`. lenses : lens models of both cameras.
     size : width and height of the images, pixels.
     rectified : if true, the images are rectified, and only P1 and P2 are used.
     unit : unit of T and P, metres.
@@ -174,7 +174,9 @@ def _computed_rectification(
     return computed
 
 
-def rig_from_numbers(f: float, cx: float, cy: float, baseline: float, path: Path | None = None) -> Rig:
+def rig_from_numbers(
+    f: float, cx: float, cy: float, baseline: float, path: Path | None = None
+) -> RectifiedRig:
     """A rig from numbers in pixels and metres; `DataError` for impossible values."""
     if not np.isfinite([f, cx, cy, baseline]).all() or f <= 0:
         raise DataError(f"focal length {f:g} px, centre {cx:g},{cy:g} px: expected positive numbers", path)
@@ -182,7 +184,7 @@ def rig_from_numbers(f: float, cx: float, cy: float, baseline: float, path: Path
         raise DataError("the baseline is 0 m: expected the distance between the two cameras", path)
     if abs(baseline) > MAX_BASELINE_M:
         raise DataError(f"the baseline is {abs(baseline):g} m: {unit_advice(abs(baseline))}", path)
-    return Rig(f, cx, cy, baseline)
+    return RectifiedRig(f, cx, cy, baseline)
 
 
 def usual_units(baseline: float) -> dict[str, float]:

@@ -13,7 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from fetch.stereo_calibration import Rig
+from fetch.stereo_calibration import RectifiedRig
 from fetch.stereo_check import complaints, is_rectified, measure_pairs
 from fetch.stereo_sources import FolderSource, Pair, Source
 from vo_lib.data.catalogue import open_sequence
@@ -29,7 +29,7 @@ BATCH_PAIRS = 16  # pairs in memory
 MEDIAN_DEPTHS_M = 5.0, 100.0  # plausible outdoors; KITTI and the drawn streets have 16 m to 46 m
 
 
-def check_source(source: Source, rig: Rig, anyway: bool, outdoors: bool = False) -> list[str]:
+def check_source(source: Source, rig: RectifiedRig, anyway: bool, outdoors: bool = False) -> list[str]:
     """Check a sample of pairs; return a line for each result. Raises `DataError` for failed checks.
 
     `anyway` : report problems as warnings, except a wrong sign of the baseline. `outdoors` : require a median
@@ -67,7 +67,7 @@ def check_source(source: Source, rig: Rig, anyway: bool, outdoors: bool = False)
 
 def write_sequence(
     source: Source,
-    rig: Rig,
+    rig: RectifiedRig,
     out: Path,
     times: Array | float,
     poses: Array | None = None,
@@ -104,7 +104,7 @@ def write_sequence(
     return count
 
 
-def write_tables(folder: Path, rig: Rig, times: Array, poses: Array | None) -> None:
+def write_tables(folder: Path, rig: RectifiedRig, times: Array, poses: Array | None) -> None:
     """Write calib.txt, times.txt with times (N,), seconds, and, if there are poses (N, 4, 4), poses.txt."""
     camera = StereoCamera(rig.f, rig.cx, rig.cy, rig.baseline)
     write_atomic(folder / "calib.txt", calibration_text(camera))
@@ -137,7 +137,9 @@ def _new_folder(out: Path) -> Iterator[Path]:
         raise DataError(f"cannot be written: {error.strerror}", out) from None
 
 
-def _write_pairs(source: Source, rig: Rig, folder: Path, copy: bool, progress: Progress | None) -> int:
+def _write_pairs(
+    source: Source, rig: RectifiedRig, folder: Path, copy: bool, progress: Progress | None
+) -> int:
     """Read all pairs, a few of them in parallel, and link, copy or write them."""
     total = source.size_hint()
     files = _files_to_link(source) if rig.maps is None else None

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from fetch.name_times import frame_numbers, gap_note, times_of_names
-from fetch.stereo_calibration import Rig
+from fetch.stereo_calibration import RectifiedRig
 from fetch.stereo_check import SAMPLE_PAIRS
 from vo_lib.data.kitti import IMAGE_BITS, bits_note, grey_bits, read_image
 from vo_lib.data.poses import match_times
@@ -84,7 +84,7 @@ class Drive(FolderSource):
     """
 
     times: Array
-    rig: Rig = field(kw_only=True)
+    rig: RectifiedRig = field(kw_only=True)
     poses: Array | None = field(kw_only=True)
 
 

@@ -19,7 +19,7 @@ import yaml
 from test_stereo_calibration import rectified_pixels
 
 from fetch.calibrations.user_files import read_user_calibration
-from fetch.stereo_calibration import Calibration
+from fetch.stereo_calibration import FileCalibration
 from vo_lib.errors import DataError
 from vo_lib.geometry.motion import inverse, rigid, rotation_from_vector, transform
 from vo_lib.geometry.types import Array
@@ -57,7 +57,7 @@ class TrueRig:
         return np.asarray(uv, np.float64).reshape(-1, 2)
 
 
-def require_true(calibration: Calibration, truth: TrueRig, scale: float = 1.0) -> None:
+def require_true(calibration: FileCalibration, truth: TrueRig, scale: float = 1.0) -> None:
     """The rectified rows and disparities are right to 0.1 px, and the baseline is in metres."""
     rig = calibration.rig(SIZE)
     assert rig.baseline == pytest.approx(np.linalg.norm(truth.T[:3, 3]), rel=1e-4)
@@ -91,7 +91,7 @@ def save(path: Path, *parts: dict[str, Any], **arrays: Any) -> None:
     np.savez(path, **everything)
 
 
-def read(*paths: Path, size: tuple[int, int] = SIZE, folders: tuple[str, ...] = ()) -> Calibration:
+def read(*paths: Path, size: tuple[int, int] = SIZE, folders: tuple[str, ...] = ()) -> FileCalibration:
     return read_user_calibration([*paths], size, folders)
 
 

@@ -11,14 +11,14 @@ import cv2
 import numpy as np
 import pytest
 
-from fetch.stereo_calibration import Rig, rig_from_matrices
+from fetch.stereo_calibration import RectifiedRig, rig_from_matrices
 from fetch.stereo_import import write_sequence
 from fetch.stereo_sources import FolderSource, VideoSource, pair_images
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.errors import DataError
 from vo_lib.geometry.motion import rotation_from_vector
 
-RIG = Rig(300.0, 240.0, 120.0, 0.5)
+RIG = RectifiedRig(300.0, 240.0, 120.0, 0.5)
 K = np.array([[300.0, 0, 240], [0, 300, 120], [0, 0, 1]])
 
 

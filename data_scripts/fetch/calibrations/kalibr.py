@@ -16,7 +16,7 @@ import numpy as np
 
 from fetch.calibrations.values import common_size, image_size, intrinsic_matrix, numbers, rigid_transform
 from fetch.rectification import FISHEYE, OMNI, RADTAN, Lens
-from fetch.stereo_calibration import Calibration
+from fetch.stereo_calibration import FileCalibration
 from vo_lib.errors import DataError
 from vo_lib.geometry.motion import inverse, rigid
 from vo_lib.geometry.types import Array
@@ -29,7 +29,7 @@ def is_chain(content: dict[Any, Any]) -> bool:
     return any(isinstance(camera, dict) and "intrinsics" in camera for camera in _cameras(content).values())
 
 
-def read_chain(content: dict[Any, Any], path: Path, folders: tuple[str, ...] = ()) -> Calibration:
+def read_chain(content: dict[Any, Any], path: Path, folders: tuple[str, ...] = ()) -> FileCalibration:
     """The calibration of two neighbouring cameras that see the same scene; the one on the left is camera 1.
 
     Parameters
@@ -61,7 +61,7 @@ def read_chain(content: dict[Any, Any], path: Path, folders: tuple[str, ...] = (
         notes.append(
             f"{left} is the left camera and {right} the right one, of {', '.join(cameras)} in {path}"
         )
-    return Calibration(
+    return FileCalibration(
         matrices,
         path,
         common_size(sizes, path) if sizes else None,

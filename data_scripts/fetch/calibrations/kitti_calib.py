@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from fetch.calibrations.values import MAX_CAMERA_NUMBER, common_size, image_size
-from fetch.stereo_calibration import Calibration
+from fetch.stereo_calibration import FileCalibration
 from vo_lib.errors import DataError
 from vo_lib.files import read_text
 from vo_lib.geometry.types import Array
@@ -45,7 +45,7 @@ def matrix(matrices: dict[str, Array], name: str, shape: tuple[int, ...], path: 
     return values.reshape(shape)
 
 
-def read_kitti(path: Path, folders: tuple[str, ...], size: tuple[int, int]) -> Calibration:
+def read_kitti(path: Path, folders: tuple[str, ...], size: tuple[int, int]) -> FileCalibration:
     """The calibration of the grey or the colour cameras, chosen by the folders of the images.
 
     Raw drives have unrectified images too, of the size S_00; they are rectified with K, D, R and T.
@@ -72,8 +72,8 @@ def read_kitti(path: Path, folders: tuple[str, ...], size: tuple[int, int]) -> C
     rectified = _size(lines, "S_rect_0{}", pair, path)
     raw = _size(lines, "S_0{}", pair, path)
     if raw == size != rectified:
-        return Calibration(_raw_matrices(lines, pair, path), path, raw, 1.0)
-    return Calibration(matrices, path, rectified, 1.0)
+        return FileCalibration(_raw_matrices(lines, pair, path), path, raw, 1.0)
+    return FileCalibration(matrices, path, rectified, 1.0)
 
 
 def _size(lines: dict[str, Array], form: str, pair: tuple[int, int], path: Path) -> tuple[int, int] | None:

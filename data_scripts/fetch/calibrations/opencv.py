@@ -29,7 +29,7 @@ from fetch.calibrations.values import (
     too_deep,
 )
 from fetch.rectification import FISHEYE, Lens
-from fetch.stereo_calibration import Calibration
+from fetch.stereo_calibration import FileCalibration
 from vo_lib.data.poses import is_rotation
 from vo_lib.errors import DataError
 from vo_lib.files import read_bytes, read_text
@@ -67,7 +67,7 @@ class Entries:
     texts: dict[str, str] = field(default_factory=dict)
 
 
-def read_matrices(files: list[Entries], size: tuple[int, int] | None = None) -> Calibration:
+def read_matrices(files: list[Entries], size: tuple[int, int] | None = None) -> FileCalibration:
     """The calibration in one or more files; `DataError` without a known matrix or with two different ones.
 
     size : size of the images, which decides whether a size in the file is width, height or height, width.
@@ -98,7 +98,7 @@ def read_matrices(files: list[Entries], size: tuple[int, int] | None = None) -> 
         words = " and ".join(f"{width}×{height}" for width, height in dict.fromkeys(sizes))
         raise DataError(f"names images of {words}: expected one size", path)
     lens = Lens(FISHEYE) if any(_names_fisheye(entries) for entries in files) else Lens()
-    return Calibration(matrices, path, sizes[0] if sizes else None, None, (lens, lens))
+    return FileCalibration(matrices, path, sizes[0] if sizes else None, None, (lens, lens))
 
 
 def _counts_from_zero(entries: Entries) -> bool:
@@ -120,7 +120,7 @@ def _plain(name: str) -> str:
 
 
 def _key(name: str, zero_based: bool, side: int | None) -> str | None:
-    """The name of a matrix in `Calibration`, or None for other content; `side` is the one of the file."""
+    """The name of a matrix in `FileCalibration`, or None for other content; `side` is the one of the file."""
     name = name.removesuffix("fe")  # D_LEFT_FE, fisheye
     for kind, words in PAIR.items():
         if re.fullmatch(words, name):
@@ -147,7 +147,7 @@ def _camera_in(name: str, words: str) -> str | None:
 
 
 def _shaped(name: str, matrix: Array, path: Path) -> Array:
-    """A matrix in the shape that its name in `Calibration` has, or `DataError`."""
+    """A matrix in the shape that its name in `FileCalibration` has, or `DataError`."""
     shape = SHAPES[name[0]]
     sizes = DISTORTION_SIZES if name[0] == "D" else (math.prod(shape),)
     if name == "R" and matrix.size == 3 and (np.abs(matrix) < 7).all():  # a rotation vector, radians

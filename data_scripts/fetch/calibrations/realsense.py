@@ -18,7 +18,7 @@ import numpy as np
 
 from fetch.calibrations.values import common_size, image_size, intrinsic_matrix, numbers, rotation, side_of
 from fetch.rectification import FISHEYE, RADTAN, Lens
-from fetch.stereo_calibration import UNITS, Calibration
+from fetch.stereo_calibration import UNITS, FileCalibration
 from vo_lib.errors import DataError
 from vo_lib.geometry.types import Array
 
@@ -68,7 +68,7 @@ def has_cameras(content: dict[str, Any]) -> bool:
     return {0, 1} <= sides
 
 
-def read_realsense(content: dict[str, Any], path: Path) -> Calibration:
+def read_realsense(content: dict[str, Any], path: Path) -> FileCalibration:
     """The calibration of the left and the right camera; intrinsics of colour and depth are ignored."""
     nodes = list(_nodes(content))
     cameras = [(place, node) for place, node in nodes if _is_camera(node)]
@@ -86,7 +86,7 @@ def read_realsense(content: dict[str, Any], path: Path) -> Calibration:
             sizes.append(image_size([chosen[0]["width"], chosen[0].get("height")], "width, height", path))
     matrices["R"], matrices["T"], unit = _extrinsics(nodes, path)
     size = common_size(sizes, path) if sizes else None
-    return Calibration(matrices, path, size, unit, (lenses[0], lenses[1]))
+    return FileCalibration(matrices, path, size, unit, (lenses[0], lenses[1]))
 
 
 def _camera(node: dict[str, Any], word: str, path: Path) -> tuple[Array, Array, Lens]:

@@ -17,7 +17,7 @@ import numpy as np
 
 from fetch.calibrations.values import common_size, image_size, numbers, rotation, side_of
 from fetch.rectification import FISHEYE, RADTAN, Lens
-from fetch.stereo_calibration import Calibration
+from fetch.stereo_calibration import FileCalibration
 from vo_lib.errors import DataError
 from vo_lib.geometry.types import Array
 
@@ -106,7 +106,7 @@ def _refuse_cropped(content: dict[Any, Any], size: tuple[int, int], path: Path) 
         raise DataError("binning or roi: expected a calibration of the whole image", path)
 
 
-def read_camera_infos(cameras: list[CameraInfo]) -> Calibration:
+def read_camera_infos(cameras: list[CameraInfo]) -> FileCalibration:
     """The calibration of two cameras; the right one has Tx below 0 in P, whatever the order of the files."""
     if len(cameras) != 2:
         path = cameras[0].path
@@ -133,7 +133,7 @@ def read_camera_infos(cameras: list[CameraInfo]) -> Calibration:
         matrices |= {f"K{number}": camera.K, f"D{number}": camera.D}
         matrices |= {f"R{number}": camera.R, f"P{number}": camera.P}
     size = common_size([left.size, right.size], right.path)
-    return Calibration(matrices, left.path, size, 1.0, (left.lens, right.lens), tuple(notes))
+    return FileCalibration(matrices, left.path, size, 1.0, (left.lens, right.lens), tuple(notes))
 
 
 def is_ost(text: str) -> bool:

@@ -12,7 +12,7 @@ from fetch.calibrations import kalibr, kitti_calib, opencv, realsense, ros, zed
 from fetch.calibrations.numbers_in_text import differing_cameras, numbers_in, other_size_in
 from fetch.calibrations.values import UnknownFile, side_of, too_deep, yaml_mapping
 from fetch.rectification import FISHEYE, RADTAN, Lens
-from fetch.stereo_calibration import Calibration
+from fetch.stereo_calibration import FileCalibration
 from vo_lib.errors import DataError
 from vo_lib.files import read_bytes, read_text
 
@@ -27,7 +27,7 @@ def read_user_calibration(
     size: tuple[int, int],
     folders: tuple[str, ...] = (),
     fisheye: bool = False,
-) -> Calibration:
+) -> FileCalibration:
     """The calibration in files of one tool, or in the files of a folder.
 
     Parameters
@@ -48,10 +48,10 @@ def read_user_calibration(
             files.append(path)
     cameras: list[ros.CameraInfo] = []
     entries: list[opencv.Entries] = []
-    whole: list[Calibration] = []
+    whole: list[FileCalibration] = []
     for path in files:
         result = _read_file(path, size, folders)
-        if isinstance(result, Calibration):
+        if isinstance(result, FileCalibration):
             whole.append(result)
         elif isinstance(result, opencv.Entries):
             entries.append(result)
@@ -83,7 +83,7 @@ def _files_of(folder: Path) -> list[Path]:
 
 def _read_file(
     path: Path, size: tuple[int, int], folders: tuple[str, ...]
-) -> Calibration | opencv.Entries | list[ros.CameraInfo]:
+) -> FileCalibration | opencv.Entries | list[ros.CameraInfo]:
     """A whole calibration, cameras of ROS, or the matrices of OpenCV."""
     if path.suffix.lower() in (".npy", ".pkl", ".pickle", ".p"):
         raise DataError("may contain programs and is not read: save the matrices by numpy.savez", path)
@@ -128,7 +128,7 @@ def _json(text: str) -> dict[str, Any]:
     return content if isinstance(content, dict) else {"": content}
 
 
-def _with_lens(calibration: Calibration, fisheye: bool) -> Calibration:
+def _with_lens(calibration: FileCalibration, fisheye: bool) -> FileCalibration:
     """The calibration with the lens model of four distortion numbers, which OpenCV's names do not tell."""
     counts = [calibration.matrices[name].size for name in ("D1", "D2") if name in calibration.matrices]
     if fisheye or calibration.lenses[0].model == FISHEYE:

@@ -17,7 +17,7 @@ import numpy as np
 
 from fetch.calibrations.values import intrinsic_matrix, numbers
 from fetch.rectification import FISHEYE, RADTAN, Lens
-from fetch.stereo_calibration import UNITS, Calibration
+from fetch.stereo_calibration import UNITS, FileCalibration
 from vo_lib.errors import DataError
 from vo_lib.geometry.types import Array
 
@@ -39,7 +39,7 @@ def is_conf(text: str) -> bool:
     return bool(re.search(r"^\s*\[LEFT_CAM_\w+\]", text, re.MULTILINE)) and "[STEREO]" in text
 
 
-def read_conf(text: str, path: Path, size: tuple[int, int]) -> Calibration:
+def read_conf(text: str, path: Path, size: tuple[int, int]) -> FileCalibration:
     """The calibration for images of this size; `DataError` if the camera does not have this resolution."""
     parser = configparser.ConfigParser(strict=False, interpolation=None)
     try:
@@ -66,7 +66,7 @@ def read_conf(text: str, path: Path, size: tuple[int, int]) -> Calibration:
     rest = [_number(parser, "STEREO", (f"{name}_{mode}", name), path) for name in ("TY", "TZ")]
     matrices["R"] = np.asarray(cv2.Rodrigues(np.array(angles))[0], np.float64)
     matrices["T"] = np.array([-abs(baseline), *rest])
-    return Calibration(matrices, path, size, UNITS["mm"], (lenses[0], lenses[1]))
+    return FileCalibration(matrices, path, size, UNITS["mm"], (lenses[0], lenses[1]))
 
 
 def _camera(parser: configparser.ConfigParser, side: str, mode: str, path: Path) -> tuple[Array, Array, Lens]:
