@@ -176,6 +176,32 @@ def test_film_of_somebody_else_is_kept(
     assert cv2.VideoCapture(str(film)).get(cv2.CAP_PROP_FRAME_COUNT) == 5
 
 
+def test_film_of_somebody_else_is_kept_beside_a_finished_run(
+    bands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = commands(bands, tmp_path / "out")["run"]
+    assert main(run) == 0
+    film = tmp_path / "out" / "mine.webm"
+    film.write_bytes(b"a recording")
+    assert main([*run, "--video", str(film)]) == 2
+    assert "mine.webm: is not a film of the kit: choose another name" in capsys.readouterr().err
+    assert film.read_bytes() == b"a recording"
+
+
+def test_film_of_somebody_else_is_refused_before_the_runs_of_a_table(
+    bands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = [*commands(bands, tmp_path / "out")["reproduce"], "--methods", "feature_selection"]
+    assert main(table) == 0
+    (config,) = (tmp_path / "out" / "runs").rglob("config.json")
+    film = config.with_name("film.webm")
+    film.write_bytes(b"a recording")
+    before = contents(tmp_path / "out")
+    assert main([*table, "--films"]) == 2
+    assert "film.webm: is not a film of the kit: choose another name" in capsys.readouterr().err
+    assert contents(tmp_path / "out") == before
+
+
 def test_data_set_of_somebody_else_is_kept(
     bands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

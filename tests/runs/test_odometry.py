@@ -16,9 +16,9 @@ from measure.axes import fit_axes
 from vo_lib import Run, Sequence, open_sequence, preset, run
 from vo_lib.evaluation.kitti_errors import kitti_errors
 from vo_lib.runs.drive import run_methods, unmasked
-from vo_lib.runs.folder import warnings_of
 from vo_lib.runs.front_end import find_matches
 from vo_lib.runs.match_cache import CachedMatches
+from vo_lib.runs.run_quality import warnings_of
 
 METHODS = ("mesvo_f", "solution_selection", "feature_selection")
 

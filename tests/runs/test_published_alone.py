@@ -19,7 +19,7 @@ from conftest import HEIGHT, WIDTH, with_box
 
 from vo_lib import open_sequence, run, settings
 from vo_lib.config import CONFIG_CLASSES, VARIANTS, change
-from vo_lib.runs.folder import path_lost
+from vo_lib.runs.run_quality import path_lost
 
 OF_THE_KIT = """
 import sys

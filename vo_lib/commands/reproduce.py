@@ -18,7 +18,7 @@ from ..evaluation.kitti_errors import SubsequenceProtocol
 from ..files import only_process, refuse_foreign
 from ..loops.settings import LoopConfig
 from ..report.blocks import Axes, Block, make_blocks, parse_axes
-from ..report.film import FILM_ENDING, Film, film_frames
+from ..report.film import FILM_ENDING, Film, film_frames, refuse_foreign_film
 from ..report.page import ReportTable
 from ..report.path_tables import tables_without_truth
 from ..report.paths import PathsWithoutTruth, WholePath
@@ -72,7 +72,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     option = parser.add_argument
     text = (
         "KITTI numbers or ranges, names from `vo list`, or paths; default: all KITTI sequences found, or "
-        "else the drawn scenes"
+        "else the drawn scenes except synthetic/block"
     )
     option("--sequences", metavar="S,S,…", help=text)
     option("--missing", choices=["ok"], help="with ok, a missing KITTI sequence does not cause exit code 1")
@@ -152,13 +152,16 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
     with ExitStack() as stack:
         folder = stack.enter_context(run_folder(options.out))
         sequences = [common.open_with_bar(name, options.cache, options) for name in table.names]
-        _refuse_foreign_files(
-            folder, table, sequences
-        )  # before the lock, which marks the folder as the kit's
+        # Before the lock, which marks the folder as the kit's.
+        own = is_own_table(folder / TABLE) or has_runs(folder / RUNS)
+        refuse_foreign(folder, table_files(table.blocks, [sequence.name for sequence in sequences]), own)
         stack.enter_context(only_process(folder))
         opener = vehicle_boxes.Opener(sequences, options, durations)
         cells = _plan(table, folder, opener, options.fresh)
         jobs = jobs_of(cells)
+        if options.films:
+            for job in _filmed(jobs):
+                refuse_foreign_film(_film_file(job))
         remarks += tuple(_note_lengths(sequences, table.measure))
         workers = common.parse_jobs(options.jobs, len(jobs))
         runs = [(job.sequence, job.config) for job in jobs]
@@ -212,12 +215,6 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
         print_wrapped(f"Record for chapter 7 and for others: {folder / RECORD}")
     is_incomplete = bool(table.missing) and options.missing != "ok"
     return 1 if result.failed or is_incomplete else 0
-
-
-def _refuse_foreign_files(folder: Path, table: _Table, sequences: list[Sequence]) -> None:
-    """Raise `DataError` if the table would replace files in a folder that has no table of the kit."""
-    own = is_own_table(folder / TABLE) or has_runs(folder / RUNS)
-    refuse_foreign(folder, table_files(table.blocks, [sequence.name for sequence in sequences]), own)
 
 
 def _plan(table: _Table, folder: Path, opener: vehicle_boxes.Opener, fresh: bool) -> list[Cell]:
@@ -278,12 +275,22 @@ def _tables_without_truth(result: Reproduction, cells: list[Cell]) -> list[Repor
     return tables
 
 
+def _filmed(jobs: list[Job]) -> list[Job]:
+    """The jobs of which --films draws a film: those of the proposal with the first seed."""
+    return [job for job in jobs if job.method == PROPOSAL and job.config.seed == 0]
+
+
+def _film_file(job: Job) -> Path:
+    """The file of a job's film."""
+    return job.folder / f"film{FILM_ENDING}"
+
+
 def _draw_films(jobs: list[Job], cache: Path | None) -> None:
     """Draw a film of each run of the proposal with the first seed, in the folder of the run."""
-    filmed = [job for job in jobs if job.method == PROPOSAL and job.config.seed == 0]
+    filmed = _filmed(jobs)
     for number, job in enumerate(filmed, start=1):
         result = read_run(job.folder, job.sequence)
         label = f"{job.sequence.name}, {job.system}, {job.config.variant}"
-        film = Film(job.folder / f"film{FILM_ENDING}", result, label)
+        film = Film(_film_file(job), result, label)
         matches = CachedMatches(job.sequence, job.config, cache)
         common.draw_with_bar(film, film_frames(result, matches), f"film {number} of {len(filmed)}")

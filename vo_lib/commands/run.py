@@ -35,15 +35,14 @@ from ..runs.folder import (
     changed_files,
     is_as_written,
     is_finished,
-    path_lost,
     read_config,
     refuse_foreign_files,
     run_folder,
-    warnings_of,
 )
 from ..runs.identity import run_identity
 from ..runs.jobs import refuse_another, run_once
 from ..runs.match_cache import CachedMatches
+from ..runs.run_quality import path_lost, warnings_of
 from . import close_loops, common, vehicle_boxes
 from .console import (
     SETTINGS_PAGE,
@@ -213,7 +212,7 @@ def _with_boxes(
     config: MethodConfig,
     detection: DetectorConfig,
 ) -> Sequence:
-    """The sequence with the boxes of --detector if the option is present, and notes on its boxes."""
+    """The sequence with the boxes of --detector if the option is present; notes on its boxes are printed."""
     if options.detector is not None and config.filter.rule == "none":
         print_wrapped(f"note: {method} does not use the boxes of --detector; only a film shows the boxes")
     sequence = vehicle_boxes.with_detected_boxes(sequence, options, detection, config.filter.classes)
@@ -312,7 +311,10 @@ def _read_calibration(options: argparse.Namespace, config: MethodConfig) -> Cali
 
 
 def _refuse_unused(options: argparse.Namespace, method: str, config: MethodConfig, given: list[str]) -> None:
-    """Raise `DataError` for a setting on the command line that has no effect on this run."""
+    """Raise `DataError` for a setting on the command line that has no effect on this run.
+
+    A setting of the loops that has none only causes a note.
+    """
     for item in DETECTOR_SETTINGS:
         if getattr(options, item.name) is not None and options.detector is None:
             raise DataError(f"--{item.name} has no effect without --detector")

@@ -47,7 +47,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         "mesvo_f,feature_selection --set selection.threshold=0.25,0.5,1"
     )
     option = parser.add_argument
-    text = "KITTI numbers, names from `vo list`, or folders; several need a single --set"
+    text = "KITTI numbers or ranges, names from `vo list`, or folders; several need a single --set"
     option("--sequence", "--sequences", dest="sequences", required=True, metavar="S,S,…", help=text)
     text = (
         f"one or more of {', '.join(METHODS)}; default {common.DEFAULT_METHOD}; several need a single --set"

@@ -23,7 +23,6 @@ from ..geometry.types import Array, Image
 from ..paper.box_removal import Removal
 from ..paper.settings import PublishedConfig
 from ..runs.drive import MethodRun, Run, frames
-from ..runs.folder import is_finished
 from ..runs.front_end import TimedMatches
 from . import plots
 from .table1 import PROPOSAL
@@ -105,7 +104,7 @@ def refuse_foreign_film(path: Path) -> None:
     """Raise `DataError` for a name without the ending of films, or of a file that the kit did not write."""
     if path.suffix.lower() != FILM_ENDING:
         raise DataError(f"expected the name of a film to end in {FILM_ENDING}", path)
-    if not os.path.lexists(path) or is_finished(path.parent):
+    if not os.path.lexists(path):
         return
     with open_binary(path) as file:
         size = file.seek(0, os.SEEK_END)

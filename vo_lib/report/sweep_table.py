@@ -20,8 +20,9 @@ from ..evaluation.statistics import change_limit, mean_and_deviation
 from ..geometry.types import Array
 from ..paper.settings import MethodConfig
 from ..runs.drive import Run
-from ..runs.folder import read_run, warnings_of
+from ..runs.folder import read_run
 from ..runs.jobs import Job, Outcome
+from ..runs.run_quality import warnings_of
 from .blocks import (
     Axes,
     Changes,

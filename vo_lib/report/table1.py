@@ -35,8 +35,9 @@ from ..paper.settings import MethodConfig
 from ..runs.drive import Run
 from ..runs.durations import DETECTION, Durations, Task, duration_words
 from ..runs.earlier_seconds import FRONT_END_STAGES
-from ..runs.folder import read_run, warnings_of
+from ..runs.folder import read_run
 from ..runs.jobs import Job, Outcome, matching_task, running_task
+from ..runs.run_quality import warnings_of
 from .blocks import Block, Changes, settings_folder, settings_words
 from .page import finite_or_none
 from .paper_unit import PAPERS_OWN, RE_KIND, converted

@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import cv2
 import numpy as np
@@ -33,6 +33,7 @@ from .front_end import TimedMatches, find_matches
 if TYPE_CHECKING:
     from ..kit.box_rules import OnMoving
     from ..kit.calibration import Calibration
+    from ..kit.kit_odometry import SelfCalibratingOdometry
 
 FREED_FLOATS = 2**21  # 16 MB, see `_keep_freed_memory`
 
@@ -106,9 +107,9 @@ def frames(
     ------
     DataError : an image or a label file is invalid, or the label folder has no box of a chosen class.
     """
-    boxes_of = boxes_for(sequence, config.filter)
+    read_boxes = boxes_for(sequence, config.filter)
     for index, (frame_matches, ms) in enumerate(_matches_outside_masks(sequence, config, matches)):
-        yield Frame(index, frame_matches, boxes_of(index), ms)
+        yield Frame(index, frame_matches, read_boxes(index), ms)
 
 
 def _matches_outside_masks(
@@ -124,7 +125,7 @@ def _matches_outside_masks(
 def boxes_for(sequence: Sequence, rule: FilterConfig) -> Callable[[int], Boxes]:
     """A function of a frame's index that returns the frame's boxes of the classes that count for a box rule.
 
-    For a rule that removes nothing, the boxes are only drawn: so labels without such classes give no boxes.
+    For a rule that needs no boxes, they are only drawn: so labels without such classes give no boxes.
 
     Raises
     ------
@@ -191,9 +192,7 @@ def _estimated_calibration(odometry: Odometry) -> Calibration | None:
     """The calibration errors that an odometry of variant `kit` has estimated; None for `published`."""
     if not isinstance(odometry.config, KitConfig):
         return None
-    from ..kit.kit_odometry import SelfCalibratingOdometry
-
-    return odometry.calibration if isinstance(odometry, SelfCalibratingOdometry) else None
+    return cast("SelfCalibratingOdometry", odometry).calibration  # `make_kit_odometry` makes no others
 
 
 def make_odometry(
@@ -285,12 +284,13 @@ def run_methods(
         raise ValueError("the methods need the same feature and matching settings to share their matches")
     method_runs = {name: MethodRun(sequence, config, calibration) for name, config in configs.items()}
     # A label file is read once for all methods that take the same boxes from it.
-    boxes_of = {_boxes_key(config): boxes_for(sequence, config.filter) for config in configs.values()}
+    readers = {_boxes_key(config): boxes_for(sequence, config.filter) for config in configs.values()}
     any_config = next(iter(configs.values()))  # they have one front end
     for index, (frame_matches, ms) in enumerate(_matches_outside_masks(sequence, any_config, matches)):
-        boxes = {key: boxes_of_frame(index) for key, boxes_of_frame in boxes_of.items()}
+        boxes_by_key = {key: read_boxes(index) for key, read_boxes in readers.items()}
         for method_run in method_runs.values():
-            frame = Frame(index, frame_matches, boxes[_boxes_key(method_run.config)], ms)
+            boxes = boxes_by_key[_boxes_key(method_run.config)]
+            frame = Frame(index, frame_matches, boxes, ms)
             if index == 0:
                 method_run.start(frame)
             else:

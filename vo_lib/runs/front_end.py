@@ -20,8 +20,8 @@ from ..paper.settings import FeatureConfig, MatchingConfig, MethodConfig, Publis
 # Matches of a frame with the previous frame, and the milliseconds spent in each stage.
 TimedMatches = tuple[StereoMatches, dict[str, float]]
 Prepared = TypeVar("Prepared")  # what a front end makes of a single stereo pair
-# When the cameras are exchanged, two pairs have 400 or more matches after the images are exchanged back, and
-# at most an eighth of that number as they are given. The limits keep a distance from both.
+# Exchanged cameras: 400 or more matches once exchanged back, an eighth of that or less before. The limits
+# keep a distance from both.
 MIN_EXCHANGED_MATCHES = 50
 EXCHANGED_RATIO = 4
 

@@ -282,12 +282,12 @@ def run_jobs(
     for sequence in {job.sequence.folder: job.sequence for job in jobs}.values():
         images_digest(sequence)  # hash here once; workers read the stored hashes
     # Of the jobs that share a front end, and so their matches, one stands for all.
-    front_ends = {_front_end(job): job for job in to_run}
+    job_for_front_end = {_front_end(job): job for job in to_run}
     matching = _Stage(partial(_fill, cache=cache), matching_task, MATCHING_FRAMES)
     running = _Stage(partial(_run, cache=cache, fresh=fresh), running_task, 1)
-    frames_done = _FramesDone(matching.cost(front_ends.values()) + running.cost(jobs), progress)
+    frames_done = _FramesDone(matching.cost(job_for_front_end.values()) + running.cost(jobs), progress)
     unfilled = {}
-    for key, job in front_ends.items():
+    for key, job in job_for_front_end.items():
         if not CachedMatches(job.sequence, job.config, cache).path.exists():
             unfilled[key] = job
     _add_kept_times(jobs, to_run, unfilled.values(), cache, durations)
@@ -298,13 +298,17 @@ def run_jobs(
         try:
             # The first jobs say how long the others will take.
             first_runs = _first_jobs(to_run, running_task, workers)
-            first_fronts = {_front_end(job): front_ends[_front_end(job)] for job in first_runs}
+            first_matchings = {_front_end(job): job_for_front_end[_front_end(job)] for job in first_runs}
             for job in _first_jobs(list(unfilled.values()), matching_task, workers):
-                first_fronts[_front_end(job)] = job
-            runner.do(first_fronts, first_runs)
+                first_matchings[_front_end(job)] = job
+            runner.do(first_matchings, first_runs)
             forecast.say()
-            other_fronts = {key: job for key, job in front_ends.items() if key not in first_fronts}
-            runner.do(other_fronts, [job for job in jobs if job not in first_runs])
+            other_matchings = {
+                key: job for key, job in job_for_front_end.items() if key not in first_matchings
+            }
+            # Finished jobs too: `_run` only reads them back.
+            other_runs = [job for job in jobs if job not in first_runs]
+            runner.do(other_matchings, other_runs)
         except Exception as error:  # `_attempt` catches the exceptions of the jobs
             raise _error_of_workers(error) from error
     return [Outcome(job, runner.failure_of(job), changed[job.folder]) for job in jobs]
@@ -366,10 +370,10 @@ class _JobRunner:
         self._failed_front_ends: dict[Hashable, str] = {}  # the causes
         self._ended_runs: dict[Path, str | None] = {}  # the cause of a failure by folder; None for success
 
-    def do(self, front_ends: dict[Hashable, Job], jobs: list[Job]) -> None:
-        """Run front ends, then the jobs whose front ends have not failed."""
-        causes = self._do_stage(self._matching, list(front_ends.values()))
-        for key, cause in zip(front_ends, causes, strict=True):
+    def do(self, job_for_front_end: dict[Hashable, Job], jobs: list[Job]) -> None:
+        """Run front ends, each for one of its jobs, then the jobs whose front ends have not failed."""
+        causes = self._do_stage(self._matching, list(job_for_front_end.values()))
+        for key, cause in zip(job_for_front_end, causes, strict=True):
             if cause:
                 self._failed_front_ends[key] = cause
         ready = [job for job in jobs if _front_end(job) not in self._failed_front_ends]
@@ -398,9 +402,8 @@ class _JobRunner:
         if future.exception() is not None:
             return
         attempt = future.result()
-        if (
-            attempt.worked or attempt.cause
-        ):  # otherwise its result was there, so the forecast has no task of it
+        # Otherwise its result was there, so the forecast has no task of it.
+        if attempt.worked or attempt.cause:
             self._forecast.done(stage.task(job), attempt.seconds if attempt.worked else None)
 
 
@@ -428,7 +431,8 @@ def _size_class(job: Job) -> int:
 def _first_jobs(jobs: list[Job], task: Callable[[Job], Task], workers: int) -> list[Job]:
     """A job of each kind of task, on the shortest sequence, and others until every process has work.
 
-    Where this would be much of the work, as with many settings and one seed, it is a job of each family.
+    Where this would be much of the work, as with many settings and one seed, it is a job of each family
+    (`Task.family`).
     """
     by_length = sorted(jobs, key=lambda job: len(job.sequence))
     # The shortest comes last, so it is the one that stays.
@@ -451,9 +455,9 @@ def _add_kept_times(
 
     to_run : those of the jobs that have no finished run; unfilled : a job for each front end without matches.
     """
-    front_ends = {_front_end(job): job for job in jobs}
+    job_for_front_end = {_front_end(job): job for job in jobs}
     without_matches = {_front_end(job) for job in unfilled}
-    for key, job in front_ends.items():
+    for key, job in job_for_front_end.items():
         if key not in without_matches:
             seconds = seconds_of_matches(CachedMatches(job.sequence, job.config, cache))
             if seconds is not None:
@@ -473,8 +477,8 @@ def seconds_of_jobs(jobs: Iterable[Job], cache: Path | None) -> tuple[float, int
     """
     finished = [job for job in jobs if is_finished(job.folder)]
     times = [seconds_of_run(job.folder, len(job.sequence)) for job in finished]
-    front_ends = {_front_end(job): job for job in finished}
-    for job in front_ends.values():
+    job_for_front_end = {_front_end(job): job for job in finished}
+    for job in job_for_front_end.values():
         times.append(seconds_of_matches(CachedMatches(job.sequence, job.config, cache)))
     known = [seconds for seconds in times if seconds is not None]
     return math.fsum(known), len(times) - len(known)
