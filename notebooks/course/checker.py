@@ -35,6 +35,7 @@ from .stored_answers import NAME as STORED
 from .stored_answers import NOT_SAVED, is_stub, library_call_in, store_answer
 
 Case = tuple[Any, ...]  # the inputs of a call
+Results = list[list[Any]]  # of an answer, [part][case]: arrays, None or `Unusable`
 LONGEST = 80  # maximal length of an input in a message, characters
 TRIES = 3  # different wrong answers in a row, after which the line of code is shown
 FLOAT32 = 1e-5  # relative tolerance of results in single precision
@@ -131,8 +132,10 @@ class Exercise:
     """An exercise. A call with an answer, and with further data of the task, returns a `Verdict`.
 
     An answer is right if its results equal the results of `right` in all cases. A wrong answer gets the first
-    message of this list that applies: a mistake with the same results in all cases, a slip, a mistake whose
-    test is true, the `hint`. The third different wrong answer in a row also gets the `line` of code.
+    message of this list that applies: the parts are exchanged; a mistake with the same results up to the end of
+    the first wrong part; a slip; a result that cannot be compared, such as one of another shape; a mistake
+    whose test is true; the result is the same for all inputs; NaN; the difference, with the `hint`. The third
+    different wrong answer in a row also gets the `line` of code.
 
     Parameters
     ----------
@@ -227,7 +230,8 @@ class Exercise:
                 function = answer if self.cases else _always(answer)
                 cases = self.cases() if self.cases else [data]
                 got, changed = self._results_and_changes(function, cases)
-                as_given = str([each.tolist() if isinstance(each, np.ndarray) else each for each in got])
+                given = itertools.chain.from_iterable(got)
+                as_given = str([each.tolist() if isinstance(each, np.ndarray) else each for each in given])
                 return self._judge(got, cases, changed), as_given
         except Exception as error:
             return Verdict(False, f"this cannot be judged, {type(error).__name__}: {error}."), as_given
@@ -244,45 +248,46 @@ class Exercise:
                 return Verdict(False, says.format_map(facts))
         return Verdict(True, self.praise.format_map(facts))
 
-    def _judge(self, got: list[Any], cases: list[Case], changed: list[int]) -> Verdict:
+    def _judge(self, got: Results, cases: list[Case], changed: list[int]) -> Verdict:
         """The verdict on the results of an answer, compared with the nearest of the right answers.
 
         changed : positions of the inputs that the answer changed.
         """
         tables = [self._results(right, cases) for right in (self.right, *self.also)]
         right = max(tables, key=lambda table: self._agreed(got, table))
-        first = self._agreed(got, right)
-        if first == len(got):
-            return self._passed(got, right, len(cases), changed)
-        return self._failed(got, right, first, cases)
+        agreed = self._agreed(got, right)
+        if agreed == len(got) * len(cases):
+            return self._passed(got, right, changed)
+        part, case = divmod(agreed, len(cases))
+        return self._failed(got, right, part, case, cases)
 
-    def _failed(self, got: list[Any], right: list[Any], first: int, cases: list[Case]) -> Verdict:
-        """What is wrong with the results of an answer, of which `first` is the place of the first wrong one.
+    def _failed(self, got: Results, right: Results, part: int, case: int, cases: list[Case]) -> Verdict:
+        """What is wrong with the results of an answer, of which the first wrong one is `got[part][case]`.
 
         Mistakes come first that explain all results; then those that can be seen in the wrong result alone.
         """
-        part, case = divmod(first, len(cases))
         what = self.parts[part] if self.parts else "the result"
-        wrong = _WrongResult(what, cases[case], got[first], right[first])
+        wrong = _WrongResult(what, cases[case], got[part][case], right[part][case])
         if isinstance(wrong.expected, Unusable):
             return wrong.expected
-        if self.parts and self._are_exchanged(got, right, len(cases)):
+        if self.parts and self._are_exchanged(got, right):
             return Verdict(False, f"{' and '.join(self.parts)} are exchanged.")
         mistake = (
             self._known_mistake(got, cases, part)
-            or self._slip(got, right, part, len(cases))
+            or self._slip(got[part], right[part])
             or why_not_indices(wrong.got, wrong.expected)
         )
         if not mistake:
             # A function that may return None can do so in the wrong case.
-            missing = wrong.got is None and any(each is None for each in right)
+            may_be_none = any(each is None for each in itertools.chain.from_iterable(right))
+            missing = wrong.got is None and may_be_none
             if not missing and (reason := why_unusable(wrong.got, wrong.expected, what, self.hint)):
                 return reason
             mistake = self._tested_mistake(wrong)
         if mistake:
             words = {"got": wrong.got, "right": wrong.expected, "what": what}
             return Verdict(False, mistake.format_map(words))
-        is_constant = first > 0 and not self.parts and all(self._same(each, got[0]) for each in got)
+        is_constant = case > 0 and not self.parts and all(self._same(each, got[0][0]) for each in got[0])
         if is_constant and wrong.expected is not None:
             hint = "compute the result from the inputs."
             return Verdict(False, "the result is the same for all inputs.", hint)
@@ -290,12 +295,12 @@ class Exercise:
             return Verdict(False, f"{what} contains NaN.", "is there a division by zero?")
         return Verdict(False, self._difference(wrong), self.hint)
 
-    def _are_exchanged(self, got: list[Any], right: list[Any], cases: int) -> bool:
+    def _are_exchanged(self, got: Results, right: Results) -> bool:
         """Whether the first of the parts has the results of the second, and so on."""
-        exchanged = [*right[cases:], *right[:cases]]
-        return all(map(self._same, got, exchanged))
+        exchanged = [*right[1:], right[0]]
+        return self._agreed(got, exchanged) == sum(map(len, got))
 
-    def _known_mistake(self, got: list[Any], cases: list[Case], part: int) -> str:
+    def _known_mistake(self, got: Results, cases: list[Case], part: int) -> str:
         """The message of the wrong answer with the same results up to the end of a part; "" if there is none.
 
         Results that are equal only in some cases of the part may be equal by chance.
@@ -313,36 +318,37 @@ class Exercise:
                 return says
         return ""
 
-    def _slip(self, got: list[Any], right: list[Any], part: int, cases: int) -> str:
-        """The message of the slip that explains all results of a part; "" if there is none."""
-        here = slice(part * cases, (part + 1) * cases)
-        if not all(isinstance(each, np.ndarray) for each in (*got[here], *right[here])):
+    def _slip(self, got: list[Any], right: list[Any]) -> str:
+        """The message of the slip that explains the results of a part in all cases; "" if there is none."""
+        if not all(isinstance(each, np.ndarray) for each in (*got, *right)):
             return ""
         for name, says in self.slips.items():
             make = SLIPS[name][1]
-            slipped = [as_array(result_of(make, (each,))) for each in right[here]]
+            slipped = [as_array(result_of(make, (each,))) for each in right]
             # Results in another order are compared when both are sorted.
-            mine = map(make, got[here]) if make is in_order else got[here]
+            mine = map(make, got) if make is in_order else got
             if all(map(self._same, mine, slipped)):
                 return says
         return ""
 
-    def _passed(self, got: list[Any], right: list[Any], cases: int, changed: list[int]) -> Verdict:
+    def _passed(self, got: Results, right: Results, changed: list[int]) -> Verdict:
         """Praise with the results of the first case, unless a call changed its inputs."""
         if changed:
             name = [*inspect.signature(self.right).parameters][changed[0]]
             says = f"the results are right, but the function changes its input `{name}`."
             return Verdict(False, says, "copy the input first.")
         if self.parts:
-            return Verdict(True, self.praise.format(got=got[::cases], right=right[::cases]))
-        return Verdict(True, self.praise.format(got=got[0], right=right[0]))
+            got_first = [of_part[0] for of_part in got]
+            right_first = [of_part[0] for of_part in right]
+            return Verdict(True, self.praise.format(got=got_first, right=right_first))
+        return Verdict(True, self.praise.format(got=got[0][0], right=right[0][0]))
 
-    def _results(self, answer: Any, cases: list[Case]) -> list[Any]:
-        """Results of an answer, ordered by part, then by case: arrays, None or `Unusable`."""
+    def _results(self, answer: Any, cases: list[Case]) -> Results:
+        """Results of an answer in all cases."""
         results, _ = self._results_and_changes(answer, cases)
         return results
 
-    def _results_and_changes(self, answer: Any, cases: list[Case]) -> tuple[list[Any], list[int]]:
+    def _results_and_changes(self, answer: Any, cases: list[Case]) -> tuple[Results, list[int]]:
         """The results as in `_results`, and the positions of the inputs that a call changed.
 
         Each call gets a copy of its inputs.
@@ -355,8 +361,8 @@ class Exercise:
             for position, (before, after) in enumerate(zip(inputs, own, strict=True)):
                 if differ(before, after):
                     changed.append(position)
-        by_part = zip(*by_case, strict=True)
-        return list(itertools.chain.from_iterable(by_part)), changed
+        by_part = [list(of_part) for of_part in zip(*by_case, strict=True)]
+        return by_part, changed
 
     def _split(self, data: Any) -> list[Any]:
         """The results of a call: a single result, or a result for each name in `parts`."""
@@ -369,9 +375,11 @@ class Exercise:
         message = f"expected {len(self.parts)} results: {names}."
         return [Unusable(False, message, f"`{names}`, in this order.")] * len(self.parts)
 
-    def _agreed(self, got: list[Any], expected: list[Any]) -> int:
-        """Number of equal results before the first different result."""
-        same = [self._same(*pair) for pair in zip(got, expected, strict=True)]
+    def _agreed(self, got: Results, expected: Results) -> int:
+        """Number of equal results before the first different result, part by part."""
+        same = list[bool]()
+        for got_part, expected_part in zip(got, expected, strict=True):
+            same += map(self._same, got_part, expected_part)
         return same.index(False) if False in same else len(same)
 
     def _same(self, got: Any, expected: Any) -> bool:
