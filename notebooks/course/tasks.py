@@ -53,7 +53,7 @@ def all_tasks() -> tuple[Task, ...]:
 
 
 @functools.cache
-def tasks() -> dict[str, tuple[str, Exercise]]:
+def functions_to_write() -> dict[str, tuple[str, Exercise]]:
     """Number and check of each exercise whose answer is a function, by the name of the function."""
     return {task.name: (task.number, task.exercise) for task in all_tasks() if task.is_function}
 
@@ -95,7 +95,9 @@ def _tasks_of(path: Path) -> Iterator[Task]:
     number = ""
     for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
         text = "".join(cell["source"])
-        number = (HEADING.findall(text) or [number])[-1]
+        headings = HEADING.findall(text)
+        if headings:
+            number = headings[-1]
         for chapter, check, name, _facts, data in CHECK.findall(text):
             exercise, measures = _exercise(chapter, check)
             if exercise is None or not number:

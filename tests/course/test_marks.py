@@ -25,7 +25,7 @@ from course.grading import grade
 from course.minutes import NOTEBOOKS
 from course.results import Verdict
 from course.submissions import MAX_MEMBERS, Submission, find_submissions, read_submission
-from course.tasks import all_tasks, chosen_tasks, exercise_of, tasks
+from course.tasks import all_tasks, chosen_tasks, exercise_of, functions_to_write
 from vo_lib.commands.cli import main
 from vo_lib.errors import DataError
 
@@ -80,7 +80,7 @@ def test_exercises_are_those_of_the_notebooks() -> None:
         "te_re",
         "my_drive",
     }
-    assert tasks()["weights"][1] is ch04.robust_weight
+    assert functions_to_write()["weights"][1] is ch04.robust_weight
     assert all(exercise_of(task.check) is task.exercise for task in all_tasks())
     assert [task.chapter for task in chosen_tasks("0,8")] == [
         task.chapter for task in all_tasks() if task.chapter in "08"
@@ -116,11 +116,11 @@ def test_a_faulty_function_fails_only_its_own_exercise(bodies: dict[str, tuple[s
     submission = Submission("anna", {"my_vo.py": content.encode()})
     found, remarks = grade(submission, all_tasks(), limit_s=2.0)
     for name, (_, says) in bodies.items():
-        mark = found[tasks()[name][0]]
+        mark = found[functions_to_write()[name][0]]
         assert not mark.passed, name
         assert says in mark.says, name
         assert mark.says.isprintable()
-    assert found[tasks()["weights"][0]].passed
+    assert found[functions_to_write()["weights"][0]].passed
     assert remarks == []
 
 
@@ -148,7 +148,7 @@ def test_a_faulty_section_fails_only_its_own_function() -> None:
     content = my_vo().replace("def weights(r, s):", "def weights(r, s:")
     found, (remark,) = grade(Submission("cleo", {"my_vo.py": content.encode()}), chosen_tasks("0,4"))
     assert remark.startswith("my_vo.py, weights: SyntaxError")
-    assert found[tasks()["chain"][0]].passed
+    assert found[functions_to_write()["chain"][0]].passed
 
 
 def test_answers_that_are_no_functions_are_checked_again(
@@ -198,7 +198,7 @@ def test_a_function_that_failed_says_why(tmp_path: Path, monkeypatch: pytest.Mon
     assert not ch04.robust_weight(lambda r, s: -1 / (1 + (r / s) ** 2)).passed
     files = {"my_answers.json": (tmp_path / "my_answers.json").read_bytes()}
     found, _ = grade(Submission("emil", files), chosen_tasks("4"))
-    assert "wrong sign" in found[tasks()["weights"][0]].says
+    assert "wrong sign" in found[functions_to_write()["weights"][0]].says
 
 
 def test_saved_notebooks_count_where_nothing_was_written_down() -> None:
@@ -333,12 +333,12 @@ def test_a_class_becomes_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[s
         "dora": "2",
         "eve": "0",
     }
-    assert rows["anna"][tasks()["weights"][0]] == "1"
-    assert rows["'=ben"][tasks()["weights"][0]] == "0"
+    assert rows["anna"][functions_to_write()["weights"][0]] == "1"
+    assert rows["'=ben"][functions_to_write()["weights"][0]] == "0"
     assert "a name outside its folder" in rows["eve"]["remarks"]
     assert marks.main(["--json", "--chapters", "4", str(tmp_path / "anna.zip")]) == 0
     result = json.loads(capsys.readouterr().out)
-    assert result["anna"]["exercises"][tasks()["weights"][0]]["passed"] is True
+    assert result["anna"]["exercises"][functions_to_write()["weights"][0]]["passed"] is True
     assert marks.main([str(tmp_path / "nowhere")]) == 2
     assert "is missing: expected a zip" in capsys.readouterr().err
 
@@ -430,7 +430,7 @@ def test_a_function_with_another_name_is_found(tmp_path: Path, monkeypatch: pyte
     source = CHAIN.replace("chain(", "my_chain(").replace("# ---- chain ----\n", "")
     my_chain = in_course(tmp_path, monkeypatch, "my_chain", source)
     assert "saved in `my_vo.py`" in ch00.chain(my_chain).message
-    number = tasks()["chain"][0]
+    number = functions_to_write()["chain"][0]
     found, remarks = grade(handed_in(tmp_path), chosen_tasks("0"))
     assert (found[number].passed, found[number].found, remarks) == (True, "run", [])
     (tmp_path / "my_answers.json").unlink()
@@ -450,8 +450,8 @@ def test_a_function_named_as_an_earlier_answer_is_not_saved(
         "not saved: in `my_vo.py`, `f` is the answer to ch00.chain; give it another name" in verdict.message
     )
     found, (remark,) = grade(handed_in(tmp_path), chosen_tasks("0,4"))
-    assert found[tasks()["chain"][0]].cell == "1"
-    assert found[tasks()["weights"][0]].cell == "?"
+    assert found[functions_to_write()["chain"][0]].cell == "1"
+    assert found[functions_to_write()["weights"][0]].cell == "?"
     assert "`f` is the answer to ch00.chain" in remark
 
 
@@ -473,7 +473,7 @@ def test_a_right_function_that_is_not_saved_has_a_mark_of_its_own(
     table = tmp_path / "table.csv"
     assert marks.main([str(tmp_path), "--chapters", "4", "--csv", str(table)]) == 0
     (row,) = csv.DictReader(io.StringIO(table.read_text(encoding="utf-8")))
-    number = tasks()["weights"][0]
+    number = functions_to_write()["weights"][0]
     assert (row[number], row["passed"], row["said"]) == ("?", "0", "0")
     assert f"{number}: right by my_answers.json, but not in my_vo.py" in row["remarks"]
     assert why in row["remarks"]
@@ -493,7 +493,7 @@ def test_a_right_answer_stays_and_a_later_wrong_one_is_named(
     for answer in (right, right + 1):
         ch00.depth_error_ratio(answer)
     _, remarks = grade(handed_in(tmp_path), chosen_tasks("0,4"))
-    assert [remark.partition(":")[0] for remark in remarks] == ["0.3", tasks()["weights"][0]]
+    assert [remark.partition(":")[0] for remark in remarks] == ["0.3", functions_to_write()["weights"][0]]
     assert all("the right answer counts; a later one was not right" in remark for remark in remarks)
     ch00.depth_error_ratio(right)
     assert len(grade(handed_in(tmp_path), chosen_tasks("0"))[1]) == 0
@@ -520,13 +520,13 @@ def test_functions_of_the_kit_have_no_marks() -> None:
     found, remarks = grade(Submission("eve", {"my_vo.py": content.encode()}), chosen_tasks("4"))
     assert remarks == []
     for name in FUNCTIONS_OF_THE_KIT:
-        mark = found[tasks()[name][0]]
+        mark = found[functions_to_write()[name][0]]
         assert (mark.passed, mark.found) == (False, "run"), name
         assert "it is the kit's own function" in mark.says, name
 
 
 def test_results_cannot_be_written_by_the_student() -> None:
-    number = tasks()["weights"][0]
+    number = functions_to_write()["weights"][0]
     forged = json.dumps({"number": number, "passed": True, "says": ""})
     body = f"""import glob, os
     for name in ['results.jsonl', *glob.glob('/tmp/*/results.jsonl'), *glob.glob('/proc/self/fd/*')]:
@@ -538,7 +538,7 @@ def test_results_cannot_be_written_by_the_student() -> None:
     os._exit(0)"""
     found, _ = grade(Submission("eve", {"my_vo.py": my_vo(body).encode()}), chosen_tasks("0,4"))
     assert not found[number].passed
-    assert found[tasks()["chain"][0]].passed
+    assert found[functions_to_write()["chain"][0]].passed
 
 
 def test_a_verdict_by_the_students_file_alone_has_a_mark_of_its_own(
@@ -549,7 +549,7 @@ def test_a_verdict_by_the_students_file_alone_has_a_mark_of_its_own(
     table = tmp_path / "marks.csv"
     assert marks.main([str(tmp_path), "--chapters", "0,4,8", "--csv", str(table)]) == 0
     (row,) = csv.DictReader(io.StringIO(table.read_text(encoding="utf-8")))
-    assert (row["8.2"], row[tasks()["chain"][0]], row["8.3"]) == ("said", "1", "0")
+    assert (row["8.2"], row[functions_to_write()["chain"][0]], row["8.3"]) == ("said", "1", "0")
     assert (row["passed"], row["said"]) == ("2", "1")
     printed = capsys.readouterr().out
     assert "eve: 2 of 19 pass, 1 more by the student's file alone" in printed
@@ -581,8 +581,8 @@ def test_other_encodings_are_read(tmp_path: Path, encoded: bytes, remark: str) -
 def test_the_process_gets_a_file_of_another_encoding_as_text() -> None:
     encoded = ("# Größe\n" + my_vo("é = 1")).encode("utf-16")
     found, _ = grade(Submission("ben", {"my_vo.py": encoded}), chosen_tasks("0,4"))
-    assert found[tasks()["weights"][0]].passed
-    assert found[tasks()["chain"][0]].passed
+    assert found[functions_to_write()["weights"][0]].passed
+    assert found[functions_to_write()["chain"][0]].passed
 
 
 @pytest.mark.parametrize(
@@ -598,8 +598,8 @@ def test_the_process_gets_a_file_of_another_encoding_as_text() -> None:
 def test_a_section_that_ends_the_process_fails_only_itself(line: str, why: str) -> None:
     content = my_vo().replace("# ---- weights ----\n", f"# ---- weights ----\n{line}\n").encode()
     found, (remark,) = grade(Submission("ben", {"my_vo.py": content}), chosen_tasks("0,4"), limit_s=2.0)
-    assert found[tasks()["chain"][0]].passed
-    assert not found[tasks()["weights"][0]].passed
+    assert found[functions_to_write()["chain"][0]].passed
+    assert not found[functions_to_write()["weights"][0]].passed
     assert remark.startswith("my_vo.py, weights")
     assert why in remark
 

@@ -30,7 +30,7 @@ from ..ch05.real_drives import line_distances
 from ..checker import Exercise
 from ..results import Verdict
 from ..stored_answers import NAME, load_functions
-from ..tasks import tasks
+from ..tasks import functions_to_write
 from .limits import TooLong, within
 from .stages import LIMIT_S, Endless, StageError, call_stage, ended_within, require_inputs, too_long
 
@@ -127,7 +127,7 @@ class StudentOdometry:
     def _repr_html_(self) -> str:
         rows = ["<tr><th>exercise</th><th>stage</th><th>whose</th></tr>"]
         for name, words in self.whose.items():
-            number, _ = tasks()[name]
+            number, _ = functions_to_write()[name]
             if name in self.slow:
                 words = f"{words}, slow: {self.slow[name]:.0f} times the library's time"
             rows.append(
@@ -149,7 +149,7 @@ def join(limit_s: float = LIMIT_S, **given: Any) -> StudentOdometry:
         written = {**within(limit_s, load_functions, path), **given}
     except TooLong as error:
         raise DataError(too_long(limit_s, error), path) from None
-    exercises = tasks()
+    exercises = functions_to_write()
     functions = {}
     whose = {}
     slow = dict[str, float]()

@@ -12,7 +12,7 @@ from vo_lib.errors import DataError
 from vo_lib.geometry.types import Array
 
 from ..results import Unusable, result_of
-from ..tasks import tasks
+from ..tasks import functions_to_write
 from .limits import TooLong, within
 
 Value = TypeVar("Value")
@@ -95,7 +95,7 @@ def call_stage(
         result, reason = in_form(name, given, inputs)
     if not reason:
         return result
-    number, _ = tasks()[name]
+    number, _ = functions_to_write()[name]
     owner = "your" if whose == "yours" else "the library's"
     when = "after the last frame" if frame is None else f"frame {frame}"
     advice = f"correct exercise {number}, or take the library's: own.join({name}=None)"
@@ -245,5 +245,5 @@ def _as_array(part: Any, shape: Shape) -> tuple[Array, str]:
 
 def named_inputs(name: str, inputs: tuple[Any, ...]) -> dict[str, Any]:
     """The inputs of a stage by the names of the exercise's parameters."""
-    names = inspect.signature(tasks()[name][1].right).parameters
+    names = inspect.signature(functions_to_write()[name][1].right).parameters
     return dict(zip(names, inputs, strict=False))
