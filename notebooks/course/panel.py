@@ -157,6 +157,11 @@ class Drawing:
     tables: str = ""
     limits: Mapping[str, float] = field(default_factory=dict)
 
+    @property
+    def numbers(self) -> dict[str, float]:
+        """The values of the facts by their names."""
+        return {fact.name: fact.value for fact in self.facts}
+
 
 def facts_html(sentence: str, facts: tuple[Fact, ...], before: dict[str, float]) -> str:
     """A sentence and a row of facts, each with its change since `before`."""
@@ -412,10 +417,11 @@ class Panel:
         missing = self._missing(state)
         if missing:
             image = photo(stereo(state.sequence, state.frame)[0], height=self.height)
-            self._show(Drawing([image], missing), before)
+            drawing = Drawing([image], missing)
         else:
-            self._show(self.draw(state), before)
-        self.redraws.shown(self.facts)
+            drawing = self.draw(state)
+        self._show(drawing, before)
+        self.redraws.shown(drawing.numbers)
         self._sign.value = ""
 
     def _show_part(self, drawing: Drawing) -> None:
@@ -447,7 +453,7 @@ class Panel:
 
     def _show(self, drawing: Drawing, before: dict[str, float]) -> None:
         self._text.value = facts_html(drawing.sentence + self._elsewhere(), drawing.facts, before)
-        self.facts = {fact.name: fact.value for fact in drawing.facts}
+        self.facts = drawing.numbers
         self.picture.value = stack(drawing.parts, self.height)
         self.picture.remove_class(STALE_CLASS)
         self.tables.value = drawing.tables
