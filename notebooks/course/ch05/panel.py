@@ -131,8 +131,9 @@ def _by_number(detector: YoloDetector, source: str) -> str:
 
 def _unknown(words: tuple[str, ...], names: ClassNames, source: str) -> str:
     """Which of the typed classes a model or a label folder lacks, and what can be typed for it."""
-    lacking = [word for word in words if _choosing(names, word) is DataError]
-    lacking = lacking or [word for word in words if _choosing(names, word) is ClassesError]
+    lacking = [word for word in words if not _exists(names, word)]
+    if not lacking:
+        lacking = [word for word in words if not _counts(names, word)]
     shown = " or ".join(word if word.isdecimal() else repr(word) for word in lacking[:SHOWN_WORDS])
     near = did_you_mean(lacking[0], names.names.values() or COCO)
     return f"there is no class {shown} in {source}; {near}type {_possible(names)}"
@@ -143,17 +144,28 @@ def _possible(names: ClassNames) -> str:
     if not names.names:
         return f"{VEHICLES}, a number, or a name of COCO such as truck"
     words = [VEHICLES, *(name for name in names.names.values() if re.fullmatch(WORD_OF_LIST, name))]
-    possible = [word for word in words if _choosing(names, word) is None]
+    possible = [word for word in words if _counts(names, word)]
     return f"one of: {listed(possible)}" if possible else "the number of a class"
 
 
-def _choosing(names: ClassNames, word: str) -> type[DataError] | None:
-    """The kind of error if the choice is this class alone; None if it can be chosen."""
+def _exists(names: ClassNames, word: str) -> bool:
+    """Whether a model or a label folder has this class, or may have it; its boxes need not count."""
     try:
         names.choose((word,))
-    except DataError as error:
-        return type(error)
-    return None
+    except ClassesError:
+        return True
+    except DataError:
+        return False
+    return True
+
+
+def _counts(names: ClassNames, word: str) -> bool:
+    """Whether boxes count if the choice is this class alone."""
+    try:
+        names.choose((word,))
+    except DataError:
+        return False
+    return True
 
 
 def filtered_frame(
