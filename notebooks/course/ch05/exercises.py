@@ -88,7 +88,7 @@ def area(box: Array) -> float:
     return float(np.prod(box[2:] - box[:2]))
 
 
-def pairs() -> list[Case]:
+def pair_cases() -> list[Case]:
     """Cases of two boxes: on one car; equal; disjoint in columns, rows or both, as (a, b) and as (b, a)."""
     a, b = CORNERS[:2]
     shifts = ([300.0, 10, 300, 10], [10.0, 95, 10, 95], [150.0, 95, 150, 95])
@@ -122,7 +122,18 @@ def label_of_other_size(label: Array, factor: float) -> Array:
     return np.array([number, x, y, factor * width, factor * height])
 
 
-def outputs() -> list[Case]:
+def corners_in_shares(box: Array, number: int, width: int, height: int) -> Array:
+    """Wrong answer: the class, and the two corners of a box in units of the image's size."""
+    return np.hstack([number, box / [width, height, width, height]])
+
+
+def label_from_upper_left(label: Array) -> Array:
+    """A label row (5,) with the upper left corner in place of the centre."""
+    number, x, y, width, height = label
+    return np.array([number, x - width / 2, y - height / 2, width, height])
+
+
+def output_cases() -> list[Case]:
     """Cases of network outputs (h, w, 5) with the size of a cell: one cell, a row, a grid of other cells."""
     rng = np.random.default_rng(4)
     by_hand = np.zeros((3, 4, 5), np.float32)
@@ -209,7 +220,7 @@ def _dropped(corners: Array, scores: Array, most: float) -> list[int]:
     return [k for k in np.argsort(-scores, kind="stable").tolist() if k not in kept]
 
 
-def heaps() -> list[Case]:
+def heap_cases() -> list[Case]:
     """Cases: five boxes; two boxes with exactly the allowed overlap; random groups with other limits."""
     half = np.array([[0.0, 0, 10, 10], [0.0, 0, 10, 5]])
     cases: list[Case] = [(CORNERS, SCORES, 0.5), (half, np.array([0.8, 0.9]), 0.5)]
@@ -271,7 +282,7 @@ def centre_and_size_as_box(boxes: Array) -> Array:
     return np.hstack([centre - size / 2, centre + size / 2])
 
 
-def driven() -> list[Case]:
+def driven_cases() -> list[Case]:
     """Cases of parked, leading and crossing vehicles, with wrong matches, background, noise or few features.
 
     The camera drives a metre ahead and turns by 2°.
@@ -389,7 +400,7 @@ label_row = Exercise(
     label_of,
     labels,
     atol=1e-6,
-    praise="`read_rows` of the library gives the same boxes back.",
+    praise="`read_labels` of the library gives the same boxes back.",
     hint="count from the outer edge of the first pixel: add half a pixel to each corner. Then centre and size, "
     "each as a share of the image.",
     line="cx = ((box[0] + box[2]) / 2 + 0.5) / width",
@@ -405,11 +416,11 @@ label_row = Exercise(
             lambda box, number, w, h: label_of(box - 0.5, number, 1, 1),
         ),
         "these are the two corners: a row has the centre, then width and height.": (
-            lambda box, number, w, h: np.array([number, *((box + 0.5) / [w, h, w, h])]),
-            lambda box, number, w, h: np.array([number, *(box / [w, h, w, h])]),
+            lambda box, number, w, h: corners_in_shares(box + 0.5, number, w, h),
+            corners_in_shares,
         ),
-        "this begins with the upper left corner: a row begins with the centre.": lambda box, number, w, h: (
-            label_of(box, number, w, h) - [0, *(box[2:] - box[:2]) / [w, h] / 2, 0, 0]
+        "this begins with the upper left corner: a row begins with the centre.": (
+            lambda *case: label_from_upper_left(label_of(*case))
         ),
         "width and height of the image are exchanged.": lambda box, number, w, h: label_of(box, number, h, w),
         "these are half sizes: a row has the whole width and height.": lambda *case: label_of_other_size(
@@ -427,7 +438,7 @@ label_row = Exercise(
 
 decode = Exercise(
     decoded,
-    outputs,
+    output_cases,
     parts=("corners", "scores"),
     atol=1e-4,
     rtol=1e-5,
@@ -492,7 +503,7 @@ precision_recall = Exercise(
 
 iou = Exercise(
     lambda a, b: overlap(a[None], b[None])[0, 0],
-    pairs,
+    pair_cases,
     praise="{got:.3f} for two boxes 10 px apart, 1 for a box with itself, 0 for boxes without a common part.",
     hint="where does the common part begin, and where does it end? Divide its area by the area of the union.",
     line="sides = np.maximum(np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2]), 0)",
@@ -516,7 +527,7 @@ iou = Exercise(
 
 suppress = Exercise(
     suppressed,
-    heaps,
+    heap_cases,
     praise="the same boxes in the same order as by greedy suppression, for 20 random groups, too.",
     hint="keep the best box, drop the boxes whose IoU with this box is above `most`, and repeat.",
     line="for k in np.argsort(-scores): if all(shared[k, other] <= most for other in kept): kept.append(k)",
@@ -604,7 +615,7 @@ keep_outside = Exercise(
 
 box_moves = Exercise(
     whether_box_moves(median_length),
-    driven,
+    driven_cases,
     praise="the answer is right for boxes of parked, leading, crossing, hidden and far vehicles.",
     hint="compute the place of each feature without its own motion. The median difference is the step of the box.",
     line="step = np.median(X_c - (X_p @ T_cp[:3, :3].T + T_cp[:3, 3]), axis=0)",

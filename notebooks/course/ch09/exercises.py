@@ -63,20 +63,23 @@ def edge_residual(p_i: Array, p_j: Array, m: Array, axes: float | None = None, w
     axes : heading of the axes instead of that of p_i. wrap : function that brings the angle into its range.
     """
     heading = p_i[2] if axes is None else axes
-    place = turn(heading).T @ (p_j[:2] - p_i[:2]) - m[:2]
-    return np.array([*place, wrap(p_j[2] - p_i[2] - m[2])])
+    x, z = turn(heading).T @ (p_j[:2] - p_i[:2]) - m[:2]
+    angle = wrap(p_j[2] - p_i[2] - m[2])
+    return np.array([x, z, angle])
 
 
 def turned_the_other_way(p_i: Array, p_j: Array, m: Array) -> Array:
     """Wrong answer: the whole residual is turned back into the axes of the world."""
     residual = edge_residual(p_i, p_j, m)
-    return np.array([*(turn(p_i[2]) @ residual[:2]), residual[2]])
+    x, z = turn(p_i[2]) @ residual[:2]
+    return np.array([x, z, residual[2]])
 
 
 def usual_residual(p_i: Array, p_j: Array, m: Array, wrap: Any = _wrapped) -> Array:
     """The residual of M⁻¹ (Tᵢ⁻¹ Tⱼ), as in the tutorial of Grisetti et al.: in the axes of the measured pose."""
     residual = edge_residual(p_i, p_j, m, wrap=wrap)
-    return np.array([*(turn(m[2]).T @ residual[:2]), residual[2]])
+    x, z = turn(m[2]).T @ residual[:2]
+    return np.array([x, z, residual[2]])
 
 
 def _as_pose(*poses: Array) -> Array:
@@ -91,7 +94,8 @@ def _as_pose(*poses: Array) -> Array:
 
 def _inverse(pose: Array) -> Array:
     """The inverse of a pose (x, z, heading)."""
-    return np.array([*(-turn(pose[2]).T @ pose[:2]), -pose[2]])
+    x, z = -turn(pose[2]).T @ pose[:2]
+    return np.array([x, z, -pose[2]])
 
 
 def _seen_from(p_i: Array, p_j: Array) -> Array:
