@@ -38,7 +38,7 @@ def test_pose_graph_derivatives_equal_finite_differences() -> None:
     h = 1e-6
     for k in range(6):
         small = motion_from_twist(h * np.eye(6)[k])
-        for derivative, side in ((first, edges.first), (second, edges.second)):
+        for derivative, side in ((first, edges.first_place), (second, edges.second_place)):
             for edge in range(len(edges)):
                 moved = poses.copy()
                 moved[side[edge]] = moved[side[edge]] @ small

@@ -64,12 +64,12 @@ def worst(poses: Array, truth: Array) -> float:
 def test_a_second_visit_is_recognised_and_measured(bands: Path) -> None:
     sequence = twice(bands)
     loops = compared(sequence, METHOD)
-    assert np.all(loops.second - loops.first >= CONFIG.gap)
+    assert np.all(loops.second_frame - loops.first_frame >= CONFIG.gap)
     accepted = loops[loops.accepted(CONFIG)]
-    same = accepted.second - accepted.first == 6
+    same = accepted.second_frame - accepted.first_frame == 6
     assert np.count_nonzero(same) == 3
     assert sequence.truth is not None
-    true = inverse(sequence.truth[accepted.first]) @ sequence.truth[accepted.second]
+    true = inverse(sequence.truth[accepted.first_frame]) @ sequence.truth[accepted.second_frame]
     assert accepted.motion == pytest.approx(true, abs=0.01)
     assert accepted.residual[same].max() < 0.2
 
@@ -83,6 +83,29 @@ def test_features_in_vehicle_boxes_and_masks_are_left_out(bands: Path, tmp_path:
     cv2.imwrite(str(tmp_path / "mask.png"), np.full((240, 480), 255, np.uint8))
     masked = dataclasses.replace(covered, masks=tmp_path / "mask.png")
     assert compared(masked, bare).matches.max(initial=0) == 0
+
+
+def test_each_frame_has_its_own_mask_in_a_folder(bands: Path, tmp_path: Path) -> None:
+    street = twice(bands)
+    masks = tmp_path / "masks"
+    masks.mkdir()
+    for frame in street.frames:
+        value = 255 if frame == "000002" else 0
+        cv2.imwrite(str(masks / f"{frame}.png"), np.full((240, 480), value, np.uint8))
+    masked = dataclasses.replace(street, masks=masks)
+    pairs = compared(masked, preset("solution_selection"))
+    is_hidden = pairs.first_frame == 2
+    assert np.all(pairs.matches[is_hidden] == 0)
+    assert np.all(pairs.matches[~is_hidden] > 0)
+    assert 0 < np.count_nonzero(is_hidden) < len(pairs)
+
+
+def test_a_mask_of_another_size_is_refused(bands: Path, tmp_path: Path) -> None:
+    mask = tmp_path / "mask.png"
+    cv2.imwrite(str(mask), np.zeros((120, 240), np.uint8))
+    masked = dataclasses.replace(twice(bands), masks=mask)
+    with pytest.raises(DataError, match="expected 480×240 as in the first left image"):
+        compared(masked, METHOD)
 
 
 def test_a_sequence_shorter_than_the_gap_has_no_loops(bands: Path) -> None:
@@ -113,7 +136,7 @@ def test_true_loops_remove_the_drift_and_a_false_loop_has_no_weight() -> None:
     pairs = [(k, k + 40) for k in range(0, 40, 5)]
     closed = close_path(drifted, loops_between(truth, pairs), config)
     assert worst(closed.poses, truth) < 0.2 * worst(drifted, truth)
-    assert closed.gap.max() < 0.05
+    assert closed.gap_m.max() < 0.05
     assert np.array_equal(closed.poses[0], drifted[0])
     loops = loops_between(truth, [*pairs, (0, 60)])
     loops.motion[-1] = np.eye(4)  # a false motion: frame 60, which is on the opposite side, at the start

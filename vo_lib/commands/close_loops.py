@@ -15,9 +15,9 @@ from ..evaluation.kitti_errors import suitable_protocol
 from ..evaluation.path_errors import evaluate
 from ..files import written_together
 from ..geometry.types import Array
-from ..loops.close import close_accepted, comparison_key, write_closure
+from ..loops.close import comparison_key, write_closure
 from ..loops.find import PlacePairs, find_loops
-from ..loops.graph import LoopClosure
+from ..loops.graph import LoopClosure, close_path
 from ..loops.settings import LoopConfig
 from ..paper.settings import MethodConfig
 from ..report.page import COUNT_COLUMN, ReportTable, few_marked, format_number
@@ -45,11 +45,11 @@ def find_loops_with_bar(sequence: Sequence, method: MethodConfig, config: LoopCo
 
 
 def close_run(
-    folder: Path, sequence: Sequence, poses: Array, loops: PlacePairs, config: LoopConfig
+    folder: Path, sequence: Sequence, poses: Array, pairs: PlacePairs, config: LoopConfig
 ) -> LoopClosure:
-    """Close the accepted loops of a run, and write the corrected path and the loops into its folder."""
+    """Close the loops among compared places; write them and the corrected path into the folder of a run."""
     with single_threaded():  # the last digits depend on the number of threads
-        closure = close_accepted(poses, loops, config)
+        closure = close_path(poses, pairs[pairs.accepted(config)], config)
     with written_together(folder) as draft:
         write_closure(draft / LOOPS_POSES, draft / LOOPS, sequence.frames, closure)
     return closure

@@ -190,7 +190,7 @@ def _paths_and_loops(
         return paths, []
     paths[close_loops.CLOSED_NAME] = closure.poses
     loops = closure.loops
-    return paths, list(zip(loops.first.tolist(), loops.second.tolist(), strict=True))
+    return paths, list(zip(loops.first_frame.tolist(), loops.second_frame.tolist(), strict=True))
 
 
 def _with_typed_settings(base: MethodConfig, options: argparse.Namespace) -> tuple[MethodConfig, list[str]]:

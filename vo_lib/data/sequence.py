@@ -170,6 +170,14 @@ class Sequence:
             return map(self._mask, self.mask_files())
         return itertools.repeat(self._mask(self.masks))
 
+    def mask(self, index: int) -> Image | None:
+        """Mask of a frame, (H, W) uint8, 0 or 255, None without masks; `DataError` for an unusable one."""
+        if self.masks is None:
+            return None
+        if self.masks.is_dir():
+            return self._mask(self.masks / f"{self.frames[index]}.png")
+        return self._mask(self.masks)
+
     def _mask(self, path: Path) -> Image:
         """A mask (H, W) uint8, 0 or 255; `DataError` for one of another size."""
         mask = read_mask(path)

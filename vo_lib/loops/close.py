@@ -7,11 +7,8 @@ from pathlib import Path
 
 from ..data.poses import write_kitti_poses
 from ..files import csv_text, write_atomic
-from ..geometry.types import Array
 from ..paper.settings import MethodConfig
-from .find import PlacePairs
-from .graph import LoopClosure, close_path
-from .settings import LoopConfig
+from .graph import LoopClosure
 
 COLUMNS = ["first", "second", "similarity", "matches", "inliers", "residual_px", "weight", "gap_m"]
 
@@ -19,11 +16,6 @@ COLUMNS = ["first", "second", "similarity", "matches", "inliers", "residual_px",
 def comparison_key(method: MethodConfig) -> Hashable:
     """The settings of a method that `find_loops` uses: runs over one sequence with equal ones share loops."""
     return (method.seed, method.filter, method.buckets, method.reprojection)
-
-
-def close_accepted(poses: Array, pairs: PlacePairs, config: LoopConfig) -> LoopClosure:
-    """The path T_w_c (N, 4, 4), metres, after the loops among the compared `pairs` have been closed."""
-    return close_path(poses, pairs[pairs.accepted(config)], config)
 
 
 def write_closure(poses_file: Path, loops_file: Path, frames: tuple[str, ...], closure: LoopClosure) -> None:
@@ -37,14 +29,14 @@ def write_closure(poses_file: Path, loops_file: Path, frames: tuple[str, ...], c
     for k in range(len(loops)):
         rows.append(
             [
-                frames[loops.first[k]],
-                frames[loops.second[k]],
+                frames[loops.first_frame[k]],
+                frames[loops.second_frame[k]],
                 f"{loops.similarity[k]:.3f}",
                 int(loops.matches[k]),
                 int(loops.inliers[k]),
                 f"{loops.residual[k]:.3f}",
                 f"{closure.weight[k]:.3f}",
-                f"{closure.gap[k]:.3f}",
+                f"{closure.gap_m[k]:.3f}",
             ]
         )
     write_atomic(loops_file, csv_text(rows))

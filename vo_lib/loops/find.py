@@ -20,7 +20,7 @@ from ..paper.buckets import select_by_bucket
 from ..paper.matching import DescribedPair, LoopMatcher, describe_pair
 from ..paper.settings import FeatureConfig, MatchingConfig, MethodConfig
 from ..paper.viso2 import ransac_motion
-from .places import candidate_pairs, place_frames, similarities, uncovered
+from .places import candidate_pairs, outside_masks_and_boxes, place_frames, similarities
 from .settings import LoopConfig
 
 PAIRS_KEPT = 32  # number of described stereo pairs in memory; neighbouring places share many candidates
@@ -32,14 +32,15 @@ class PlacePairs(Rows):
 
     Attributes
     ----------
-    first, second : (N,) frames of the two places, from 0; similarity : (N,) similarity of their left images.
+    first_frame, second_frame : (N,) frames of the two places, from 0.
+    similarity : (N,) similarity of their left images.
     matches, inliers : (N,) number of matches between the stereo pairs, and number of inliers of their motion.
     residual : (N,) root mean square of the inliers' reprojection errors, pixels; NaN without a motion.
     motion : (N, 4, 4) pose of the second left camera relative to the first; the identity without a motion.
     """
 
-    first: IntArray
-    second: IntArray
+    first_frame: IntArray
+    second_frame: IntArray
     similarity: Array
     matches: IntArray
     inliers: IntArray
@@ -78,8 +79,8 @@ def find_loops(
         progress(len(frames) + len(frames) * (row + 1) // len(pairs), steps)
     first_place, second_place = pairs.T
     return PlacePairs(
-        first=frames[first_place],
-        second=frames[second_place],
+        first_frame=frames[first_place],
+        second_frame=frames[second_place],
         similarity=similarity[first_place, second_place],
         matches=match_counts,
         inliers=inlier_counts,
@@ -125,17 +126,17 @@ def compare_places(
         """The features of a frame's stereo pair."""
         return describe_pair(sequence.stereo(frame), features, matching)
 
-    for first, second in pairs.tolist():
+    for first_frame, second_frame in pairs.tolist():
         matcher = LoopMatcher(features, matching)
-        matcher.step(described(first))
-        matches = matcher.step(described(second))
-        is_uncovered = uncovered(sequence, first, matches.prev_left, method)
-        is_uncovered &= uncovered(sequence, second, matches.cur_left, method)
-        matches = matches[is_uncovered]
+        matcher.step(described(first_frame))
+        matches = matcher.step(described(second_frame))
+        is_outside = outside_masks_and_boxes(sequence, first_frame, matches.prev_left, method)
+        is_outside &= outside_masks_and_boxes(sequence, second_frame, matches.cur_left, method)
+        matches = matches[is_outside]
         # A repeated hedge has many matches in a small part of the image; buckets limit their number.
         selected = select_by_bucket(matches.prev_left, matches.age, matches.strength, method.buckets)
         matches = matches[selected]
-        rng = np.random.default_rng([method.seed, first, second])
+        rng = np.random.default_rng([method.seed, first_frame, second_frame])
         solution = ransac_motion(sequence.camera, matches, rng, method.reprojection)
         if solution is None:
             yield ComparedPlaces(matches, np.eye(4), np.zeros(len(matches), np.bool_))

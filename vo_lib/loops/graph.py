@@ -33,14 +33,14 @@ class Edges(Rows):
 
     Attributes
     ----------
-    first, second : (N,) indices of the poses.
+    first_place, second_place : (N,) indices of the poses.
     motion : (N, 4, 4) pose of the second camera relative to the first.
     sigma : (N, 2) standard deviations of the rotation, radians, and of the translation, metres.
     is_loop : (N,) mask of the edges with a robust weight.
     """
 
-    first: IntArray
-    second: IntArray
+    first_place: IntArray
+    second_place: IntArray
     motion: Array
     sigma: Array
     is_loop: BoolArray
@@ -51,7 +51,7 @@ def linearised(poses: Array, edges: Edges) -> tuple[Array, Array, Array]:
 
     The twist δ of a pose changes the pose in the camera's frame: T_w_c exp(δ).
     """
-    between = inverse(poses[edges.first]) @ poses[edges.second]
+    between = inverse(poses[edges.first_place]) @ poses[edges.second_place]
     r = twist_from_motion(inverse(edges.motion) @ between)
     x = bracket(r)
     by_second = np.eye(6) + sum(factor * np.linalg.matrix_power(x, power) for power, factor in SERIES)
@@ -96,7 +96,7 @@ def gauss_newton_step(
     """
     H = np.zeros((count, count, 6, 6))
     g = np.zeros((count, 6))
-    sides = ((edges.first, by_first), (edges.second, by_second))
+    sides = ((edges.first_place, by_first), (edges.second_place, by_second))
     for i, J_i in sides:
         weighted = weight[:, None, None] * np.swapaxes(J_i, 1, 2)
         np.add.at(g, i, (weighted @ r[:, :, None])[..., 0])
@@ -115,13 +115,13 @@ class LoopClosure:
     poses : (N, 4, 4) T_w_c of all frames, the first unchanged.
     loops : the M closed loops.
     weight : (M,) weight of each loop in the pose graph, from 0 to 1.
-    gap : (M,) metres between the second visit's position in `poses` and its position by the loop's motion.
+    gap_m : (M,) metres between the second visit's position in `poses` and its position by the loop's motion.
     """
 
     poses: Array
     loops: PlacePairs
     weight: Array
-    gap: Array
+    gap_m: Array
 
 
 def close_path(poses: Array, loops: PlacePairs, config: LoopConfig) -> LoopClosure:
@@ -132,10 +132,10 @@ def close_path(poses: Array, loops: PlacePairs, config: LoopConfig) -> LoopClosu
     edges = graph_edges(poses[frames], frames, loops, config)
     moved_places, _, weight = optimise(poses[frames], edges, config.scale)
     moved = interpolate_corrections(poses, frames, moved_places)
-    between = inverse(moved[loops.first]) @ moved[loops.second]
+    between = inverse(moved[loops.first_frame]) @ moved[loops.second_frame]
     error = inverse(loops.motion) @ between
-    gap = np.linalg.norm(error[:, :3, 3], axis=1)
-    return LoopClosure(moved, loops, weight[edges.is_loop], gap)
+    gap_m = np.linalg.norm(error[:, :3, 3], axis=1)
+    return LoopClosure(moved, loops, weight[edges.is_loop], gap_m)
 
 
 def interpolate_corrections(poses: Array, frames: IntArray, moved: Array) -> Array:
@@ -164,8 +164,8 @@ def graph_edges(places: Array, frames: IntArray, loops: PlacePairs, config: Loop
     step_sigma = np.sqrt(np.diff(frames))[:, None] * frame_sigma
     loop_sigma = np.tile([np.radians(config.loop_turn), config.loop_step], (len(loops), 1))
     return Edges(
-        first=np.concatenate([number, np.searchsorted(frames, loops.first)]),
-        second=np.concatenate([number + 1, np.searchsorted(frames, loops.second)]),
+        first_place=np.concatenate([number, np.searchsorted(frames, loops.first_frame)]),
+        second_place=np.concatenate([number + 1, np.searchsorted(frames, loops.second_frame)]),
         motion=np.concatenate([steps, loops.motion]),
         sigma=np.concatenate([step_sigma, loop_sigma]),
         is_loop=np.repeat([False, True], [len(number), len(loops)]),

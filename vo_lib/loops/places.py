@@ -12,7 +12,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..data.masks import read_mask
 from ..data.sequence import Sequence, at_pixels
 from ..geometry.types import Array, BoolArray, IntArray, Progress
 from ..paper.box_removal import in_boxes
@@ -77,7 +76,7 @@ def similarities(sequence: Sequence, method: MethodConfig, config: LoopConfig, p
     images: list[DescribedFeatures] = []
     for frame in frames.tolist():
         image = describe(sequence.left(frame), FeatureConfig())
-        image = image[uncovered(sequence, frame, image.uv, method)]
+        image = image[outside_masks_and_boxes(sequence, frame, image.uv, method)]
         # With descriptors of length 1, the histogram does not depend on the exposure.
         length = np.maximum(np.linalg.norm(image.descriptor, axis=1, keepdims=True), 1.0)
         images.append(replace(image, descriptor=image.descriptor / length))
@@ -92,13 +91,12 @@ def similarities(sequence: Sequence, method: MethodConfig, config: LoopConfig, p
     return np.asarray(flat @ flat.T)
 
 
-def uncovered(sequence: Sequence, frame: int, uv: Array, method: MethodConfig) -> BoolArray:
+def outside_masks_and_boxes(sequence: Sequence, frame: int, uv: Array, method: MethodConfig) -> BoolArray:
     """Mask (N,) of the pixels (N, 2) of a left image outside masks and, with a box rule, outside boxes."""
     keep = np.ones(len(uv), np.bool_)
-    files = sequence.mask_files()
-    if files:
-        mask_file = files[frame] if len(files) > 1 else files[0]
-        keep &= at_pixels(read_mask(mask_file), uv) == 0
+    mask = sequence.mask(frame)
+    if mask is not None:
+        keep &= at_pixels(mask, uv) == 0
     if method.filter.rule != "none":
         keep &= ~in_boxes(uv, sequence.boxes(frame, method.filter.classes), method.filter)
     return keep

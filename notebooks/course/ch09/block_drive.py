@@ -32,7 +32,7 @@ def ate(truth: Array, poses: Array) -> float:
 
 def is_true(loops: PlacePairs, truth: Array) -> BoolArray:
     """Mask (N,) of the loops that have the true motion."""
-    motion = inverse(truth[loops.first]) @ truth[loops.second]
+    motion = inverse(truth[loops.first_frame]) @ truth[loops.second_frame]
     return np.asarray(np.linalg.norm((inverse(motion) @ loops.motion)[:, :3, 3], axis=1) < TRUE_GAP_M)
 
 
@@ -70,8 +70,8 @@ def made_up_loops(truth: Array, pairs: IntArray, config: LoopConfig, false: int,
     motion = motion @ motion_from_twist(rng.normal(size=(len(motion), 6)) * sigma)
     count = len(first)
     return PlacePairs(
-        first=first,
-        second=second,
+        first_frame=first,
+        second_frame=second,
         similarity=np.ones(count),
         matches=np.full(count, 100),
         inliers=np.full(count, 100),

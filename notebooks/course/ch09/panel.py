@@ -79,14 +79,14 @@ class LoopPanel(Panel):
 
         chart, (left, right) = figure(CHART_HEIGHT, 2)
         draw_path(left, paths)
-        draw_edges(left, before, loops.first, loops.second, weight)
+        draw_edges(left, before, loops.first_frame, loops.second_frame, weight)
         left.plot(*before[state.frame, [0, 2], 3], "o", color=BEFORE)
         weight_chart(right, residual, is_false, config.scale)
 
         partner = 0
         visit = "as no place is visited twice"
         if len(pairs):
-            partner = int(loops.first[np.abs(loops.second - state.frame).argmin()])
+            partner = int(loops.first_frame[np.abs(loops.second_frame - state.frame).argmin()])
             visit = "the first visit of the nearest loop"
         here = stereo(state.sequence, state.frame)[0]
         there = stereo(state.sequence, partner)[0]
