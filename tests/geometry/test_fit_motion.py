@@ -57,6 +57,15 @@ def test_points_behind_the_camera_have_infinite_residuals() -> None:
     assert residual[1:].max() < 1e-6
 
 
+def test_points_without_depth_do_not_move_the_fit() -> None:
+    matches = observations()
+    matches.prev_right[:3] = matches.prev_left[:3]
+    T_cp, residual = fit_motion(CAMERA, matches, np.eye(4))
+    np.testing.assert_allclose(T_cp, TRUE, atol=1e-6)
+    np.testing.assert_array_equal(residual[:3], np.inf)
+    assert residual[3:].max() < 1e-3
+
+
 def test_batched_linearisation_equals_single_ones() -> None:
     rng = np.random.default_rng(2)
     rotated = rng.uniform([-5, -2, 6], [5, 2, 30], (3, 4, 3))

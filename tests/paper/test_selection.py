@@ -51,3 +51,22 @@ def test_near_points_outweigh_far_points() -> None:
     R, direction = resolve_by_depth(essential_from_motion(R_cp, t_cp), x_p, x_c, X_p)
     np.testing.assert_allclose(R, R_cp, atol=1e-9)
     np.testing.assert_allclose(direction, t_cp, atol=1e-9)
+
+
+@pytest.mark.parametrize("missing", [[0], [3, 17], list(range(25))])
+def test_points_without_depth_do_not_decide_on_the_motion(missing: list[int]) -> None:
+    problems = random_problems(np.random.default_rng(8), 40, 30, "general")
+    for i in range(40):
+        X_p = problems.X_p[i].copy()
+        X_p[missing] = np.nan
+        R, t = resolve_by_depth(problems.E[i], problems.x_p[i], problems.x_c[i], X_p)
+        assert rotation_angle(R.T @ problems.R_cp[i]) < 1e-6
+        np.testing.assert_allclose(t, problems.t_cp[i] / np.linalg.norm(problems.t_cp[i]), atol=1e-6)
+
+
+def test_without_any_depth_the_choice_stays_open() -> None:
+    problems = random_problems(np.random.default_rng(9), 1, 30, "general")
+    X_p = np.full((30, 3), np.nan)
+    R, t = resolve_by_depth(problems.E[0], problems.x_p[0], problems.x_c[0], X_p)
+    assert np.isfinite(R).all()
+    assert np.isfinite(t).all()

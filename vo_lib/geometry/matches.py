@@ -17,7 +17,7 @@ class StereoMatches(Rows):
     Attributes
     ----------
     prev_left, prev_right, cur_left, cur_right : (N, 2) float, pixels (u, v), sub-pixel.
-    age : (N,) int, number of frames in which the feature has been tracked, >= 1.
+    age : (N,) int, frames before the current one in which the feature was seen, >= 1.
     strength : (N,) float, the detector's response; larger is better.
     id : (N,) int, number of the feature, equal in all its frames.
     """

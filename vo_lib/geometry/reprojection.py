@@ -35,7 +35,7 @@ def fit_motion(
 
     Parameters
     ----------
-    matches : N matches whose points have a depth.
+    matches : N matches; those whose points have no depth do not count, and their residuals are infinite.
     start : T_cp (4, 4) at which the iteration starts.
     scale : residual, pixels, at which a point's weight is halved (Cauchy weights, 1 / (1 + r² / scale²)); the
         median residual takes its place as long as it is larger.
@@ -43,9 +43,11 @@ def fit_motion(
     tolerance : length of a step at which the iteration ends, radians and metres.
     """
     X_p = camera.triangulate(matches.prev_left, matches.prev_right)
+    has_depth = np.isfinite(X_p).all(axis=1)  # a single NaN would make the whole system NaN
+    X_p = X_p[has_depth]
+    measured = measured_pixels(camera, matches.cur_left, matches.cur_right)[has_depth]
     R = start[:3, :3]
     t = start[:3, 3]
-    measured = measured_pixels(camera, matches.cur_left, matches.cur_right)
     residual = np.full(len(X_p), np.inf)
     converged = False
     for step in range(iterations + 1):
@@ -69,7 +71,9 @@ def fit_motion(
         R = rotation_from_vector(delta[:3]) @ R
         t = t + delta[3:]
         converged = float(delta @ delta) < tolerance**2
-    return MotionFit(rigid(R, t), residual)
+    residual_of_all = np.full(len(matches), np.inf)
+    residual_of_all[has_depth] = residual
+    return MotionFit(rigid(R, t), residual_of_all)
 
 
 def stereo_residuals(camera: StereoCamera, matches: StereoMatches, T_cp: Array) -> Array:
@@ -99,7 +103,8 @@ def linearise(
     Returns
     -------
     residuals (..., N, 4), pixels; derivatives (..., N, 4, 6) of the prediction with respect to a rotation
-    vector (about the previous camera's centre) and the translation; depth (..., N), metres.
+    vector (about the previous camera's centre) and the translation, both in the axes of the current camera;
+    depth (..., N), metres.
     """
     X = rotated + t_cp
     z = np.maximum(X[..., 2], 1e-3)  # finite pixels for points behind the camera, which `depth` tells apart

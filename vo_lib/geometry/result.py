@@ -34,9 +34,11 @@ class FrameResult:
     T_cp : (4, 4) motion from the previous to the current left camera, metres.
     matches, removed, used : numbers of all matches, of those that the box rule removed, and of those that
         were left after bucketing.
-    inliers : number of used matches that agree with the epipolar geometry.
+    inliers : number of used matches that agree with the epipolar geometry or, for VISO2, with the fitted
+        motion.
     prior_angle : angle to the previous essential vector, degrees; NaN if one of the two vectors is missing.
     flags : remarks on unusual frames.
+    e : (9,) essential vector of the winner; None without a winner, so always for VISO2.
     still : whether the camera stands still: the used features hardly move.
     ms : milliseconds of each stage.
     """
@@ -48,6 +50,7 @@ class FrameResult:
     inliers: int = 0
     prior_angle: float = float("nan")
     flags: tuple[Flag, ...] = ()
+    e: Array | None = None
     still: bool = False
     ms: dict[str, float] = field(default_factory=dict)
 

@@ -1,9 +1,9 @@
 """Blobs and corners of an image, their Sobel descriptors, and the comparison of descriptors (chapter 1).
 
 Features are the extrema of the responses of two 5×5 masks. The descriptor of a feature has the values of two
-Sobel images, one along u and one along v, at 16 positions around it: 32 numbers. Two features of the same
-kind are as similar as the sum of the absolute differences of these numbers is small. Source: Geiger, Ziegler
-and Stiller, "StereoScan: dense 3d reconstruction in real-time", IV 2011, section III.
+Sobel images, one along u and one along v, at 16 positions around it: 32 numbers. The smaller the sum of the
+absolute differences of these numbers, the more similar are two features of the same kind. Source: Geiger,
+Ziegler and Stiller, "StereoScan: dense 3d reconstruction in real-time", IV 2011, section III.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def _peaks(response: NDArray[np.int16], config: FeatureConfig) -> tuple[Array, A
     border = max(config.border, DESCRIPTOR_RADIUS_PX)
     inner = slice(border, -border)
     is_largest = (response == largest_nearby)[inner, inner]
-    # A whole number exceeds the quality exactly if it exceeds the quality without its decimals.
+    # Responses are whole numbers: above 50.7 means above 50.
     is_strong = response[inner, inner] > int(config.blob_quality)
     peak = is_largest & is_strong
     # NumPy searches a one-dimensional array ten times as fast as an image. A very small image has no inside.
@@ -175,7 +175,7 @@ def best_matches(query: DescribedFeatures, train: DescribedFeatures, radius: int
     match = np.full(len(query), -1, np.intp)
     query_u, query_v = query.uv.T.astype(np.int16)
     train_u, train_v = train.uv.T.astype(np.int16)
-    # An image is wider than high, so most features of a batch, sorted by column, have the same neighbours.
+    # Sorted by column, the features of a batch share nearly all neighbours: one comparison serves them all.
     query_order = np.argsort(query_u, kind="stable")
     train_order = np.argsort(train_u, kind="stable")
     for kind in range(4):

@@ -215,8 +215,9 @@ def null_space(rows: Array) -> tuple[Array, BoolArray]:
     zero, so the last four rows of Q are orthogonal to all five `rows`.
 
     The order of the matrices matters. Row i of Q is near the unit vector i, so the largest entries of the
-    four matrices, from the last row of Q upwards, are E22, E21, E20 and E12. The last two, with the factors z
-    and w, are components of the translation, which differs between solutions; E22 is small in all solutions.
+    four matrices, from the last row of Q upwards, are at (2, 2), (2, 1), (2, 0) and (1, 2). The last two, with
+    the factors z and w, are components of the translation, which differs between solutions; (2, 2) is small
+    in all of them.
     """
     sets = rows.shape[-1]
     identity = np.broadcast_to(np.eye(9)[..., None], (9, 9, sets))
@@ -285,6 +286,7 @@ def back_substitute(rows: Array, z: Array, w: Array, index: Index) -> Array:
     (x, y, 1) alone, whose solution is any column of the cofactors of the transposed matrix that is not zero.
     """
     R = householder(hidden_variable_matrix(rows.take(index, axis=-1), z, w), 3)
+    # (x, y, 1) times an unknown factor, which is `one`.
     x, y, one = _longest_column(_cofactors(R[3:, 3:].swapaxes(0, 1)))
     return _unit(np.stack([x, y, z * one, w * one]))
 

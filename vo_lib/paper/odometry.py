@@ -1,14 +1,15 @@
 """The paper's method: the motion of a frame from its matches and boxes, in seven steps.
 
 1. Remove the features in vehicle boxes (section 3).
-2. Select features by bucket, age and strength (section 1).
+2. Select features by bucket, age and strength, as in earlier work that section 1 describes.
 3. Draw five-point sets and compute all their essential matrices (section 2.1).
 4. Select one of these candidates, near the previous frame's essential vector (section 2.2).
-5. Take its rotation (section 2.1).
+5. Take its rotation, by SVD, where section 2.1 names a linear equation.
 6. Solve the linear system for the translation (equations 2 and 3).
 7. Store the winner's essential vector for the next frame (section 2.2).
 
-One check is ours: `Odometry.contradicts_stereo` flags a frame, and changes no path.
+Three things are ours: a standstill gives the identity, a frame without a motion repeats the last one, and
+`Odometry.contradicts_stereo` only flags a frame.
 """
 
 from __future__ import annotations
@@ -32,18 +33,15 @@ from .selection import WINNER_CRITERIA, candidates_near_prior, draw_sets, resolv
 from .settings import MethodConfig
 from .translation import PairBefore, solve_translation
 
-# Limits of the check of a motion against the stereo depths (`contradicts_stereo`).
-#
-# A motion is suspicious, and compared with a fit, if its error exceeds this multiple of the matches' noise,
-# or the setting `stereo_limit`, whichever is less. Below the second limit, the error is only rounding.
-SUSPICION_OVER_NOISE = 5.0
-LEAST_SUSPICION_PX = 0.05
-# If the error of the fit itself exceeds this multiple of the noise, or `stereo_limit`, whichever is less,
-# then the matches contradict each other, and no motion is right. The two lower limits are for very noisy
-# images and for images without noise.
-CONTRADICTION_OVER_NOISE = 15.0
-LEAST_CONTRADICTION_OVER_NOISE = 3.0
-LEAST_CONTRADICTION_PX = 0.3
+# Limits of the check of a motion against the stereo depths (`contradicts_stereo`), as multiples of the noise
+# of the matches, or in pixels. Above the limit of suspicion, a motion is compared with a fit; above the limit
+# of contradiction, the error of the fit itself shows that the matches contradict each other, and that no
+# motion is right.
+SUSPICION_OVER_NOISE = 5.0  # unless the setting `stereo_limit` is less
+LEAST_SUSPICION_PX = 0.05  # a smaller error is only rounding
+CONTRADICTION_OVER_NOISE = 15.0  # unless `stereo_limit` is less
+LEAST_CONTRADICTION_OVER_NOISE = 3.0  # for very noisy images
+LEAST_CONTRADICTION_PX = 0.3  # for images without noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,11 +127,11 @@ class Odometry:
         elif self.stands_still(used):
             motion = replace(self.stationary_motion(used), still=True)
         else:
-            motion = self.motion_or_previous(used)  # steps 3 to 7
+            motion = self.motion_or_previous(used)  # steps 3 to 7, in `solve` and `finish_frame`
         self._last_motion = motion.T_cp
         # The rows of a third frame need a precise motion, so not a repeated one or that of a standstill. The
         # check against stereo only flags a frame, and changes nothing here.
-        precise = set(motion.flags) <= {Flag.CONTRADICTS_STEREO}
+        precise = motion.measured and not motion.still
         self._pair_before = PairBefore(static, motion.T_cp) if precise else None
         motion = replace(
             motion,
@@ -155,37 +153,39 @@ class Odometry:
     def motion(self, matches: StereoMatches) -> FrameResult | None:
         """Steps 3 to 7; None without a result."""
         solution = self.solve(matches)
-        return None if solution is None else self.finish_frame(solution)
+        return None if solution is None else self.finish_frame(solution)  # step 7
 
     def solve(self, matches: StereoMatches) -> Solution | None:
         """Steps 3 to 6: rotation from the essential matrix, then the translation; None without a result."""
         x_p, x_c = self.points(matches)
-        E, set_index = self.candidates(x_p, x_c)
+        E, set_index = self.candidates(x_p, x_c)  # step 3
         if len(E) == 0:
             return None
-        winner = self.select(E, set_index, x_p, x_c)
-        rotation = self.rotation(E[winner.candidate], matches)
+        winner = self.select(E, set_index, x_p, x_c)  # step 4
+        rotation = self.rotation(E[winner.candidate], matches)  # step 5
         self.clock.stage("rotation")
-        t_cp = self.translate(matches, rotation)
-        contradicts = t_cp is not None and self.contradicts_stereo(matches, rotation, t_cp)
-        self.clock.stage("translation")
+        t_cp = self.translate(matches, rotation)  # step 6
         if t_cp is None:
+            self.clock.stage("translation")
             return None
-        flags = (*winner.flags, Flag.CONTRADICTS_STEREO) if contradicts else winner.flags
+        flags = winner.flags
+        if self.contradicts_stereo(matches, rotation, t_cp):
+            flags = (*flags, Flag.CONTRADICTS_STEREO)
+        self.clock.stage("translation")
         return Solution(rotation, t_cp, flags)
 
     def bucketed(self, matches: StereoMatches) -> StereoMatches:
-        """Step 2 (section 1): the selected matches of each bucket."""
+        """Step 2: the selected matches of each bucket, as in earlier work that section 1 describes."""
         selected = select_by_bucket(matches.cur_left, matches.age, matches.strength, self.config.buckets)
         return matches[selected]
 
     def candidates(self, x_p: Array, x_c: Array) -> Candidates:
-        """All essential matrices that fit the five-point sets of a frame with points x_p and x_c (N, 2)."""
+        """Step 3 (section 2.1): all essential matrices of five-point sets of points x_p and x_c (N, 2)."""
         sets = self.five_point_sets(x_p, x_c)
         return five_point(x_p[sets], x_c[sets])
 
     def five_point_sets(self, x_p: Array, x_c: Array) -> Index:
-        """Step 3 (section 2.1): random five-point sets, indices (S, 5) of matches, for `five_point`."""
+        """Random five-point sets, indices (S, 5) of matches, for `five_point`."""
         return draw_sets(self.random(), len(x_p), self.config.selection.sets)
 
     def select(self, E: Array, set_index: Index, x_p: Array, x_c: Array) -> Winner:
@@ -194,11 +194,15 @@ class Odometry:
         set_index : (M,) the five-point set of each candidate; x_p, x_c : `points`.
         """
         errors = WINNER_CRITERIA[self.config.selection.winner](E, x_p, x_c, self.threshold)
-        compete = candidates_near_prior(E, set_index, self.e_prev, self.config.selection)
-        return Winner(int(np.argmin(np.where(compete, errors, np.inf))))
+        near_prior = candidates_near_prior(E, set_index, self.e_prev, self.config.selection)
+        return Winner(int(np.argmin(np.where(near_prior, errors, np.inf))))
 
     def rotation(self, E: Array, matches: StereoMatches) -> Rotation:
-        """Step 5 (section 2.1): of the four motions of the winner E, that which agrees with stereo depth."""
+        """Step 5 (section 2.1): the rotation of the winner E (3, 3), by SVD.
+
+        The section names a linear equation, and leaves the choice among the four motions of E open; here, the
+        motion is chosen that agrees with the stereo depth.
+        """
         x_p, x_c = self.points(matches)
         inliers = sampson_inliers(E, x_p, x_c, self.threshold)
         X_p = self.camera.triangulate(matches.prev_left, matches.prev_right)
@@ -206,7 +210,10 @@ class Odometry:
         return Rotation(R_cp, E, inliers)
 
     def translate(self, matches: StereoMatches, rotation: Rotation) -> Array | None:
-        """Step 6 (equations 2 and 3): t_cp (3,), metres, from the inliers; None with too few inliers."""
+        """Step 6 (equations 2 and 3): t_cp (3,), metres, from the rotation's inliers.
+
+        None if too few of them fit t_cp.
+        """
         config = self.config.translation
         before = self._pair_before if config.pairs == 3 else None
         solution = solve_translation(self.camera, matches[rotation.inliers], rotation.R_cp, config, before)
@@ -227,18 +234,20 @@ class Odometry:
             inliers=int(np.count_nonzero(rotation.inliers)),
             prior_angle=float(angle),
             flags=solution.flags,
+            e=e,
         )
 
     def next_prior(self, e: Array, flags: tuple[Flag, ...]) -> Array | None:
-        """The E_prev of the next frame, (9,): the winner's vector e (9,), whatever flags the frame has."""
+        """E_prev (9,) of the next frame: the winner's vector e (9,). Variant `kit` overrides this."""
         return e
 
     def stands_still(self, matches: StereoMatches) -> bool:
-        """Whether the camera stands still: the features outside vehicle boxes hardly move in the image.
+        """Whether the camera stands still: the median flow of the used features in the left image is small.
 
-        Those on vehicles do not count, since traffic also passes a camera at rest.
+        A box rule has left out the features on vehicles, since traffic also passes a camera at rest.
         """
-        return median_flow(matches) < self.config.selection.standstill_flow
+        flow = np.linalg.norm(matches.cur_left - matches.prev_left, axis=1)  # pixels
+        return float(np.median(flow)) < self.config.selection.standstill_flow
 
     def contradicts_stereo(self, matches: StereoMatches, rotation: Rotation, t_cp: Array) -> bool:
         """Whether the stereo depths speak against a motion (not in the paper).
@@ -300,8 +309,3 @@ def contradiction_limit(noise: float, stereo_limit: float) -> float:
     """Median error of a fit, pixels, above which the matches contradict each other; arguments as above."""
     limit = min(stereo_limit, CONTRADICTION_OVER_NOISE * noise)
     return max(limit, LEAST_CONTRADICTION_OVER_NOISE * noise, LEAST_CONTRADICTION_PX)
-
-
-def median_flow(matches: StereoMatches) -> float:
-    """Median length of the flow in the left image, pixels."""
-    return float(np.median(np.linalg.norm(matches.cur_left - matches.prev_left, axis=1)))

@@ -119,13 +119,20 @@ def resolve_by_depth(E: Array, x_p: Array, x_c: Array, X_p: Array) -> tuple[Arra
     -----
     For each of the two rotations R, the length s of the translation is the least-squares solution of
     x_c × (R X_p + s t) = 0 over all matches. A negative s means that -t is right. The right rotation is the
-    one with the smallest median angle between the ray of x_c and the moved point R X_p + s t.
+    one with the smallest median angle between the ray of x_c and the moved point R X_p + s t. Points without
+    a depth, whose X_p is NaN, say nothing on this and are left out. If no point has a depth, the choice stays
+    open, and the first rotation and t are returned: such points do not give a translation either.
     """
     rotations, t = decompose_essential(E)
+    has_depth = np.isfinite(X_p).all(axis=1)  # a single NaN would make every sum NaN
+    if not has_depth.any():
+        return rotations[0], t
+    x_c = x_c[has_depth]
+    X_p = X_p[has_depth]
     ray = np.concatenate([x_c, np.ones((len(x_c), 1))], axis=1)
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
     ray_t = ray @ t  # dot products (N,) have the names of both vectors
-    length2 = np.maximum(np.sum(X_p**2, axis=1), 1e-12)
+    squared_length = np.maximum(np.sum(X_p**2, axis=1), 1e-12)
     best_cosine = -np.inf  # of the median angle
     best_R = rotations[0]
     best_t = t
@@ -135,10 +142,10 @@ def resolve_by_depth(E: Array, x_p: Array, x_c: Array, X_p: Array) -> tuple[Arra
         t_X = rotated @ t
         # s = -Σ (ray × t)·(ray × R X) / Σ |ray × t|², with (ray × a)·(ray × b) = a·b - (ray·a)(ray·b). Nearer
         # points determine the length better, so each term has the weight 1 / |X|².
-        numerator = np.sum((t_X - ray_t * ray_X) / length2)
-        denominator = max(np.sum((1.0 - ray_t**2) / length2), 1e-12)
+        numerator = np.sum((t_X - ray_t * ray_X) / squared_length)
+        denominator = max(np.sum((1.0 - ray_t**2) / squared_length), 1e-12)
         s = -numerator / denominator
-        moved_length = np.sqrt(np.maximum(length2 + 2.0 * s * t_X + s * s, 1e-12))
+        moved_length = np.sqrt(np.maximum(squared_length + 2.0 * s * t_X + s * s, 1e-12))
         cosine = float(np.median((ray_X + s * ray_t) / moved_length))
         if cosine > best_cosine:
             best_cosine = cosine

@@ -1,8 +1,9 @@
 """Thresholds of the systems of Table 1, with default, unit, range and one sentence each.
 
-The paper gives two of these numbers: buckets of 50×50 px, and two solutions kept per five-point set. The
-other numbers are ours. The base classes `ImageBorder`, `StereoLimits`, `TranslationLimits` and `MethodConfig`
-declare the settings that both variants share.
+The paper gives three of these numbers: 50×50 buckets, which are those of earlier work and which we read as
+pixels, k = 2 solutions kept per five-point set, and three frames for the translation. The other numbers are
+ours. The base classes `ImageBorder`, `StereoLimits`, `TranslationLimits` and `MethodConfig` declare the
+settings that both variants share.
 """
 
 from __future__ import annotations
@@ -50,7 +51,11 @@ class StereoLimits(Checked):
         11, "side of the window for the sub-pixel refinement, an odd number", unit="px", low=5, high=41
     )
     loop_tolerance: float = setting(
-        0.35, "largest distance between start and end of the matching loop", unit="px", low=0.05, high=10
+        0.35,
+        "largest distance between the two refined positions in the current right image",
+        unit="px",
+        low=0.05,
+        high=10,
     )
     row_tolerance: float = setting(
         1.0, "largest row difference in a stereo pair", unit="px", low=0.05, high=10

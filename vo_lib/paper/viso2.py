@@ -30,21 +30,15 @@ class Viso2(Odometry):
 
     def motion(self, matches: StereoMatches) -> FrameResult | None:
         """Rotation and translation from one fit; None with too few inliers."""
-        solution = self.fit(matches)
+        solution = ransac_motion(self.camera, matches, self.random(), self.config.reprojection)
         self.clock.stage("rotation")
         if solution is None:
             return None
-        R_cp, t_cp, inliers = solution
-        return FrameResult(rigid(R_cp, t_cp), inliers=int(np.count_nonzero(inliers)))
-
-    def fit(self, matches: StereoMatches) -> tuple[Array, Array, BoolArray] | None:
-        """R_cp (3, 3), t_cp (3,) in metres, and a mask (N,) of inliers; None with too few inliers."""
-        solution = ransac_motion(self.camera, matches, self.random(), self.config.reprojection)
-        if solution is None:
+        R_cp, t_cp, is_inlier = solution
+        inliers = int(np.count_nonzero(is_inlier))
+        if inliers < self.config.min_matches:
             return None
-        _, _, inliers = solution
-        enough = np.count_nonzero(inliers) >= self.config.min_matches
-        return solution if enough else None
+        return FrameResult(rigid(R_cp, t_cp), inliers=inliers)
 
 
 def ransac_motion(

@@ -315,25 +315,18 @@ class LorryPanel(Panel):
         given = [empty_matches(), frame_matches(sequence, frame, config)]
         (_, box_p), (matches, box_c) = with_lorry(sequence.camera, given, state.view)
         lorry = matches.id < 0
-        T_true = true_motion(sequence, frame)
-        errors = []
-        winners: list[Array] = []
-
-        def keep(e: Array, flags: tuple[Flag, ...]) -> Array:
-            """Also a winner that stereo contradicts, which variant `kit` does not store."""
-            winners.append(e)
-            return e
-
+        motions = {}
         for method in ("feature_selection", "solution_selection"):
-            winners.clear()
             odometry = make_odometry(sequence.camera, preset(method, variant=config.variant))
-            odometry.next_prior = keep  # type: ignore[method-assign]
             odometry.start(box_p)
-            motion = odometry.step(matches, box_c).motion
-            errors.append(_apart(motion.T_cp, T_true) / 10)
+            motions[method] = odometry.step(matches, box_c).motion
+        of_all = motions["solution_selection"]  # from all features, also those on the lorry
         fits = np.zeros(len(matches), np.bool_)
-        if winners:  # of the last method: of all features
-            fits = sampson_inliers(winners[-1].reshape(3, 3), *odometry.points(matches), odometry.threshold)
+        if of_all.e is not None:
+            x_p = sequence.camera.normalise(matches.prev_left)
+            x_c = sequence.camera.normalise(matches.cur_left)
+            threshold = preset("solution_selection", variant=config.variant).selection.threshold
+            fits = sampson_inliers(of_all.e.reshape(3, 3), x_p, x_c, threshold / sequence.camera.f)
 
         image = stereo(sequence, frame)[0].copy()
         for x0, y0, x1, y1 in np.rint(box_c.xyxy).astype(int).tolist():
@@ -345,18 +338,21 @@ class LorryPanel(Panel):
             f"The winner of all features fits {np.count_nonzero(fits & ~lorry)} of {np.count_nonzero(~lorry)} "
             f"matches on the street and {np.count_nonzero(fits & lorry)} of {np.count_nonzero(lorry)} on the lorry."
         )
-        if not winners:
+        if of_all.e is None:
             sentence = "There is no winner: the camera stands still, or too few matches agree."
-        elif Flag.CONTRADICTS_STEREO in motion.flags:
+        elif Flag.CONTRADICTS_STEREO in of_all.flags:
             sentence += (
                 " The depths from stereo do not fit its motion: the frame is flagged `contradicts_stereo`."
             )
         used = select_by_bucket(matches.cur_left, matches.age, matches.strength, config.buckets)
+        T_true = true_motion(sequence, frame)
+        error_of_all = _apart(of_all.T_cp, T_true) / 10
+        error_of_boxes = _apart(motions["feature_selection"].T_cp, T_true) / 10
         facts = (
             Fact("on the lorry", _percent(lorry), "%"),
             Fact("after the buckets", _percent(lorry[used]), "%"),
-            Fact("error, all features", errors[1], "cm", 2),
-            Fact("error, box removed", errors[0], "cm", 2),
+            Fact("error, all features", error_of_all, "cm", 2),
+            Fact("error, box removed", error_of_boxes, "cm", 2),
         )
         return Drawing([picture], sentence, facts)
 
