@@ -215,7 +215,7 @@ def null_space(rows: Array) -> tuple[Array, BoolArray]:
     zero, so the last four rows of Q are orthogonal to all five `rows`.
 
     The order of the matrices matters. Row i of Q is near the unit vector i, so the largest entries of the
-    four matrices, from the last row of Q upwards, are at (2, 2), (2, 1), (2, 0) and (1, 2). The last two, with
+    four matrices, from the last row of Q upwards, are (2, 2), (2, 1), (2, 0) and (1, 2). The last two, with
     the factors z and w, are components of the translation, which differs between solutions; (2, 2) is small
     in all of them.
     """
