@@ -307,7 +307,7 @@ def test_the_average_is_made_seed_by_seed_from_ten_whole_sequences(tmp_path: Pat
         row["re_deg_per_100m"] = [0.3] * 6
     write_record(tmp_path, rows + other)
     averages = read_report(tmp_path)["Avg", "feature_selection", "te_percent"]
-    assert averages.numbers == (0, 1, 2, 3, 4)
+    assert averages.seed_numbers == (0, 1, 2, 3, 4)
     assert averages.values is not None
     assert np.diff(averages.values) == pytest.approx(0.1)  # a tenth of a step of 10's own seeds
 

@@ -46,7 +46,7 @@ MARGIN = 0.10
 
 REPRODUCED = "reproduced"
 SCATTERED = "too scattered to tell"
-CLOSE = f"different, but within {MARGIN:.0%}".replace("%", " %")
+CLOSE = f"different, but within {100 * MARGIN:.0f} %"
 BY_CHOICES = "within the open choices"
 NOT_REPRODUCED = "not reproduced"
 DIFFERENT = "different; choices not measured"
@@ -77,8 +77,8 @@ class Ours:
     """Our errors of a method on a row of the table.
 
     whole : whether the sequence was run as a whole; boxes : whether the run had vehicle boxes; seeds : their
-    number; values : (S,) errors of the seeds, or None if only mean and deviation (over n - 1) are known;
-    numbers : the seeds of the values.
+    count; values : (S,) errors of the seeds, or None if only mean and deviation (over n - 1) are known;
+    seed_numbers : the seeds of the values.
     """
 
     whole: bool
@@ -87,7 +87,10 @@ class Ours:
     mean: float
     deviation: float
     values: Array | None = None
-    numbers: tuple[int, ...] = ()
+    seed_numbers: tuple[int, ...] = ()
+
+
+OursByCell = dict[tuple[str, str, str], Ours]  # by the row of the table, the method and the kind of error
 
 
 @dataclass(frozen=True)
@@ -164,7 +167,17 @@ def judge(
         # Runs that scatter widely must not make the range of the readings wide.
         outcome = _outside(right, choices, min(allowed, margin))
     return Judged(
-        row, method, printed, right, ours.mean, allowed, choices, outcome, kind, ours.deviation, ours.seeds
+        row=row,
+        method=method,
+        printed=printed,
+        converted=right,
+        ours=ours.mean,
+        allowed=allowed,
+        choices=choices,
+        outcome=outcome,
+        kind=kind,
+        deviation=ours.deviation,
+        seeds=ours.seeds,
     )
 
 
@@ -195,31 +208,34 @@ def printed_and_back(errors: Array, method: str, kind: str) -> Array:
     return np.round(by_devkit * PAPERS_FACTOR, digits) * RIGHT_FACTOR / PAPERS_FACTOR
 
 
-def read_report(folder: Path) -> dict[tuple[str, str, str], Ours]:
+def read_report(folder: Path) -> OursByCell:
     """Our errors by (row, method, kind) of variant `published`, from a folder of `vo reproduce`; maybe none.
 
     `reproduction.json` has the numbers of each seed. An older folder has only `table1.csv`, with means and
     deviations. Raises `DataError` if the file is damaged.
     """
     if (folder / RECORD).is_file():
-        return _from_record(folder / RECORD)
+        _, record_rows = read_record(folder / RECORD)
+        return _from_record(record_rows)
     if (folder / TABLE).is_file():
         return _from_table(folder / TABLE)
     return {}
 
 
-def open_report(folder: Path) -> tuple[dict[tuple[str, str, str], Ours], list[str]]:
+def open_report(folder: Path) -> tuple[OursByCell, list[str]]:
     """The errors of `read_report`, and sentences on the report; without errors, they say why."""
     record_path = folder / RECORD
     record: dict[str, Any] = {}
     try:
-        found = read_report(folder)
         if record_path.is_file():
-            record, rows = read_record(record_path)
+            record, record_rows = read_record(record_path)
+            found = _from_record(record_rows)
+        else:
+            found = read_report(folder)
     except DataError as error:
         return {}, [f"The report cannot be used: {error}."]
     if record:
-        sentence = _about(record, folder) if found else _why_empty(rows, record_path)
+        sentence = _about(record, folder) if found else _why_empty(record_rows, record_path)
     elif not (folder / TABLE).is_file():
         sentence = f"There is no report in {folder}: {MAKE_ONE}."
     elif found:
@@ -245,81 +261,84 @@ def _about(record: Mapping[str, Any], folder: Path) -> str:
     return f"{origin}. Boxes: {boxes}; the paper trained a YOLOv8 of its own, a known deviation."
 
 
-def _why_empty(rows: list[RecordRow], path: Path) -> str:
+def _why_empty(record_rows: list[RecordRow], path: Path) -> str:
     """Why no row of a record can be compared with the paper."""
-    if not rows:
+    if not record_rows:
         return f"{path} has no row: no run has errors."
-    published = [row for row in rows if row.variant == "published"]
+    published = [record_row for record_row in record_rows if record_row.variant == "published"]
     if not published:
         return (
             f"{path} has only rows of variant kit; the paper's numbers are compared with variant published: "
             "repeat the command without --variant kit."
         )
-    settings = ", ".join(dict.fromkeys(row.settings for row in published))
+    settings = ", ".join(dict.fromkeys(record_row.settings for record_row in published))
     return (
         f"{path} has variant published only with changed settings ({settings}): repeat the command without "
         "--set and --config."
     )
 
 
-def _from_record(path: Path) -> dict[tuple[str, str, str], Ours]:
-    """Our errors from a record, which has those of each seed, and their averages."""
-    found: dict[tuple[str, str, str], Ours] = {}
-    _, rows = read_record(path)
-    plain = [row for row in rows if row.variant == "published" and not row.settings]
-    for row, kind in itertools.product(plain, ERROR_KINDS):
-        values = row.errors[kind]
-        name = row.sequence.removeprefix(KITTI)
-        found[name, row.method, kind] = _of_seeds(row.whole, row.removed_share > 0, values, row.seeds)
+def _from_record(record_rows: list[RecordRow]) -> OursByCell:
+    """Our errors from the rows of a record, which have those of each seed, and their averages."""
+    found: OursByCell = {}
+    for record_row in record_rows:
+        if record_row.variant != "published" or record_row.settings:
+            continue
+        row = record_row.sequence.removeprefix(KITTI)
+        boxes = record_row.removed_share > 0
+        for kind in ERROR_KINDS:
+            values = record_row.errors[kind]
+            found[row, record_row.method, kind] = _of_seeds(record_row.whole, boxes, values, record_row.seeds)
     return found | _averages(found)
 
 
-def _of_seeds(whole: bool, boxes: bool, values: Array, numbers: tuple[int, ...]) -> Ours:
+def _of_seeds(whole: bool, boxes: bool, values: Array, seed_numbers: tuple[int, ...]) -> Ours:
     """Our errors (S,) of the seeds with these numbers."""
     mean, deviation = mean_and_deviation(values)
-    return Ours(whole, boxes, len(values), mean, deviation, values, numbers)
+    return Ours(whole, boxes, len(values), mean, deviation, values, seed_numbers)
 
 
-def _averages(found: Mapping[tuple[str, str, str], Ours]) -> dict[tuple[str, str, str], Ours]:
+def _averages(found: OursByCell) -> OursByCell:
     """The row Avg, the plain mean of the ten whole sequences, for each seed that all of them have."""
     averages = {}
     for method, kind in itertools.product(table1.PAPER_METHODS, ERROR_KINDS):
-        rows = [found.get((name, method, kind)) for name in table1.SUB_SEQUENCES]
-        complete = [ours for ours in rows if ours is not None and ours.whole and ours.values is not None]
-        if len(complete) < len(rows):
+        complete = []
+        errors_of_seeds = []  # the errors of each complete sequence by the number of the seed
+        for row in table1.SUB_SEQUENCES:
+            ours = found.get((row, method, kind))
+            if ours is not None and ours.whole and ours.values is not None:
+                complete.append(ours)
+                errors_of_seeds.append(dict(zip(ours.seed_numbers, ours.values, strict=True)))
+        if len(complete) < len(table1.SUB_SEQUENCES):
             continue
-        common = sorted(set.intersection(*(set(ours.numbers) for ours in complete)))
+        common = sorted(set.intersection(*map(set, errors_of_seeds)))
         if not common:
             continue
-        by_sequence = []
-        for ours in complete:
-            if ours.values is not None:
-                places = [ours.numbers.index(seed) for seed in common]
-                by_sequence.append(ours.values[places])
+        by_sequence = [[errors[seed] for seed in common] for errors in errors_of_seeds]
         means = np.mean(by_sequence, axis=0)
         boxes = all(ours.boxes for ours in complete)
         averages[table1.AVERAGE, method, kind] = _of_seeds(True, boxes, means, tuple(common))
     return averages
 
 
-def _from_table(path: Path) -> dict[tuple[str, str, str], Ours]:
+def _from_table(path: Path) -> OursByCell:
     """Our errors from a table without the errors of each seed."""
-    found: dict[tuple[str, str, str], Ours] = {}
+    found: OursByCell = {}
     place = None
     try:
         (_, columns), *lines = read_csv(path)
         for line, cells in lines:
             place = line
-            row = dict(zip(columns, cells, strict=True))
-            if row["variant"] != "published" or row.get("settings"):
+            cell_of = dict(zip(columns, cells, strict=True))
+            if cell_of["variant"] != "published" or cell_of.get("settings"):
                 continue
             for kind in ERROR_KINDS:
-                if not row[kind]:
+                if not cell_of[kind]:
                     continue
-                key = (row["sequence"].removeprefix(KITTI), row["method"], kind)
+                key = (cell_of["sequence"].removeprefix(KITTI), cell_of["method"], kind)
                 if key in found:
                     raise ValueError("this sequence and method have a row already")
-                found[key] = _of_cells(row, kind)
+                found[key] = _of_cells(cell_of, kind)
     except (KeyError, ValueError) as error:
         raise DataError(
             f"is not a table of vo reproduce: {type(error).__name__} {error}", path, place
@@ -327,17 +346,17 @@ def _from_table(path: Path) -> dict[tuple[str, str, str], Ours]:
     return found
 
 
-def _of_cells(row: Mapping[str, str], kind: str) -> Ours:
-    """Our errors from a row of table1.csv; ValueError for a number that is none."""
-    mean = float(row[kind])
-    deviation = float(row[f"{kind}_std"] or "nan")
-    seeds = int(row["seeds"])
+def _of_cells(cell_of: Mapping[str, str], kind: str) -> Ours:
+    """Our errors from the cells of a row of table1.csv, by column; ValueError for a number that is none."""
+    mean = float(cell_of[kind])
+    deviation = float(cell_of[f"{kind}_std"] or "nan")
+    seeds = int(cell_of["seeds"])
     # The row of averages has no share of its own: its sequences were judged by theirs.
-    share = float(row["removed_share"] or "1")
+    share = float(cell_of["removed_share"] or "1")
     known = (mean, deviation if seeds > 1 else 0.0, share)  # one seed has no deviation
     if seeds < 1 or not all(math.isfinite(value) and value >= 0 for value in known):
         raise ValueError(f"expected seeds from 1 and finite numbers from 0, found {seeds}, {known}")
-    return Ours(bool(row[f"paper_{kind}"]), share > 0, seeds, mean, deviation)
+    return Ours(bool(cell_of[f"paper_{kind}"]), share > 0, seeds, mean, deviation)
 
 
 def choice_ranges(path: Path = CHOICES) -> dict[tuple[str, str], tuple[float, float]]:
@@ -369,7 +388,7 @@ def judged_cells(
 
 
 def judge_all(
-    ours: Mapping[tuple[str, str, str], Ours],
+    ours: OursByCell,
     paper: table1.PaperTable,
     ranges: Mapping[tuple[str, str], tuple[float, float]],
 ) -> dict[str, list[Judged]]:
@@ -556,13 +575,13 @@ def printed_column(paper: table1.PaperTable, method: str, kind: str) -> dict[str
     return column
 
 
-def our_column(found: Mapping[tuple[str, str, str], Ours], method: str, kind: str) -> dict[str, float]:
+def our_column(found: OursByCell, method: str, kind: str) -> dict[str, float]:
     """Our means of a method on the whole sequences of the table that `left_out` does not name."""
     out = left_out(found, method, kind)
     return {row: found[row, method, kind].mean for row in table1.SUB_SEQUENCES if row not in out}
 
 
-def left_out(found: Mapping[tuple[str, str, str], Ours], method: str, kind: str) -> dict[str, str]:
+def left_out(found: OursByCell, method: str, kind: str) -> dict[str, str]:
     """The sequences of the table whose errors say nothing about a gain, with the reason."""
     out = {}
     for row in table1.SUB_SEQUENCES:
@@ -579,7 +598,7 @@ def left_out(found: Mapping[tuple[str, str, str], Ours], method: str, kind: str)
     return out
 
 
-def why_no_gain(found: Mapping[tuple[str, str, str], Ours], methods: Sequence[str], kind: str) -> str:
+def why_no_gain(found: OursByCell, methods: Sequence[str], kind: str) -> str:
     """Why our sequences give no gain from one method to another; "" if two or more of them give one."""
     reasons: dict[str, list[str]] = {}
     for row in table1.SUB_SEQUENCES:
