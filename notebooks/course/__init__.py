@@ -30,8 +30,8 @@ from .frames import frame_points as frame_points
 from .frames import has_data as has_data
 from .frames import load as load
 from .frames import real_pair as real_pair
+from .frames import scene_truth as scene_truth
 from .frames import stereo as stereo
-from .frames import truth as truth
 from .own_functions import apart as apart
 from .own_functions import chosen_apart as chosen_apart
 from .own_functions import own_or_library as own_or_library

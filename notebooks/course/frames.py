@@ -200,7 +200,7 @@ def true_motion(sequence: Sequence, frame: int) -> Array | None:
     return None if poses is None else np.asarray(inverse(poses[frame]) @ poses[frame - 1])
 
 
-def truth(sequence: Sequence) -> Truth | None:
+def scene_truth(sequence: Sequence) -> Truth | None:
     """The full truth of a drawn scene (depth, objects); None for other sequences."""
     if not (sequence.folder / "truth" / "scene.json").exists():
         return None
@@ -210,9 +210,9 @@ def truth(sequence: Sequence) -> Truth | None:
 # Each kind of data that a sequence may lack: the data, and the words where they are missing.
 MISSING_DATA: dict[str, tuple[Callable[[Sequence], object | None], str]] = {
     "poses": (attrgetter("truth"), "has no ground truth: no error can be stated"),
-    "depth": (truth, "has no true depth of its pixels, unlike a drawn scene"),
+    "depth": (scene_truth, "has no true depth of its pixels, unlike a drawn scene"),
     "labels": (attrgetter("labels"), "has no labelled boxes"),
-    "moving": (truth, "has no truth of moving objects, unlike a drawn scene"),
+    "moving": (scene_truth, "has no truth of moving objects, unlike a drawn scene"),
 }
 
 

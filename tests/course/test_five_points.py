@@ -13,7 +13,7 @@ import pytest
 
 from course.ch02 import exercises, library
 from course.ch02.puzzle import LEAST_SOLUTIONS, OFF_LINE_PX, ON_LINE_PX, find_puzzle
-from course.frames import frame_points, truth
+from course.frames import frame_points, scene_truth
 from course.simulation.problems import random_problems
 from course.simulation.true_matches import predict
 from vo_lib.config import preset
@@ -66,7 +66,7 @@ def test_the_puzzle_has_one_solution_through_the_sixth_match_and_asks_no_truth(
 def test_the_sixth_match_of_the_puzzle_is_at_its_true_place(street: Sequence, frame: int) -> None:
     points = frame_points(street, frame, preset("solution_selection"))
     puzzle = find_puzzle(points, street.camera.f)
-    known = truth(street)
+    known = scene_truth(street)
     assert known is not None
     place, _, valid = predict(known, frame - 1, frame, points.matches.prev_left)
     error = np.where(valid, np.linalg.norm(place - points.matches.cur_left, axis=1), np.nan)

@@ -14,7 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from course.ch00 import figures as draw
 from course.ch05.claim import step_errors
-from course.frames import frame_matches, load_part, truth
+from course.frames import frame_matches, load_part, scene_truth
 from course.simulation.true_matches import depth
 from vo_lib import preset, run
 from vo_lib.data.poses import from_first
@@ -70,7 +70,7 @@ def test_columns_are_measured_a_little_less_exactly_than_rows(street: Sequence) 
     assert "it is of the same size, but somewhat larger" in TEXT
     matches = frame_matches(street, 60, preset("feature_selection"))
     rows = DEVIATION_OVER_MEDIAN * np.median(np.abs(matches.cur_left[:, 1] - matches.cur_right[:, 1]))
-    scene = truth(street)
+    scene = scene_truth(street)
     assert scene is not None
     u, v = np.rint(matches.cur_left).astype(int).T
     true = depth(scene, 60)[v, u]

@@ -29,7 +29,7 @@ from ..colours import BAD, CYCLE, DARK, GOOD, PALE, THIRD
 from ..drawing import PHOTO_HEIGHT, WIDTH, caption, figure, finish, photo, room
 from ..drawing import RIGHT as RIGHT_MARGIN
 from ..drawn_matches import draw_dots, draw_flow, features_picture
-from ..frames import WithBoxes, frame_matches, frame_points, stereo, true_poses, truth
+from ..frames import WithBoxes, frame_matches, frame_points, scene_truth, stereo, true_poses
 from ..view3d import Shape, View, camera_shape
 
 JAM_LEFT = 76  # margin of the figure of the jam, for numbers such as -0.5 and the name of the axis, pixels
@@ -42,7 +42,7 @@ SAME_M = 0.01  # largest distance of a point from the library's that is called e
 
 def with_boxes_of_vehicles(sequence: Sequence, *vehicles: int) -> WithBoxes:
     """A drawn sequence with boxes of only those vehicles whose numbers in the truth are `vehicles`."""
-    ground_truth = truth(sequence)
+    ground_truth = scene_truth(sequence)
     if ground_truth is None:
         raise DataError(f"{sequence.name} is not a drawn scene: it has no truth of vehicles")
     given = []

@@ -16,7 +16,7 @@ from vo_lib.settings import Checked, setting
 
 from ..colours import BAD, PALE, bgr
 from ..drawing import HALF_HEIGHT, PHOTO_HEIGHT, WIDTH, beside, caption, photo
-from ..frames import disparity_map, stereo, truth
+from ..frames import disparity_map, scene_truth, stereo
 from ..panel import Control, Drawing, Fact, Panel, State
 from ..simulation.true_matches import depth as true_depths
 
@@ -124,7 +124,7 @@ def _mark(picture: Image, u: float, v: int) -> None:
 
 def _true_depth(sequence: Sequence, frame: int, u: int, v: int) -> float:
     """True depth of a pixel, metres; NaN if it is not known or the pixel shows the sky."""
-    ground_truth = truth(sequence)
+    ground_truth = scene_truth(sequence)
     if ground_truth is None:
         return float("nan")
     depth = float(true_depths(ground_truth, frame)[v, u])

@@ -9,7 +9,7 @@ from vo_lib.errors import DataError
 from vo_lib.paper.settings import PublishedConfig
 
 from ..drawing import PHOTO_HEIGHT
-from ..frames import stereo, truth
+from ..frames import scene_truth, stereo
 from ..panel import Control, Drawing, Fact, Panel, State
 from ..simulation.true_matches import match_errors
 from .figures import by_fate, fates_picture, step_figure
@@ -41,7 +41,7 @@ class MatchingPanel(Panel):
 
     def draw(self, state: State) -> Drawing:
         frame = state.frame
-        ground_truth = truth(state.sequence)
+        ground_truth = scene_truth(state.sequence)
         traced = trace(state.sequence, frame, state.config)
         if len(traced.id) == 0:
             control = "threshold" if isinstance(state.config, PublishedConfig) else "strength"

@@ -14,7 +14,7 @@ from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.types import Array, BoolArray
 from vo_lib.paper.selection import truncated_errors
 
-from ..frames import frame_points, truth
+from ..frames import frame_points, scene_truth
 from ..lessons import candidates_of
 from ..simulation.true_matches import depth, match_errors, predict
 
@@ -119,7 +119,7 @@ def measure_of(sequence: Sequence, frame: int) -> ErrorMeasure:
     E = candidates_of(points, SETS, 0).E
     limit = config.selection.threshold / sequence.camera.f
     winner = E[np.argmin(truncated_errors(E, points.x_p, points.x_c, limit))]
-    return ErrorMeasure(sequence, frame, winner, truth(sequence))
+    return ErrorMeasure(sequence, frame, winner, scene_truth(sequence))
 
 
 def count_line(name: str, error: Array) -> str:

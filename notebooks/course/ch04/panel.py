@@ -22,7 +22,7 @@ from ..ch02.panel import reference_rotation
 from ..ch03.panel import shifts
 from ..drawing import PHOTO_HEIGHT, figure
 from ..drawn_matches import features_picture
-from ..frames import Points, frame_points, stereo, truth
+from ..frames import Points, frame_points, scene_truth, stereo
 from ..panel import Control, Drawing, Fact, Panel, State
 from .figures import MILLI, ellipse_chart, residuals_chart
 from .weightings import METHOD, WEIGHTINGS, alone, solve_by
@@ -72,14 +72,14 @@ def usual_rotation(sequence: Sequence, frame: int, points: Points) -> Array:
 
     The truth of a real drive is from GPS and gyroscopes; over one frame, the matches are more accurate.
     """
-    exact = points if truth(sequence) is not None else replace(points, T_cp=None)
+    exact = points if scene_truth(sequence) is not None else replace(points, T_cp=None)
     return reference_rotation(sequence, frame, exact)
 
 
 def reference(sequence: Sequence, points: Points, R_cp: Array) -> tuple[Array, str]:
     """The reference translation, (3,) metres, and its name."""
     if points.T_cp is not None:
-        return np.asarray(points.T_cp[:3, 3]), RECORDED if truth(sequence) is None else TRUE
+        return np.asarray(points.T_cp[:3, 3]), RECORDED if scene_truth(sequence) is None else TRUE
     solved = solve_translation(sequence.camera, points.matches, R_cp, TranslationConfig())
     if solved is None:
         raise DataError("the matches of this frame give no translation: choose another *frame*")

@@ -33,7 +33,7 @@ from vo_lib.settings import WORD_OF_LIST, Checked, setting
 
 from ..controls import about, typed_path
 from ..drawing import PHOTO_HEIGHT, WIDTH, caption, photo
-from ..frames import frame_matches, key_of, stereo, true_motion, truth
+from ..frames import frame_matches, key_of, scene_truth, stereo, true_motion
 from ..memory import Memory
 from ..panel import Control, Drawing, Fact, Panel, State
 from ..simulation.lorry import LorryConfig, with_lorry
@@ -177,7 +177,7 @@ def filtered_frame(
     moving box.
     """
     rule = config.filter
-    if rule.rule == "truth" and truth(sequence) is None:
+    if rule.rule == "truth" and scene_truth(sequence) is None:
         raise DataError(
             "rule: `truth` needs the true motions of vehicles, which only a drawn scene has: choose another rule"
         )
@@ -263,9 +263,9 @@ class FilteringPanel(Panel):
         if result.state is not None and removed:
             sentence += " Orange in a parked box (dashed): features that do not agree with the background."
         sentence += no_class(sequence, state.view, rule)
-        if truth(sequence) is None and model == "street":
+        if scene_truth(sequence) is None and model == "street":
             sentence += " `street` was trained on drawn streets, not on real ones."
-        if truth(sequence) is None and model in offered:
+        if scene_truth(sequence) is None and model in offered:
             sentence += f" `{model}` knows only the streets that you trained it on."
         if Flag.FILTER_OFF in result.flags:
             sentence += " Too few features would be left, so the filter is off in this frame."
@@ -275,7 +275,7 @@ class FilteringPanel(Panel):
             Fact("error, kept", _apart(kept, T_true), "mm", 1),
             Fact("change of t", _apart(kept, every), "mm", 1),
         ]
-        if truth(sequence) is not None:
+        if scene_truth(sequence) is not None:
             moving = matches_on_moving(sequence, frame, matches)
             facts.append(Fact("on moving things, kept", int(np.count_nonzero(moving & result.kept))))
             facts.append(Fact("on standing things, removed", int(np.count_nonzero(~moving & ~result.kept))))
