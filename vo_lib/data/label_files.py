@@ -21,6 +21,7 @@ MAX_CLASS_ID = 10**6  # no data set has more classes; a larger number belongs to
 SLACK = 1e-3  # values outside 0..1 by at most this are rounding errors of other programs, and are clipped
 POLYGON_FIELDS = 7  # number of fields of the shortest polygon: the class and three points
 MAX_OUTSIDE = 0.01  # share of the image; a box that reaches further out of it may be corners read as a centre
+MAX_UNCLIPPED = 0.1  # share of the image by which a box that nobody clipped may reach out of it
 KITTI_FIELDS = (15, 16)  # of a line of KITTI's object labels, without and with a score
 KEYPOINT_SIZES = (2, 3)  # numbers of a keypoint: x, y, and perhaps whether or how surely it is visible
 MAX_VISIBILITY = 2.0  # the largest such third number
@@ -114,7 +115,7 @@ def _read_row(line: str, path: str | Path, line_number: int) -> _Row:
         )
     numbers = _numbers(words)
     if len(words) == POLYGON_FIELDS and words[-1].isdecimal() and _ends_with_track(numbers):
-        triangle = "" if numbers[-1] > 1 else f"; a triangle ends with {words[-1]}.0"
+        triangle = "" if numbers[-1] > 1 else f"; a triangle ends with {numbers[-1]}"
         raise DataError(
             "expected class cx cy w h [score], found 7 fields, the last of which is a whole number: omit "
             f"the number of the track{triangle}",
@@ -140,7 +141,7 @@ def _ends_with_track(numbers: list[float]) -> bool:
     """
     if not _are_class_and_shares(numbers[:-1]):
         return False
-    return numbers[-1] > 1 or _is_box_in_image(numbers[1:5])
+    return numbers[-1] > 1 or _is_box_in_image(numbers[1:5], MAX_UNCLIPPED)
 
 
 def _are_class_and_shares(numbers: list[float]) -> bool:
@@ -233,13 +234,13 @@ def _is_parallelogram(points: Array) -> bool:
     return bool(is_closed and area > SMALLEST_AREA)
 
 
-def _is_box_in_image(box: list[float]) -> bool:
-    """Whether four numbers are the centre and the size of a box in the image."""
+def _is_box_in_image(box: list[float], outside: float = MAX_OUTSIDE) -> bool:
+    """Whether four numbers are centre and size of a box that reaches at most `outside` beyond the image."""
     x, y, width, height = box
     if width <= 0 or height <= 0:
         return False
     ends = (x - width / 2, x + width / 2, y - height / 2, y + height / 2)
-    return min(ends) >= -MAX_OUTSIDE and max(ends) <= 1.0 + MAX_OUTSIDE
+    return min(ends) >= -outside and max(ends) <= 1.0 + outside
 
 
 def _are_in_box(box: list[float], points: Iterable[tuple[float, float]]) -> bool:
