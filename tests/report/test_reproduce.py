@@ -42,7 +42,7 @@ from vo_lib.report.table1 import (
     read_paper_table,
     table_records,
 )
-from vo_lib.report.table1_page import UNIT_NOTE, layout_tables, results
+from vo_lib.report.table1_page import UNIT_NOTE, layout_tables, sentences_on_proposal
 
 
 def group_of(*entries: Entry) -> Group:
@@ -225,10 +225,10 @@ def test_result_compares_means_with_and_without_removal() -> None:
     entries = [entry_of("kitti/01", 500, [9.0, 9.0], method) for method in pairs]  # left out
     for name, n in (("kitti/00", 500), ("kitti/04", 150)):
         entries += [entry_of(name, n, percent, method) for method, percent in pairs.items()]
-    assert results([group_of(*entries)]) == []  # without boxes nothing is removed
+    assert sentences_on_proposal([group_of(*entries)]) == []  # without boxes nothing is removed
     entries = [replace(entry, labels=True) for entry in entries]
     group = group_of(*entries)
-    (text,) = results([group])
+    (text,) = sentences_on_proposal([group])
     assert text.startswith("Mean of 2 sequences, variant kit: feature_selection")
     means = [f"{group.mean(method)[0].mean():.3f}" for method in pairs]
     # From 3 to 2 %; the rotations are exact.
@@ -236,28 +236,28 @@ def test_result_compares_means_with_and_without_removal() -> None:
         f"lowers TE from {means[0]} to {means[1]} % (−33.3 %) compared with solution_selection"
         "; two seeds give only a rough standard deviation."
     )
-    assert results([group_of(*(e for e in entries if e.method == "mesvo_f"))]) == []
+    assert sentences_on_proposal([group_of(*(e for e in entries if e.method == "mesvo_f"))]) == []
     # 01 counts if there is no other sequence; its errors are equal here.
-    (text,) = results([group_of(*entries[:3])])
+    (text,) = sentences_on_proposal([group_of(*entries[:3])])
     assert text.startswith("kitti/01, variant kit: feature_selection")
     assert "changes neither TE nor RE compared" in text
     # From 3 to 2.8 %, with standard deviations of 0.1 %: both count, so the limit is 0.28 %.
     pairs = {"solution_selection": [2.9, 3.1], "feature_selection": [2.7, 2.9]}
     entries = [replace(entry_of("kitti/00", 500, pairs[m], m), labels=True) for m in pairs]
-    (text,) = results([group_of(*entries)])
+    (text,) = sentences_on_proposal([group_of(*entries)])
     assert (
         "changes TE from 3.019 to 2.818 % (which one run would not show: within two standard deviations over "
         "the seeds or 2 %)"
     ) in text
     pairs = {"solution_selection": [3.1], "feature_selection": [2.9]}
     entries = [replace(entry_of("kitti/00", 500, pairs[m], m), labels=True) for m in pairs]
-    (text,) = results([group_of(*entries)])
+    (text,) = sentences_on_proposal([group_of(*entries)])
     # One seed lowers nothing.
     assert " changes TE from 3.120 to 2.919 % (−6.5 %) compared with solution_selection" in text
     assert text.endswith("; one seed does not tell whether another run would show this.")
     # Neither does a comparison in which only one method has several seeds.
     entries[0] = replace(entry_of("kitti/00", 500, [3.1, 3.1], "solution_selection"), labels=True)
-    (text,) = results([group_of(*entries)])
+    (text,) = sentences_on_proposal([group_of(*entries)])
     assert " changes TE from " in text
     assert "one seed does not tell" in text
 

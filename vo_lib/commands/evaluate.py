@@ -80,7 +80,7 @@ def _is_evaluation(path: Path) -> bool:
 
 
 @dataclass(frozen=True)
-class _Evaluated:
+class _WithTruth:
     """Paths with ground truth, and their errors."""
 
     paths: ComparedPaths
@@ -106,7 +106,7 @@ class _Evaluated:
 
 
 @dataclass(frozen=True)
-class _Compared:
+class _WithoutTruth:
     """Paths without ground truth."""
 
     paths: PathsWithoutTruth
@@ -126,7 +126,7 @@ class _Compared:
         return []
 
 
-_Result = _Evaluated | _Compared
+_Result = _WithTruth | _WithoutTruth
 
 
 def _refuse_options_of_errors(options: argparse.Namespace) -> None:
@@ -173,9 +173,9 @@ def _evaluate(options: argparse.Namespace) -> int:
     for paths in read_paths(options.paths, options.truth, options.t_max_diff):
         if isinstance(paths, PathsWithoutTruth):
             _refuse_options_of_errors(options)
-            results.append(_Compared(paths))
+            results.append(_WithoutTruth(paths))
         else:
-            results.append(_Evaluated(paths, _errors(paths, measure)))
+            results.append(_WithTruth(paths, _errors(paths, measure)))
     data = json.dumps({"sequences": [result.numbers() for result in results]}, indent=2, allow_nan=False)
     remarks = [] if options.out is None else _write(options.out, data, results)
     if options.json:
@@ -230,5 +230,5 @@ def _print_results(results: list[_Result]) -> None:
             f"{names} and {results[-1].paths.name} have a table each and are not compared with each other, "
             "since they are not the same frames of the same sequence."
         )
-    if not any(isinstance(result, _Evaluated) for result in results):
+    if not any(isinstance(result, _WithTruth) for result in results):
         print_wrapped(f"For errors, {GIVE_TRUTH}.")

@@ -47,7 +47,7 @@ from ..report.table1_page import (
     block_words,
     layout_tables,
     removal_pictures,
-    results,
+    sentences_on_proposal,
     settings_tables_without_truth,
     short_path_tables,
     table_files,
@@ -181,7 +181,7 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
         report_tables = _tables_with_truth(groups, paper, differs) + closed
         report_tables += short_path_tables(result) + settings_tables_without_truth(result)
         report_tables += _tables_without_truth(result, cells)
-        conclusions = [*results(groups), *remarks]
+        conclusions = [*sentences_on_proposal(groups), *remarks]
         seconds = time.perf_counter() - start
         call = this_call(options.line, seconds, durations.workers)
         write_table_files(
@@ -234,10 +234,10 @@ def _tables_with_truth(
 
     differs : for each block, sentences on what differs from the presets.
     """
-    sentences_of = {(block.variant, block.words): sentences for block, sentences in differs.items()}
+    sentences_of = {block.key: sentences for block, sentences in differs.items()}
     tables = tables_by_settings(groups)
     for group in groups:
-        tables += layout_tables(group, paper, sentences_of[group.variant, group.settings])
+        tables += layout_tables(group, paper, sentences_of[group.block_key])
     return tables
 
 

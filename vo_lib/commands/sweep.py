@@ -69,14 +69,14 @@ class _Grid:
     """The runs that the options of `vo sweep` ask for.
 
     bases : by method, the settings that are not on an axis.
-    reference : these settings in words.
+    reference_words : these settings in words.
     axes : the values of the others.
     seeds : number of runs with each combination of the values.
     names : of the sequences.
     """
 
     bases: dict[str, MethodConfig]
-    reference: str
+    reference_words: str
     axes: Axes
     seeds: int
     names: list[str]
@@ -95,7 +95,7 @@ def _read_grid(options: argparse.Namespace) -> _Grid:
     variant = chosen.variant or common.DEFAULT_VARIANT
     methods = common.parse_methods(chosen.methods or common.DEFAULT_METHOD, variant)[variant]
     bases = {method: changed(preset(method, variant=variant), chosen.changes) for method in methods}
-    reference = "the settings of --config" if chosen.changes else DEFAULT_SETTINGS
+    reference_words = "the settings of --config" if chosen.changes else DEFAULT_SETTINGS
     axes = parse_axes(options.axes, bases[methods[0]])
     refuse_unused(bases, axes, chosen.refused)
     _note_unused(bases, [name for name, _ in chosen.changes if name not in axes])
@@ -108,7 +108,7 @@ def _read_grid(options: argparse.Namespace) -> _Grid:
             "once for each of them"
         )
     vehicle_boxes.refuse_labels_of_several(options, names)
-    return _Grid(bases, reference, axes, seeds, names)
+    return _Grid(bases, reference_words, axes, seeds, names)
 
 
 def _sweep(options: argparse.Namespace) -> int:
@@ -147,7 +147,7 @@ def _sweep(options: argparse.Namespace) -> int:
                 return common.run_with_options(jobs, workers, report, durations, options)
 
             sweeps = run_sweep(
-                opener.names, grid.bases, grid.axes, grid.seeds, folder, opener, run, grid.reference
+                opener.names, grid.bases, grid.axes, grid.seeds, folder, opener, run, grid.reference_words
             )
         if not any(record["seeds"] for sweep in sweeps for record in sweep.records):
             raise DataError(sweeps[0].records[0]["failed"])  # an earlier table is kept

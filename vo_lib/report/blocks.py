@@ -117,6 +117,11 @@ class Block:
         """The changes as one types them; empty for the presets."""
         return settings_words(self.changes)
 
+    @property
+    def key(self) -> tuple[str, str]:
+        """The variant and the words, by which the entries of the block are found."""
+        return self.variant, self.words
+
     def unused(self, method: str) -> dict[str, str]:
         """The changed settings that have no effect on a method, and why."""
         config = changed(preset(method, variant=self.variant), self.changes)

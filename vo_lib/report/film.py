@@ -151,13 +151,14 @@ class Film:
         side = max(height, MIN_PATH_SIDE_PX)
         # Height and width of a picture, with text, image and path. Encoders require even numbers of pixels.
         self._shape = (_even(WORDS_HEIGHT_PX + side), _even(width + side))
-        self._paths = [run.poses]  # and that of the truth, if there is one
+        self._truth: Array | None = None  # (N, 4, 4) from the first pose on
         self._distance_from_truth = None  # (N,) metres
         truth = run.sequence.truth
         if truth is not None:
-            self._paths.append(from_first(truth))
+            self._truth = from_first(truth)
             self._distance_from_truth = plots.distance_from_truth(run.poses, truth)
-        self._driven = trajectory_distances(self._paths[-1])  # (N,) metres
+        # (N,) metres, on the true path if it is known.
+        self._driven = trajectory_distances(run.poses if self._truth is None else self._truth)
         self._open_file = ExitStack()
 
     def __enter__(self) -> Film:
@@ -204,7 +205,8 @@ class Film:
         """Draw the path up to a frame, and the complete truth in a pale colour, both seen from above."""
         height, width = part.shape[:2]
         room = np.array([width - 2 * MAP_MARGIN_PX, height - 2 * MAP_MARGIN_PX - LINE_HEIGHT_PX])
-        paths_xz = [poses[:, [0, 2], 3] for poses in self._paths]
+        drawn = [self.run.poses] if self._truth is None else [self.run.poses, self._truth]
+        paths_xz = [poses[:, [0, 2], 3] for poses in drawn]
         low = np.concatenate(paths_xz).min(axis=0)
         high = np.concatenate(paths_xz).max(axis=0)
         scale = float((room / np.maximum(high - low, 1.0)).min())  # pixels per metre

@@ -177,7 +177,7 @@ def _table_of_distances(paths: PathsWithoutTruth) -> ReportTable:
         rows.append([f"{pair.first} – {pair.second}", *cells])
     columns = ["two paths from the same start", "at the end m", "largest m", "rmse m"]
     which = "all" if paths.is_all_common else "only the"
-    title = f"Distances between the paths, at {which} {paths.compared} poses that all paths have"
+    title = f"Distances between the paths, at {which} {paths.common_count} poses that all paths have"
     notes = [
         "Distances between positions of the same frame: they tell how far the paths differ, not which "
         "one is right."
@@ -198,7 +198,7 @@ def facts_without_truth(paths: PathsWithoutTruth) -> dict[str, Any]:
         "ground_truth": False,
         "warnings": warnings_without_truth(paths),
         "systems": systems,
-        "compared_frames": paths.compared,
+        "compared_frames": paths.common_count,
         "differences": differences,
     }
 
@@ -388,6 +388,6 @@ def write_picture_without_truth(folder: Path, paths: PathsWithoutTruth) -> None:
     from_start = {name: from_first(poses) for name, poses in paths.common.items()}
     title = f"{paths.name}\nno ground truth; all paths begin at the same pose"
     if not paths.is_all_common:
-        title += f"\nonly the {paths.compared} poses that all paths have"
+        title += f"\nonly the {paths.common_count} poses that all paths have"
     figure = trajectories_figure({title: (None, from_start)})
     write_atomic(folder / f"trajectory_{slug(paths.name)}.png", png(figure))

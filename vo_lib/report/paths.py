@@ -113,14 +113,28 @@ class PathsWithoutTruth:
     notes: tuple[str, ...] = ()
 
     @property
-    def compared(self) -> int:
+    def common_count(self) -> int:
         """Number of frames that all paths have."""
         return len(next(iter(self.common.values())))
 
     @property
     def is_all_common(self) -> bool:
         """Whether every path consists of the compared poses alone."""
-        return all(len(path.poses) == self.compared for path in self.wholes.values())
+        return all(len(path.poses) == self.common_count for path in self.wholes.values())
+
+
+class _Reference(NamedTuple):
+    """What paths are compared with: a truth, or the path in its place.
+
+    name : of the sequence or the file; poses : (N, 4, 4) T_w_c, metres; times : (N,) seconds, or None if
+    unknown; is_part, notes : as in `ComparedPaths`.
+    """
+
+    name: str
+    poses: Array
+    times: Array | None
+    is_part: bool = False
+    notes: tuple[str, ...] = ()
 
 
 class _NoTruth(DataError):
@@ -128,7 +142,7 @@ class _NoTruth(DataError):
 
 
 class _Member(NamedTuple):
-    """A path to compare: its pose file, possible labels, the shortest first, and whether it is a run's."""
+    """A path to compare: its pose file, possible labels, the preferred first, and whether it is a run's."""
 
     file: Path
     labels: list[str]
@@ -170,7 +184,7 @@ def read_paths(
     configs = {source: read_config(source) for source in sources if source.is_dir()}
     if truth_file is not None:
         return [_read_with_truth_file(sources, configs, truth_file, tolerance)]
-    truths = dict[Path, ComparedPaths]()
+    truths = dict[Path, _Reference]()
     without_truth = dict[Path, _NoTruth]()
     for source, config in configs.items():
         try:
@@ -191,16 +205,16 @@ def _read_with_truth_file(
     _refuse_several_sequences(configs, truth_file)
     file = read_path(truth_file)
     name = _labels(truth_file.absolute(), None)[0]
-    truth = _truth_alone(name, file.poses, file.times, notes=file.notes)
+    truth = _Reference(name, file.poses, file.times, notes=file.notes)
     run_file = POSES if file.times is None else POSES_TUM  # a truth with times needs paths with times
     members = [_member(source, configs.get(source), run_file) for source in sources]
     compared = _compared_with_truth(truth, members, tolerance, None)
     times_of_files = {truth_file: file.times}
     for member in members:
         times_of_files[member.file] = read_path(member.file).times
-    wholes = dict(compared.wholes)
-    wholes[f"the truth {name}"] = WholePath(file.poses, file.times, from_outside=True)
-    notes = (*compared.notes, *_frame_number_warning(times_of_files), *leap_warnings(wholes))
+    checked_for_leaps = dict(compared.wholes)
+    checked_for_leaps[f"the truth {name}"] = WholePath(file.poses, file.times, from_outside=True)
+    notes = (*compared.notes, *_frame_number_warning(times_of_files), *leap_warnings(checked_for_leaps))
     if file.times is not None:
         refuse_intervals(file.times, truth_file, as_column=True)
     return replace(compared, notes=notes, truth_from_outside=True)
@@ -209,14 +223,15 @@ def _read_with_truth_file(
 def _read_with_truth_of_runs(
     sources: list[Path],
     configs: Mapping[Path, dict[str, Any]],
-    truths: Mapping[Path, ComparedPaths],
+    truths: Mapping[Path, _Reference],
     tolerance: float,
 ) -> list[ComparedPaths]:
     """The paths by sequence, compared with the truths of the runs; pose files belong to the only sequence."""
-    truth_by_name: dict[str, ComparedPaths] = {}
+    truth_by_name: dict[str, _Reference] = {}
     for truth in truths.values():
-        first = truth_by_name.setdefault(truth.name, truth)
-        if not np.array_equal(truth.truth, first.truth):
+        if truth.name not in truth_by_name:
+            truth_by_name[truth.name] = truth
+        elif not np.array_equal(truth.poses, truth_by_name[truth.name].poses):
             raise DataError(f"two sequences have the name {truth.name}: evaluate them separately")
     for source in sources:
         if source not in truths and len(truth_by_name) != 1:
@@ -227,21 +242,21 @@ def _read_with_truth_of_runs(
             )
     result = []
     for name, truth in truth_by_name.items():
-        of_sequence = [source for source in sources if truths.get(source, truth).name == name]
-        members = [_member(source, configs.get(source), POSES) for source in of_sequence]
+        sources_of_name = [source for source in sources if truths.get(source, truth).name == name]
+        members = [_member(source, configs.get(source), POSES) for source in sources_of_name]
         compared = _compared_with_truth(truth, members, tolerance, truth.times)
         result.append(replace(compared, notes=(*compared.notes, *leap_warnings(compared.wholes))))
     return result
 
 
 def _compared_with_truth(
-    truth: ComparedPaths, members: list[_Member], tolerance: float, frame_times: Array | None
+    truth: _Reference, members: list[_Member], tolerance: float, frame_times: Array | None
 ) -> ComparedPaths:
     """The result of `_compared`, with a note if the common frames are not all frames of the truth."""
     compared = _compared(truth, members, tolerance, f"the truth of {truth.name}", frame_times)
-    if len(compared.frames) == len(truth.truth):
+    if len(compared.frames) == len(truth.poses):
         return compared
-    note = f"Matched {len(compared.frames)} of {len(truth.truth)} true poses."
+    note = f"Matched {len(compared.frames)} of {len(truth.poses)} true poses."
     return replace(compared, notes=(*compared.notes, note))
 
 
@@ -284,8 +299,8 @@ def _read_without_truth(
         if any(config["images"] != runs[0]["images"] for config in runs):
             raise DataError(f"two sequences have the name {name}: evaluate them separately")
         members = [_member(source, configs.get(source), POSES_TUM) for source in group]
-        of_group = dict.fromkeys(str(reasons[source]) for source in group if source in reasons)
-        result.append(_group_without_truth(name, members, tuple(of_group), tolerance))
+        reasons_of_group = dict.fromkeys(str(reasons[source]) for source in group if source in reasons)
+        result.append(_group_without_truth(name, members, tuple(reasons_of_group), tolerance))
     return result
 
 
@@ -295,15 +310,15 @@ def _group_without_truth(
     """Paths without truth of the same frames; `name` : of their sequence, `reasons` : why it has no truth."""
     files = {member.file: read_path(member.file) for member in members}
     reference = _reference_of(members, files)
-    of_reference = files[reference.file]
+    reference_file = files[reference.file]
     reference_name = name if reference.is_run else reference.file.name
-    in_place_of_truth = _truth_alone(reference_name, of_reference.poses, of_reference.times)
-    frame_times = of_reference.times if reference.is_run else None
+    in_place_of_truth = _Reference(reference_name, reference_file.poses, reference_file.times)
+    frame_times = reference_file.times if reference.is_run else None
     compared = _compared(in_place_of_truth, members, tolerance, str(reference.file), frame_times)
     notes = [f"No ground truth: {reason}." for reason in reasons]
     notes += compared.notes
     for path, file in files.items():
-        if file.times is None and of_reference.times is not None:
+        if file.times is None and reference_file.times is not None:
             words = f"{path}: has no times, so row k is compared with row k of {reference.file}"
             if frame_times is not None:
                 words += f", and gets the times of {name}"
@@ -312,7 +327,7 @@ def _group_without_truth(
     paths = PathsWithoutTruth(name, compared.wholes, compared.estimates, tuple(notes))
     if paths.is_all_common:
         return paths
-    notes.append(f"Compared: the {paths.compared} poses at times that all paths have.")
+    notes.append(f"Compared: the {paths.common_count} poses at times that all paths have.")
     return replace(paths, notes=tuple(notes))
 
 
@@ -374,14 +389,6 @@ def _frames_name(config: dict[str, Any]) -> str:
     return f"{name}, frames {'-'.join(numbers)}" if numbers else name
 
 
-def _truth_alone(
-    name: str, poses: Array, times: Array | None, is_part: bool = False, notes: tuple[str, ...] = ()
-) -> ComparedPaths:
-    """A true path before any estimate is compared with it; poses (N, 4, 4), times (N,) seconds or None."""
-    all_frames = np.arange(len(poses))
-    return ComparedPaths(name, poses, times, {}, all_frames, is_part, notes)
-
-
 def _without_run(folder: Path) -> DataError:
     """The error for a folder that is not a run, with the nearest runs inside as words of a shell."""
     runs = [path.parent for path in folder.rglob(CONFIG) if is_finished(path.parent)]
@@ -394,7 +401,7 @@ def _without_run(folder: Path) -> DataError:
     return DataError(f"is not the folder of a run, but contains runs: {named}", folder)
 
 
-def _truth_of_run(config: dict[str, Any]) -> ComparedPaths:
+def _truth_of_run(config: dict[str, Any]) -> _Reference:
     """The truth of a run's frames, from the folder of its sequence; `_NoTruth` if it is not there."""
     location = str(config.get("folder"))
     (first, last) = config.get("frames", ("", ""))
@@ -407,12 +414,10 @@ def _truth_of_run(config: dict[str, Any]) -> ComparedPaths:
     if (first, last) != (sequence.frames[0], sequence.frames[-1]):
         name += f", frames {int(first)}-{int(last)}"
         sequence = sequence.part(sequence.frames.index(first), sequence.frames.index(last) + 1)
-    if sequence.truth is None:
-        raise _NoTruth(f"{location} has no truth")
     sequence.require_unbroken()
     interval = interval_fault(sequence.times)
     notes = (f"{location}: {interval}; speeds are wrong.",) if interval else ()
-    return _truth_alone(name, sequence.truth, sequence.times, sequence.is_part, notes)
+    return _Reference(name, sequence.true_poses, sequence.times, sequence.is_part, notes)
 
 
 def _member(source: Path, config: dict[str, Any] | None, run_file: str) -> _Member:
@@ -423,11 +428,14 @@ def _member(source: Path, config: dict[str, Any] | None, run_file: str) -> _Memb
 
 
 def _labels(source: Path, config: dict[str, Any] | None) -> list[str]:
-    """Possible labels of a run or, without `config`, of a pose file, the shortest first."""
+    """Possible labels of a run or, without `config`, of a pose file, from the most to the least preferred.
+
+    For a file: its name, then the names of the folders around it from inner to outer, then its place.
+    """
     if config is None:
         folders = source.parent.parts[1:]  # without the root
-        of_file = [] if source.stem in COMMON_STEMS else [source.stem, source.name]
-        return [*of_file, *reversed(folders), str(source)]
+        file_names = [] if source.stem in COMMON_STEMS else [source.stem, source.name]
+        return [*file_names, *reversed(folders), str(source)]
     method = str(config.get("method"))
     variant = config.get("variant")
     short = method if variant == "published" else f"{method}, {variant}"
@@ -443,9 +451,9 @@ def _labels(source: Path, config: dict[str, Any] | None) -> list[str]:
 
 
 def _compared(
-    truth: ComparedPaths, members: list[_Member], tolerance: float, what: str, frame_times: Array | None
+    truth: _Reference, members: list[_Member], tolerance: float, what: str, frame_times: Array | None
 ) -> ComparedPaths:
-    """The paths at their common frames, with the shortest distinct labels.
+    """The paths at their common frames, each with its preferred label that no other path could have.
 
     Parameters
     ----------
@@ -471,11 +479,20 @@ def _compared(
         if times is None and frame_times is not None and len(frame_times) == len(file.poses):
             times = frame_times
         wholes[label] = WholePath(file.poses, times, from_outside=not member.is_run)
-    return replace(truth, estimates=estimates, frames=common, notes=tuple(notes), wholes=wholes)
+    return ComparedPaths(
+        name=truth.name,
+        truth=truth.poses,
+        times=truth.times,
+        estimates=estimates,
+        frames=common,
+        is_part=truth.is_part,
+        notes=tuple(notes),
+        wholes=wholes,
+    )
 
 
 def _distinct_label(member: _Member, members: list[_Member]) -> str:
-    """The shortest label of a path that no other path could have; the last one, its place, is always one."""
+    """The preferred label of a path that no other path could have; the last one, its place, is always one."""
     taken = set[str]()
     for other in members:
         if other is not member:
@@ -485,7 +502,7 @@ def _distinct_label(member: _Member, members: list[_Member]) -> str:
 
 def _notes_on_common(
     common: Index,
-    truth: ComparedPaths,
+    truth: _Reference,
     members: list[_Member],
     matched_files: list[_MatchedFile],
     tolerance: float,
@@ -494,7 +511,7 @@ def _notes_on_common(
 
     Raises `DataError` if they are too few to compare the paths.
     """
-    shortest = min(len(truth.truth), *(len(matched.file.poses) for matched in matched_files))
+    shortest = min(len(truth.poses), *(len(matched.file.poses) for matched in matched_files))
     if len(common) >= 2 and len(common) >= USUAL_MATCHES * shortest:
         return []
     if len(common) == min(len(matched.rows) for matched in matched_files):
@@ -509,7 +526,7 @@ def _notes_on_common(
     return [f"warning: {words}."]
 
 
-def _matched(path: Path, truth: ComparedPaths, tolerance: float, what: str) -> _MatchedFile:
+def _matched(path: Path, truth: _Reference, tolerance: float, what: str) -> _MatchedFile:
     """The poses of a file that belong to true poses: those of equal times or, without times, all.
 
     `what` : the truth in words. Raises `DataError` if fewer poses than `FEWEST_MATCHES` have equal times.
@@ -524,13 +541,13 @@ def _matched(path: Path, truth: ComparedPaths, tolerance: float, what: str) -> _
         _require_same_frames(file, truth, path, what)
         return _MatchedFile(np.arange(len(file.poses)), file.poses, file, notes)
     rows, pose_rows = match_times(truth.times, file.times, tolerance)
-    if len(rows) < min(2, len(truth.truth)):
+    if len(rows) < min(2, len(truth.poses)):
         raise DataError(time_mismatch(file.times, truth.times, truth.name, tolerance), path)
     refuse_intervals(file.times, path, as_column=True)
-    shorter = min(len(file.poses), len(truth.truth))
+    shorter = min(len(file.poses), len(truth.poses))
     ranges = time_ranges(file.times, truth.times, truth.name)
     counts = (
-        f"{len(rows)} of {len(file.poses)} poses have one of the {len(truth.truth)} poses of {what} "
+        f"{len(rows)} of {len(file.poses)} poses have one of the {len(truth.poses)} poses of {what} "
         f"within --t-max-diff {tolerance:g} s: {ranges}"
     )
     if len(rows) < USUAL_MATCHES * shorter and are_frame_numbers(file.times):
@@ -548,7 +565,7 @@ def _matched(path: Path, truth: ComparedPaths, tolerance: float, what: str) -> _
     return _MatchedFile(rows, file.poses[pose_rows], file, notes)
 
 
-def _clock_doubt(file: PoseFile, truth: ComparedPaths, rows: Index, pose_rows: Index) -> str:
+def _clock_doubt(file: PoseFile, truth: _Reference, rows: Index, pose_rows: Index) -> str:
     """Why a file may have another clock than the truth, or be of another drive; "" if there is no reason.
 
     rows, pose_rows : (M,) numbers of the true poses and of the poses of the file that have equal times.
@@ -558,28 +575,28 @@ def _clock_doubt(file: PoseFile, truth: ComparedPaths, rows: Index, pose_rows: I
     consequence = (
         "so its clock may differ by this, and then every pose is compared with that of another frame."
     )
-    turns = turn_agreement(file.times, file.poses, truth.times, truth.truth)
+    turns = turn_agreement(file.times, file.poses, truth.times, truth.poses)
     if turns is not None and turns.is_another_clock:
-        way = "earlier" if turns.lag > 0 else "later"
+        correction = "earlier" if turns.lag > 0 else "later"
         return (
-            f"The turns of both would agree far better if its times were {abs(turns.lag):.3g} s {way}, "
-            f"{consequence}"
+            f"The turns of both would agree far better if its times were {abs(turns.lag):.3g} s "
+            f"{correction}, {consequence}"
         )
     if turns is not None and turns.is_one_clock:
         return ""
-    slow_turns = slow_turn_agreement(file.times, file.poses, truth.times, truth.truth)
+    slow_turns = slow_turn_agreement(file.times, file.poses, truth.times, truth.poses)
     agreements = (turns, slow_turns)
     if all(agreement is not None and agreement.is_another_drive for agreement in agreements):
         return (
             "But the turns of both agree at no lag between their times, so perhaps one is of another drive, "
             "or the orientations of one are wrong."
         )
-    all_match = len(rows) == min(len(file.poses), len(truth.truth))
+    all_match = len(rows) == min(len(file.poses), len(truth.poses))
     shift = None if all_match else clock_shift(file.times, truth.times)  # seconds
-    if shift is None or _positions_agree(truth.truth[rows], file.poses[pose_rows], truth.times[rows], shift):
+    if shift is None or _positions_agree(truth.poses[rows], file.poses[pose_rows], truth.times[rows], shift):
         return ""
-    way = "later" if shift > 0 else "earlier"
-    return f"Its first and its last time are both about {abs(shift):.3g} s {way}, {consequence}"
+    offset_word = "later" if shift > 0 else "earlier"
+    return f"Its first and its last time are both about {abs(shift):.3g} s {offset_word}, {consequence}"
 
 
 def _positions_agree(true_poses: Array, poses: Array, times: Array, shift: float) -> bool:
@@ -594,11 +611,11 @@ def _positions_agree(true_poses: Array, poses: Array, times: Array, shift: float
     return float(rmse(apart) or 0.0) < AGREEING_POSITIONS * speed * abs(shift)
 
 
-def _require_same_frames(file: PoseFile, truth: ComparedPaths, path: Path, what: str) -> None:
+def _require_same_frames(file: PoseFile, truth: _Reference, path: Path, what: str) -> None:
     """Raise `DataError` if a file and the truth, one of which has no times, differ in length."""
-    if len(file.poses) == len(truth.truth):
+    if len(file.poses) == len(truth.poses):
         return
-    counts = f"has {len(file.poses)} poses, but {what} has {len(truth.truth)}"
+    counts = f"has {len(file.poses)} poses, but {what} has {len(truth.poses)}"
     if file.times is not None:
         remedy = f"give {what} with times"
     elif truth.times is not None:

@@ -47,6 +47,7 @@ from .table1 import (
     ERROR_KINDS,
     POSITION_NOTE,
     back_end_ms,
+    jobs_of,
     measure_runs,
     number_fields,
     slug,
@@ -73,6 +74,9 @@ LEAST_LETTERS = 12  # in a line of a value below it
 COLUMN_WIDTH = 1.1  # of a value with so few letters
 ROW_LETTERS = 24  # in a line of the values beside it
 ROW_HEIGHT = 0.55  # of values in few lines
+BESIDE_MAP = 1.5  # left and right of a map, for the label of its axis and the bar of its colours
+ABOVE_AND_BELOW_MAP = 1.2  # for its ticks and the label of its axis
+TITLE_HEIGHT = 0.8  # of the page
 NO_COLOUR = "0.9"  # grey of the cells without a colour
 LIGHT_TEXT_FROM = 0.6  # of the range of colours: darker cells have white text
 
@@ -112,7 +116,7 @@ class Sweep:
     outcomes : of all jobs, in order.
     measured : what the numbers are.
     notes : sentences below the table.
-    reference : the settings of `bases` in words, see `run_sweep`.
+    reference_words : the settings of `bases` in words, see `run_sweep`.
 
     A record has the sequence, the method, the value of each axis as text, the number of successful seeds,
     errors and costs as in a record of Table 1, the settings that the method does not use with the other
@@ -126,17 +130,12 @@ class Sweep:
     outcomes: list[Outcome] = field(default_factory=list)
     measured: Measured = Measured.ERRORS
     notes: tuple[str, ...] = ()
-    reference: str = DEFAULT_SETTINGS
-
-    @property
-    def kinds(self) -> dict[str, str]:
-        """The fields with what is compared, and their names in tables."""
-        return self.measured.kinds
+    reference_words: str = DEFAULT_SETTINGS
 
     @property
     def has_numbers(self) -> bool:
         """Whether there is something to compare."""
-        return any(record[kind] is not None for record in self.records for kind in self.kinds)
+        return any(record[kind] is not None for record in self.records for kind in self.measured.kinds)
 
 
 @dataclass(frozen=True)
@@ -147,7 +146,7 @@ class _SweepCell:
     method: str
     changes: Changes
     config: MethodConfig
-    jobs: list[Job]
+    jobs: tuple[Job, ...]
 
 
 # The cells with the settings that are not on an axis, by sequence and method, of sequences without truth.
@@ -176,7 +175,7 @@ def run_sweep(
     folder: Path,
     opened: Callable[[str, MethodConfig], Sequence],
     run: Callable[[list[Job]], list[Outcome]],
-    reference: str = DEFAULT_SETTINGS,
+    reference_words: str = DEFAULT_SETTINGS,
 ) -> list[Sweep]:
     """Run all combinations with seeds 0 … seeds - 1, each in its own folder in `folder`/cells.
 
@@ -188,7 +187,7 @@ def run_sweep(
     opened : the sequence of a name for a configuration. Without ground truth, the reference is run as well,
         and the paths are compared with its path.
     run : function that does the jobs, such as `jobs.run_jobs` with its options.
-    reference : the settings of `bases` in words.
+    reference_words : the settings of `bases` in words.
 
     Returns
     -------
@@ -201,20 +200,20 @@ def run_sweep(
     """
     refuse_unused(bases, axes)
     cells, reference_cells = _plan(sequences, bases, axes, seeds, folder, opened)
-    outcomes = run(_jobs_of(cells, reference_cells))
+    outcomes = run(jobs_of([*cells, *reference_cells.values()]))
     error_of_job = {outcome.job.folder: outcome.error for outcome in outcomes}
     sweeps = []
     for name in sequences:
-        of_sequence = [cell for cell in cells if cell.sequence.name == name]
-        sequence = of_sequence[0].sequence
+        cells_of_sequence = [cell for cell in cells if cell.sequence.name == name]
+        sequence = cells_of_sequence[0].sequence
         records = []
-        for cell in of_sequence:
+        for cell in cells_of_sequence:
             reference_cell = reference_cells.get((name, cell.method))
             records.append(_record(cell, reference_cell, error_of_job))
         notes = []
         for (sequence_name, _), reference_cell in reference_cells.items():
             if sequence_name == name and seeds > 1:
-                notes.append(_seeds_note(reference_cell, error_of_job, reference))
+                notes.append(_seeds_note(reference_cell, error_of_job, reference_words))
         if sequence.truth is not None:
             short = too_short_words(sequence.truth, suitable_protocol(sequence.truth))
             if short:
@@ -227,7 +226,7 @@ def run_sweep(
                 outcomes=[outcome for outcome in outcomes if outcome.job.sequence.name == name],
                 measured=measured_on(sequence),
                 notes=tuple(notes),
-                reference=reference,
+                reference_words=reference_words,
             )
         )
     return sweeps
@@ -243,7 +242,7 @@ def planned_jobs(
 ) -> list[Job]:
     """The jobs that `run_sweep` does with these parameters."""
     cells, reference_cells = _plan(sequences, bases, axes, seeds, folder, opened)
-    return _jobs_of(cells, reference_cells)
+    return jobs_of([*cells, *reference_cells.values()])
 
 
 def _plan(
@@ -258,25 +257,16 @@ def _plan(
     cells = list[_SweepCell]()
     reference_cells: _ReferenceCells = {}
     for name, (method, base) in itertools.product(sequences, bases.items()):
-        of_method = [
+        cells_of_method = [
             _make_cell(opened, name, method, base, changes, seeds, folder) for changes in combinations(axes)
         ]
-        cells += of_method
-        if of_method[0].sequence.truth is None:
-            with_base = [cell for cell in of_method if cell.config == base]
+        cells += cells_of_method
+        if cells_of_method[0].sequence.truth is None:
+            with_base = [cell for cell in cells_of_method if cell.config == base]
             if not with_base:
                 with_base = [_make_cell(opened, name, method, base, (), seeds, folder)]
             reference_cells[name, method] = with_base[0]
     return cells, reference_cells
-
-
-def _jobs_of(cells: list[_SweepCell], reference_cells: _ReferenceCells) -> list[Job]:
-    """The jobs of all cells, each once."""
-    job_in = {}
-    for cell in [*cells, *reference_cells.values()]:
-        for job in cell.jobs:
-            job_in[job.folder] = job
-    return list(job_in.values())
 
 
 def _make_cell(
@@ -296,9 +286,9 @@ def _make_cell(
     words = settings_words(changes)
     jobs = []
     for seed in range(seeds):
-        of_seed = dataclasses.replace(config, seed=seed)
-        jobs.append(Job(sequence, method, of_seed, (place / f"seed{seed}").resolve(), words))
-    return _SweepCell(sequence, method, changes, config, jobs)
+        config_of_seed = dataclasses.replace(config, seed=seed)
+        jobs.append(Job(sequence, method, config_of_seed, (place / f"seed{seed}").resolve(), words))
+    return _SweepCell(sequence, method, changes, config, tuple(jobs))
 
 
 def _finished_runs(cell: _SweepCell, error_of_job: Mapping[Path, str | None]) -> list[Run]:
@@ -322,8 +312,8 @@ def _record(
     truth = cell.sequence.truth
     no_errors = np.zeros((2, 0))  # TE and RE of no seed
     if truth is None:
-        of_reference = [] if reference_cell is None else _finished_runs(reference_cell, error_of_job)
-        record |= _fields_without_truth(runs, of_reference)
+        reference_runs = [] if reference_cell is None else _finished_runs(reference_cell, error_of_job)
+        record |= _fields_without_truth(runs, reference_runs)
     elif measured_on(cell.sequence) is Measured.POSITIONS:
         record |= number_fields(no_errors, None) | _fields_of_positions(runs, truth)
     elif runs:
@@ -343,14 +333,14 @@ def _record(
     return record
 
 
-def _fields_without_truth(runs: list[Run], of_reference: list[Run]) -> dict[str, float | None]:
+def _fields_without_truth(runs: list[Run], reference_runs: list[Run]) -> dict[str, float | None]:
     """Length of the paths, and their distance from those of the reference with the same seeds."""
-    reference_of_seed = {result.config.seed: result.poses for result in of_reference}
+    reference_of_seed = {result.config.seed: result.poses for result in reference_runs}
     apart = []
     for result in runs:
         if result.config.seed in reference_of_seed:
-            reference = reference_of_seed[result.config.seed]
-            apart.append(path_difference("a path", result.poses, "the reference", reference))
+            reference_poses = reference_of_seed[result.config.seed]
+            apart.append(path_difference("a path", result.poses, "the reference", reference_poses))
     return _fields_of_distances(APART_KINDS, apart, runs)
 
 
@@ -374,8 +364,8 @@ def _fields_of_distances(
         rmse_field: [difference.rmse for difference in apart],
     }
     fields: dict[str, float | None] = {}
-    for name, of_seeds in values_of.items():
-        mean, deviation = mean_and_deviation(of_seeds)
+    for name, values_of_seeds in values_of.items():
+        mean, deviation = mean_and_deviation(values_of_seeds)
         fields[name] = finite_or_none(mean)
         fields[f"{name}_std"] = finite_or_none(deviation)
     fields["removed_share"] = runs[0].removed_share if runs else None
@@ -383,17 +373,17 @@ def _fields_of_distances(
     return fields
 
 
-def _seeds_note(cell: _SweepCell, error_of_job: Mapping[Path, str | None], reference: str) -> str:
+def _seeds_note(cell: _SweepCell, error_of_job: Mapping[Path, str | None], reference_words: str) -> str:
     """A sentence on how far two seeds of a cell of the reference are apart, and what one run cannot show."""
     paths: list[Array] = [result.poses for result in _finished_runs(cell, error_of_job)]
     apart = [
         path_difference("", first, "", second).rmse for first, second in itertools.combinations(paths, 2)
     ]
     if apart and max(apart) < SAME_PATH_M:
-        return f"{cell.method}: all seeds of {reference} give the same path, to the millimetre."
+        return f"{cell.method}: all seeds of {reference_words} give the same path, to the millimetre."
     mean, deviation = mean_and_deviation(apart)
     return (
-        f"{cell.method}: two seeds of {reference} are {plus_minus(mean, deviation)} m apart "
+        f"{cell.method}: two seeds of {reference_words} are {plus_minus(mean, deviation)} m apart "
         "(rmse), so one run would not show a difference of this size."
     )
 
@@ -425,7 +415,7 @@ def sweep_table(sweep: Sweep) -> ReportTable:
     columns = list(sweep.axes)
     if shows_lengths:
         columns.append("length m")
-    columns += sweep.kinds.values()
+    columns += sweep.measured.kinds.values()
     if shows_costs:
         columns += ["removed", "back-end ms"]
     rows = list[list[str]]()
@@ -435,7 +425,7 @@ def sweep_table(sweep: Sweep) -> ReportTable:
         row = [f"{record[name]}{NOT_USED}" if name in not_used else record[name] for name in sweep.axes]
         if shows_lengths:
             row.append(format_number(record["length_m"], 2))
-        row += [plus_minus(record[kind], record[f"{kind}_std"]) for kind in sweep.kinds]
+        row += [plus_minus(record[kind], record[f"{kind}_std"]) for kind in sweep.measured.kinds]
         if shows_costs:
             share = record["removed_share"]
             row.append(NO_NUMBER if share is None else f"{100 * share:.1f} %")
@@ -452,8 +442,8 @@ def sweep_table(sweep: Sweep) -> ReportTable:
         notes.append(POSITION_NOTE)
     if sweep.measured is Measured.APART:
         notes.append(
-            f"apart: distance of the positions from those of {sweep.reference} with the same seed, from "
-            "the same start, at the end and as rmse. These are no errors: they do not tell "
+            f"apart: distance of the positions from those of {sweep.reference_words} with the same seed, "
+            "from the same start, at the end and as rmse. These are no errors: they do not tell "
             "which path is right."
         )
     table = ReportTable(sweep.title, columns, rows, [*notes, *sweep.notes], names=len(sweep.axes))
@@ -474,7 +464,7 @@ def heat_map(sweep: Sweep) -> bytes:
         rows.append(broken(", ".join(map(settings.as_typed, values)), ROW_LETTERS))
     width, height = _map_size(rows, columns, letters)
     figure = figure_page(sweep.title, width, height)
-    for axis, (kind, name) in zip(figure.subplots(2), sweep.kinds.items(), strict=True):
+    for axis, (kind, name) in zip(figure.subplots(2), sweep.measured.kinds.items(), strict=True):
         _draw_map(figure, axis, sweep, kind, name, len(rows))
         axis.set_xticks(range(len(columns)), columns)
         if down:
@@ -492,10 +482,10 @@ def _map_size(rows: list[str], columns: list[str], letters: int) -> tuple[float,
     """
     letters_of_rows = max((len(line) for row in rows for line in row.split("\n")), default=0)
     column_width = letters / LEAST_LETTERS * COLUMN_WIDTH
-    width = max(SMALL_PAGE[0], 1.5 + letters_of_rows / LETTERS + column_width * len(columns))
+    width = max(SMALL_PAGE[0], BESIDE_MAP + letters_of_rows / LETTERS + column_width * len(columns))
     row_height = max(ROW_HEIGHT, LINE_HEIGHT * (1 + max(row.count("\n") for row in rows)))
     below = LINE_HEIGHT * max(column.count("\n") for column in columns)
-    height = 2 * (1.2 + row_height * len(rows) + below) + 0.8
+    height = 2 * (ABOVE_AND_BELOW_MAP + row_height * len(rows) + below) + TITLE_HEIGHT
     return width, height
 
 
@@ -509,7 +499,7 @@ def _draw_map(figure: Figure, axis: PlotAxes, sweep: Sweep, kind: str, name: str
     palest, darkest = _colour_range(means, deviations)
     colours = colormaps["YlGnBu"].with_extremes(bad=NO_COLOUR)
     image = axis.imshow(coloured, aspect="auto", cmap=colours, vmin=palest, vmax=darkest)
-    meaning = f"from {sweep.reference}" if sweep.measured is Measured.APART else "lower is better"
+    meaning = f"from {sweep.reference_words}" if sweep.measured is Measured.APART else "lower is better"
     if np.isnan(deviations).all():
         axis.set_title(f"{name}, {meaning}; one seed: no colours", fontsize="medium")
     else:

@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -170,6 +170,11 @@ class Entry:
     unused: tuple[str, ...] = ()
 
     @property
+    def block_key(self) -> tuple[str, str]:
+        """The `key` of its block."""
+        return self.variant, self.settings
+
+    @property
     def subsequences(self) -> int:
         """Number of sub-sequences from which TE and RE of a seed come."""
         return len(self.results[0].kitti)
@@ -207,6 +212,11 @@ class Group:
     entries: dict[tuple[str, str], Entry]
 
     @property
+    def block_key(self) -> tuple[str, str]:
+        """The `key` of its block."""
+        return self.variant, self.settings
+
+    @property
     def sequences(self) -> list[str]:
         """Names of the sequences, in order."""
         return list(dict.fromkeys(sequence for sequence, _ in self.entries))
@@ -241,14 +251,14 @@ class Group:
         """Unweighted mean of TE and RE over the averaged sequences, for each seed, (2, S)."""
         entries = [entry for entry in self.of_method(method) if entry.sequence in self.averaged]
         means = []
-        for of_seed in _by_seed(entries):
-            errors = te_and_re(of_sequence for of_sequence in of_seed if len(of_sequence))
+        for errors_of_seed in _by_seed(entries):
+            errors = te_and_re(on_sequence for on_sequence in errors_of_seed if len(on_sequence))
             means.append(errors.mean(axis=1) if errors.size else np.full(2, np.nan))
         return np.reshape(means, (-1, 2)).T
 
     def pooled(self, method: str) -> Array:
         """TE and RE of each seed, (2, S), over all sub-sequences together, as on KITTI's server."""
-        return te_and_re(joined(of_seed) for of_seed in _by_seed(self.of_method(method)))
+        return te_and_re(joined(errors_of_seed) for errors_of_seed in _by_seed(self.of_method(method)))
 
 
 def _by_seed(entries: list[Entry]) -> list[list[KittiErrors]]:
@@ -326,8 +336,8 @@ def back_end_ms(runs: Iterable[Run]) -> float:
     times = []
     for run in runs:
         for motion in run.motions:
-            of_back_end = [ms for stage, ms in motion.ms.items() if stage not in FRONT_END_STAGES]
-            times.append(sum(of_back_end))
+            back_end_stages = [ms for stage, ms in motion.ms.items() if stage not in FRONT_END_STAGES]
+            times.append(sum(back_end_stages))
     return float(np.mean(times))
 
 
@@ -336,11 +346,18 @@ def group_entries(entries: list[Entry]) -> list[Group]:
     groups: dict[tuple[str, str, bool, SubsequenceProtocol], Group] = {}
     for entry in entries:
         is_kitti = entry.sequence in BENCHMARK_FRAMES
-        key = (entry.variant, entry.settings, is_kitti, entry.measure)
+        key = (*entry.block_key, is_kitti, entry.measure)
         if key not in groups:
             groups[key] = Group(entry.variant, entry.settings, is_kitti, entry.measure, {})
         groups[key].entries[entry.sequence, entry.method] = entry
     return list(groups.values())
+
+
+class DrawnPaths(NamedTuple):
+    """The truth (N, 4, 4) of a sequence or None, and the path (N, 4, 4) of each method."""
+
+    truth: Array | None
+    by_method: dict[str, Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -352,15 +369,14 @@ class Reproduction:
     missing : KITTI sequences that are not on this machine.
     failed : names of failed runs, by cause.
     entries : errors by sequence and method, for sequences with ground truth.
-    paths : for each block and sequence, the truth or None, and each method's path for the first seed, all
-        (N, 4, 4).
+    paths : for each block and sequence, the truth, and each method's path for the first seed.
     warned : names of the runs with a warning, by the sentence of the warning.
     """
 
     missing: list[str]
     failed: dict[str, list[str]]
     entries: list[Entry] = field(default_factory=list)
-    paths: dict[tuple[Block, str], tuple[Array | None, dict[str, Array]]] = field(default_factory=dict)
+    paths: dict[tuple[Block, str], DrawnPaths] = field(default_factory=dict)
     warned: dict[str, list[str]] = field(default_factory=dict)
 
     @property
@@ -369,7 +385,7 @@ class Reproduction:
         sentences = []
         if self.missing:
             sentences.append(f"Not found, so not run: {', '.join(self.missing)}.")
-        without_truth = sorted({name for (_, name), (truth, _) in self.paths.items() if truth is None})
+        without_truth = sorted({name for (_, name), drawn in self.paths.items() if drawn.truth is None})
         if without_truth:
             names = ", ".join(without_truth)
             sentences.append(f"No ground truth, so no errors: {names}; the poses are in the folder runs.")
@@ -476,7 +492,15 @@ def plan_cells(
     return cells
 
 
-def jobs_of(cells: Iterable[Cell]) -> list[Job]:
+class _HasJobs(Protocol):
+    """A cell of a table or of a sweep."""
+
+    @property
+    def jobs(self) -> tuple[Job, ...]:
+        """Its runs."""
+
+
+def jobs_of(cells: Iterable[_HasJobs]) -> list[Job]:
     """The jobs of all cells, each once: cells may share them."""
     job_in = {}
     for cell in cells:
@@ -523,7 +547,7 @@ def collect(
             failed.setdefault(outcome.error, []).append(outcome.job.name)
             failed_folders.add(outcome.job.folder.resolve())
     entries = list[Entry]()
-    paths: dict[tuple[Block, str], tuple[Array | None, dict[str, Array]]] = {}
+    paths: dict[tuple[Block, str], DrawnPaths] = {}
     warned: dict[str, list[str]] = {}
     for cell in cells:
         done = [job for job in cell.jobs if job.folder.resolve() not in failed_folders]
@@ -536,8 +560,10 @@ def collect(
                 if job.name not in names:  # cells may share a job
                     names.append(job.name)
         truth = cell.sequence.truth
-        _, path_of_method = paths.setdefault((cell.block, cell.sequence.name), (truth, {}))
-        path_of_method[cell.method] = runs[0].poses
+        place = (cell.block, cell.sequence.name)
+        if place not in paths:
+            paths[place] = DrawnPaths(truth, {})
+        paths[place].by_method[cell.method] = runs[0].poses
         if truth is not None:
             unused = cell.block.unused(cell.method)
             entries.append(measure_runs(cell.method, runs, measure, cell.block.words, unused))
@@ -678,11 +704,11 @@ def paper_fields(printed: PrintedErrors, method: str, errors: Array) -> dict[str
     deg/100 m (`converted`), and `KIND_difference`, the mean over our seeds minus the latter.
     """
     fields: dict[str, float | None] = {}
-    for kind, printed_number, of_seeds in zip(ERROR_KINDS, printed, errors, strict=True):
+    for kind, printed_number, errors_of_seeds in zip(ERROR_KINDS, printed, errors, strict=True):
         in_right_unit = None
         difference = None
         if printed_number is not None:
-            mean, _ = mean_and_deviation(of_seeds)
+            mean, _ = mean_and_deviation(errors_of_seeds)
             in_right_unit = converted(printed_number, method, kind)
             difference = finite_or_none(mean - in_right_unit)
         fields[f"paper_{kind}"] = printed_number
@@ -694,8 +720,8 @@ def paper_fields(printed: PrintedErrors, method: str, errors: Array) -> dict[str
 def number_fields(errors: Array, entry: Entry | None) -> dict[str, float | None]:
     """Fields of a record: mean and deviation of TE and RE (2, S) over seeds, and the costs of the entry."""
     fields: dict[str, float | None] = {}
-    for kind, of_seeds in zip(ERROR_KINDS, errors, strict=True):
-        mean, deviation = mean_and_deviation(of_seeds)
+    for kind, errors_of_seeds in zip(ERROR_KINDS, errors, strict=True):
+        mean, deviation = mean_and_deviation(errors_of_seeds)
         fields[kind] = finite_or_none(mean)
         fields[f"{kind}_std"] = finite_or_none(deviation)
     fields["removed_share"] = None if entry is None else entry.removed_share

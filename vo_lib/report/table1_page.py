@@ -46,6 +46,7 @@ from .table1 import (
     POSITION_NOTE,
     PRINTED_NAMES,
     PROPOSAL,
+    DrawnPaths,
     Group,
     PaperTable,
     Reproduction,
@@ -70,8 +71,6 @@ UNIT_NOTE = (
     "The difference is ours minus this number."
 )
 FIGURE_4_SEQUENCES = (f"{KITTI}02", f"{KITTI}07")
-# The truth (N, 4, 4) of a sequence or None, and each method's path.
-Panel = tuple[Array | None, dict[str, Array]]
 REMARKS = (
     "The paper calls its numbers RMSE of 11 sequences. The numbers are means; Avg is the mean of ten rows.",
     "The paper's VISO2 average is shown as printed, 2.43 / 1.106; the mean of its rows is 2.10 / 1.247.",
@@ -113,7 +112,7 @@ def _notes_below(group: Group, records: list[dict[str, Any]]) -> list[str]:
     """What the numbers and the rows of a group's tables mean."""
     seeds = max(record["seeds"] for record in records)
     notes = [f"{seeds_text(seeds).capitalize()}; removed %: share of the features that the box rule removes."]
-    if _has_several(group):
+    if len(group.sequences) > 1:
         mean = "Avg and mean, without 01" if group.kitti else "mean"
         notes.append(
             f"{mean}: all sequences have equal weight; pooled: all sub-sequences, as on KITTI's server."
@@ -145,7 +144,7 @@ def _table_by_settings(groups: list[Group]) -> ReportTable:
     rows = []
     for method in first.methods:
         for group in groups:
-            errors = [mean_and_deviation(of_kind) for of_kind in group.mean(method)]
+            errors = [mean_and_deviation(errors_of_seeds) for errors_of_seeds in group.mean(method)]
             if np.isfinite([mean for mean, _ in errors]).all():
                 is_used = not any(entry.unused for entry in group.of_method(method))
                 label = _method_with_settings(method, group.settings, is_used)
@@ -166,14 +165,13 @@ def _method_with_settings(method: str, settings: str, is_used: bool) -> str:
 
 def short_path_tables(result: Reproduction) -> list[ReportTable]:
     """For each block and each sequence that is too short for errors, how far each path is from the truth."""
-    why_short: dict[tuple[str, str, str], str] = {}
+    why_short: dict[tuple[str, tuple[str, str]], str] = {}
     for entry in result.entries:
         if not np.isfinite(entry.errors).any():
-            key = (entry.sequence, entry.variant, entry.settings)
-            why_short[key] = too_short_words(entry.truth, entry.measure)
+            why_short[entry.sequence, entry.block_key] = too_short_words(entry.truth, entry.measure)
     tables = []
     for (block, name), (truth, paths) in result.paths.items():
-        why = why_short.get((name, block.variant, block.words))
+        why = why_short.get((name, block.key))
         if truth is None or why is None:
             continue
         rows = []
@@ -197,31 +195,31 @@ def settings_tables_without_truth(result: Reproduction) -> list[ReportTable]:
         if truth is None:
             paths_of_blocks.setdefault((block.variant, name), {})[block] = paths
     tables = []
-    for (variant, name), of_blocks in paths_of_blocks.items():
-        if len(of_blocks) > 1:
-            tables.append(_settings_table_without_truth(variant, name, of_blocks))
+    for (variant, name), paths_by_block in paths_of_blocks.items():
+        if len(paths_by_block) > 1:
+            tables.append(_settings_table_without_truth(variant, name, paths_by_block))
     return tables
 
 
 def _settings_table_without_truth(
-    variant: str, name: str, of_blocks: dict[Block, dict[str, Array]]
+    variant: str, name: str, paths_by_block: dict[Block, dict[str, Array]]
 ) -> ReportTable:
     """How far each method's path on a sequence is, in each block, from its path in the first one.
 
-    of_blocks : each method's path (N, 4, 4), by block.
+    paths_by_block : each method's path (N, 4, 4), by block.
     """
-    first = next(iter(of_blocks))
+    first = next(iter(paths_by_block))
     methods: dict[str, None] = {}  # of all blocks, each once
-    for paths in of_blocks.values():
+    for paths in paths_by_block.values():
         methods |= dict.fromkeys(paths)
     rows = []
     for method in methods:
-        for block, paths in of_blocks.items():
+        for block, paths in paths_by_block.items():
             if method not in paths:
                 continue
             cells = [format_number(path_facts(paths[method], None).length, 2), NO_NUMBER, NO_NUMBER]
-            if method in of_blocks[first]:
-                apart = path_difference("", of_blocks[first][method], "", paths[method])
+            if method in paths_by_block[first]:
+                apart = path_difference("", paths_by_block[first][method], "", paths[method])
                 cells[1:] = [format_number(apart.end, 2), format_number(apart.rmse, 2)]
             label = _method_with_settings(method, block.words, is_used=not block.unused(method))
             rows.append([label, *cells])
@@ -235,11 +233,6 @@ def _settings_table_without_truth(
     return ReportTable(title, columns, rows, [note])
 
 
-def _has_several(group: Group) -> bool:
-    """Whether the rows of a group name their sequence."""
-    return len(group.sequences) > 1
-
-
 def _title(group: Group) -> str:
     """The sequences of a group and its variant."""
     return f"{_sequences_words(group)}, {block_words(group.variant, group.settings)}"
@@ -247,7 +240,7 @@ def _title(group: Group) -> str:
 
 def _sequences_words(group: Group) -> str:
     """The sequences of a group."""
-    if not _has_several(group):
+    if len(group.sequences) == 1:
         return group.sequences[0]
     return "KITTI" if group.kitti else f"{len(group.sequences)} sequences"
 
@@ -297,7 +290,8 @@ def _table_beside_paper(group: Group, records: list[dict[str, Any]], kind: str) 
 def _row_name(group: Group, record: dict[str, Any]) -> str:
     """The method of a row, after its sequence if the group has several."""
     method = str(record["method"])
-    return f"{record['sequence'].removeprefix(KITTI)} {method}" if _has_several(group) else method
+    has_several = len(group.sequences) > 1
+    return f"{record['sequence'].removeprefix(KITTI)} {method}" if has_several else method
 
 
 def _removed(record: dict[str, Any]) -> str:
@@ -323,7 +317,7 @@ def caveats(group: Group) -> list[str]:
     return notes
 
 
-def results(groups: list[Group]) -> list[str]:
+def sentences_on_proposal(groups: list[Group]) -> list[str]:
     """Sentences that compare the proposal with other methods, for each group.
 
     They answer one question: would one run show the change? The other method is `solution_selection` and, in
@@ -488,7 +482,7 @@ def _pictures(
     paths = []
     for block in dict.fromkeys(block for block, _ in result.paths):
         for group in groups:
-            if (group.variant, group.settings) == (block.variant, block.words):
+            if group.block_key == block.key:
                 bars += _error_bars(group)
         panels = {name: panel for (of_block, name), panel in result.paths.items() if of_block == block}
         for name, panel in panels.items():
@@ -519,7 +513,7 @@ def _error_bars(group: Group) -> list[Picture]:
     return [Picture(png(figure), caption, place)]
 
 
-def _path_picture(block: Block, panels: dict[str, Panel], heading: str = "") -> Picture:
+def _path_picture(block: Block, panels: dict[str, DrawnPaths], heading: str = "") -> Picture:
     """The paths of the sequences in `panels` from above, with distances where there is truth.
 
     Of a straight drive, the first chart is the error to the side or, without truth, the distance to the side

@@ -25,7 +25,7 @@ from vo_lib.geometry.types import Array, Progress
 from vo_lib.kit.settings import KitConfig
 from vo_lib.paper.settings import MethodConfig
 from vo_lib.report.table1 import group_entries, te_and_re
-from vo_lib.report.table1_page import VARIANT_WORDS, results
+from vo_lib.report.table1_page import VARIANT_WORDS, sentences_on_proposal
 from vo_lib.runs.match_cache import CachedMatches
 from vo_lib.settings import Checked, declared, setting
 
@@ -208,7 +208,7 @@ class ReproducePanel(Panel):
         entries = run_plan(plan)
         paths = paths_figure(title, truth, {entry.method: entry.poses for entry in entries}, frame)
         tables = "".join(table_html(table) for table in tables_of(entries))
-        sentence = " ".join(results(group_entries(entries)))
+        sentence = " ".join(sentences_on_proposal(group_entries(entries)))
         shortest = min(SHORT_PROTOCOL.lengths)
         length = float(trajectory_distances(truth)[-1])
         if length <= shortest:
