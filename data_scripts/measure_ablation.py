@@ -48,7 +48,7 @@ from vo_lib.evaluation.kitti_errors import SHORT_PROTOCOL, kitti_errors, traject
 from vo_lib.files import csv_text, read_csv, read_mapping, write_atomic
 from vo_lib.geometry.types import Array, Progress
 from vo_lib.report.page import markdown
-from vo_lib.report.table1 import slug
+from vo_lib.report.table1_plan import slug
 from vo_lib.runs import drive
 from vo_lib.runs.drive import Run
 from vo_lib.runs.folder import read_run, run_folder

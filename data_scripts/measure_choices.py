@@ -50,7 +50,7 @@ from vo_lib.paper.translation import (
     eliminate_points,
     feature_rows,
 )
-from vo_lib.report.table1 import slug
+from vo_lib.report.table1_plan import slug
 from vo_lib.runs.drive import run_methods
 from vo_lib.runs.folder import run_folder
 from vo_lib.runs.identity import run_identity

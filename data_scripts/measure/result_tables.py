@@ -23,8 +23,8 @@ from vo_lib.evaluation.kitti_errors import (
 )
 from vo_lib.evaluation.statistics import standard_deviation
 from vo_lib.report.page import ReportTable
-from vo_lib.report.table1 import slug
 from vo_lib.report.table1_page import VARIANT_WORDS
+from vo_lib.report.table1_plan import slug
 from vo_lib.runs.drive import Run
 from vo_lib.runs.jobs import Job
 

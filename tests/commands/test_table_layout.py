@@ -49,16 +49,16 @@ def test_tables_fit_and_keep_numbers_and_headings_whole(seed: int) -> None:
         for cells in (part.columns, *part.rows):
             for cell in cells:
                 assert "±" not in cell or NUMBER in cell
-        for heading in part.columns[part.names :]:
+        for heading in part.columns[part.name_columns :]:
             assert " ".join(heading.split("\n")) in columns
-        if part.names == names:
+        if part.name_columns == names:
             assert part.columns[:names] == columns[:names]  # no heading of a setting is broken
     # Each number of the table is in one of its parts.
     for place, row in enumerate(rows):
-        shown = [cell.replace("\n", " ") for part in parts for cell in part.rows[place][part.names :]]
+        shown = [cell.replace("\n", " ") for part in parts for cell in part.rows[place][part.name_columns :]]
         assert shown == row[names:]
         for part in parts:
-            of_names = squeezed(part.rows[place][: part.names])
+            of_names = squeezed(part.rows[place][: part.name_columns])
             assert all(squeezed([name]) in of_names for name in row[:names])
 
 
@@ -72,7 +72,7 @@ def test_a_wide_table_is_split_and_a_narrow_one_is_not() -> None:
 
 def test_names_of_several_settings_share_a_column_before_the_table_is_split() -> None:
     columns = ["selection.threshold", "translation.agreement", "TE %", "RE deg/100 m", "removed"]
-    (part,) = fitting_parts(columns, [["0.25", "1.0", NUMBER, NUMBER, "12.3 %"]], WIDTH, len, names=2)
+    (part,) = fitting_parts(columns, [["0.25", "1.0", NUMBER, NUMBER, "12.3 %"]], WIDTH, len, name_columns=2)
     assert part.columns[0] == "settings"
     assert part.rows[0][0] == "selection.threshold=0.25\ntranslation.agreement=1.0"
 

@@ -17,7 +17,7 @@ from vo_lib.report.blocks import (
     settings_folder,
 )
 from vo_lib.report.sweep_table import refuse_unused
-from vo_lib.report.table1 import job_folder
+from vo_lib.report.table1_plan import job_folder
 
 METHODS = {"published": list(PUBLISHED)}
 THRESHOLD = (("selection.threshold", 1.0),)

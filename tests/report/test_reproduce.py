@@ -32,17 +32,15 @@ from vo_lib.report.table1 import (
     AVERAGE,
     PAPER_METHODS,
     PAPER_ROWS,
-    Cell,
     Entry,
     Group,
     Reproduction,
     group_entries,
-    jobs_of,
-    plan_cells,
     read_paper_table,
     table_records,
 )
 from vo_lib.report.table1_page import UNIT_NOTE, layout_tables, sentences_on_proposal
+from vo_lib.report.table1_plan import Cell, jobs_of, plan_cells
 
 
 def group_of(*entries: Entry) -> Group:

@@ -282,6 +282,16 @@ def print_wrapped(*sentences: str) -> None:
         print(as_shown(sentence, sys.stdout))
 
 
+def print_warnings(sentences: Iterable[str]) -> None:
+    """Print warnings among the results of a command."""
+    print_wrapped(*(f"warning: {sentence}" for sentence in sentences))
+
+
+def print_notes(sentences: Iterable[str]) -> None:
+    """Print notes: what a person may not expect, but need not mend."""
+    print_wrapped(*(f"note: {sentence}" for sentence in sentences))
+
+
 def print_above_bar(sentence: str) -> None:
     """Print a sentence while a progress bar may be shown: above the bar, not behind it."""
     print_wrapped(sentence)  # Rich replaces sys.stdout while it shows a bar
@@ -329,22 +339,24 @@ def terminal_width(stream: TextIO) -> int:
         return USUAL_WIDTH
 
 
-def show_table(columns: list[str], rows: list[list[str]], numbers: bool = True, names: int = 1) -> None:
+def show_table(
+    columns: list[str], rows: list[list[str]], numbers: bool = True, name_columns: int = 1
+) -> None:
     """Print a table, or several if it is too wide (`table_layout`); numbers are aligned to the right.
 
-    names : number of columns, from the first one, that name the rows.
+    name_columns : number of columns, from the first one, that name the rows.
     """
     from rich.cells import cell_len
     from rich.table import Table
     from rich.text import Text
 
     width = terminal_width(sys.stdout)
-    for part in fitting_parts(columns, rows, width, cell_len, names, numbers):
+    for part in fitting_parts(columns, rows, width, cell_len, name_columns, numbers):
         # Lines between the rows, where a name would not show at which line it begins.
-        several_lines = any("\n" in name for row in part.rows for name in row[: part.names])
+        several_lines = any("\n" in name for row in part.rows for name in row[: part.name_columns])
         table = Table(show_lines=several_lines)
         for place, name in enumerate(part.columns):
-            justify: JustifyMethod = "right" if numbers and place >= part.names else "left"
+            justify: JustifyMethod = "right" if numbers and place >= part.name_columns else "left"
             table.add_column(Text(name), justify=justify, no_wrap=True)
         for row in part.rows:
             table.add_row(*map(Text, row))  # `Text` has no markup: a name may contain brackets
@@ -355,5 +367,5 @@ def show_table(columns: list[str], rows: list[list[str]], numbers: bool = True, 
 def show_report_table(table: ReportTable) -> None:
     """Print a table of a report with its title, introduction and notes, after a blank line."""
     print_wrapped("", table.title, *table.head)
-    show_table(table.columns, table.rows, names=table.names)
+    show_table(table.columns, table.rows, name_columns=table.name_columns)
     print_wrapped(*table.notes)

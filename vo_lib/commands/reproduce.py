@@ -22,25 +22,19 @@ from ..report.film import FILM_ENDING, Film, film_frames, refuse_foreign_film
 from ..report.page import ReportTable
 from ..report.path_tables import tables_without_truth
 from ..report.paths import PathsWithoutTruth, WholePath
-from ..report.record import RECORD, earlier_calls, reproduction_record, this_call
+from ..report.record import RECORD, Call, earlier_calls, reproduction_record, this_call
 from ..report.table1 import (
     PROPOSAL,
-    RUNS,
-    Cell,
     Group,
     PaperTable,
     Reproduction,
     collect,
-    default_sequences,
     group_entries,
     is_own_table,
-    jobs_of,
-    kitti_duration,
-    plan_cells,
     read_paper_table,
-    split_missing,
     stands_still,
 )
+from ..report.table1_durations import kitti_duration
 from ..report.table1_page import (
     REPORT,
     TABLE,
@@ -54,12 +48,13 @@ from ..report.table1_page import (
     tables_by_settings,
     write_table_files,
 )
+from ..report.table1_plan import RUNS, Cell, default_sequences, jobs_of, plan_cells, split_missing
 from ..runs.durations import Durations
 from ..runs.folder import has_runs, read_run, run_folder
-from ..runs.jobs import Job, refuse_other_runs
+from ..runs.jobs import Job, Outcome, refuse_other_runs
 from ..runs.match_cache import CachedMatches
 from . import close_loops, common, vehicle_boxes
-from .console import print_wrapped, reporting, show_report_table
+from .console import print_notes, print_warnings, print_wrapped, reporting, show_report_table
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -139,6 +134,24 @@ def _read_table(options: argparse.Namespace) -> _Table:
     return _Table(blocks, methods, seeds, measure, names, missing)
 
 
+@dataclass(frozen=True)
+class _Done:
+    """The runs of a table, and what is said of them.
+
+    jobs : of all cells; outcomes : of these jobs.
+    result : the errors and paths.
+    without_boxes : a warning on sequences without boxes, if there are any.
+    remarks : sentences for the report on options and labels.
+    """
+
+    cells: list[Cell]
+    jobs: list[Job]
+    outcomes: list[Outcome]
+    result: Reproduction
+    without_boxes: list[str]
+    remarks: list[str]
+
+
 def reproduce(options: argparse.Namespace, *remarks: str) -> int:
     """Do the runs; write and print the table, the result and the remarks.
 
@@ -147,7 +160,6 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
     start = time.perf_counter()
     common.require_drawing()
     table = _read_table(options)
-    paper = read_paper_table()
     durations = Durations()
     with ExitStack() as stack:
         folder = stack.enter_context(run_folder(options.out))
@@ -156,65 +168,109 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
         own = is_own_table(folder / TABLE) or has_runs(folder / RUNS)
         refuse_foreign(folder, table_files(table.blocks, [sequence.name for sequence in sequences]), own)
         stack.enter_context(only_process(folder))
-        opener = vehicle_boxes.Opener(sequences, options, durations)
-        cells = _plan(table, folder, opener, options.fresh)
-        jobs = jobs_of(cells)
-        if options.films:
-            for job in _filmed(jobs):
-                refuse_foreign_film(_film_file(job))
-        remarks += tuple(_note_lengths(sequences, table.measure))
-        workers = common.parse_jobs(options.jobs, len(jobs))
-        runs = [(job.sequence, job.config) for job in jobs]
-        typed = vehicle_boxes.TYPED_SET_CLASSES
-        remarks += tuple(vehicle_boxes.note_label_remarks(runs, typed, with_name=True))
-        without_boxes = vehicle_boxes.warn_without_boxes(runs)
-        with reporting(f"{len(jobs)} runs") as report:
-            outcomes = common.run_with_options(jobs, workers, report, durations, options)
-        result = collect(cells, outcomes, table.missing, table.measure)
+        done = _do_runs(options, table, folder, sequences, durations)
+        result = done.result
         if not result.paths:  # an earlier table is kept
             raise DataError(" ".join(result.problems))
         if options.films:
-            _draw_films([outcome.job for outcome in outcomes if outcome.error is None], options.cache)
-        closed = close_loops.close_outcomes(outcomes, LoopConfig()) if options.loops else []
+            succeeded = [outcome.job for outcome in done.outcomes if outcome.error is None]
+            _draw_films(succeeded, options.cache)
+        closed = close_loops.close_outcomes(done.outcomes, LoopConfig()) if options.loops else []
         groups = group_entries(result.entries)
-        differs = {block: block.described(table.methods[block.variant]) for block in table.blocks}
-        report_tables = _tables_with_truth(groups, paper, differs) + closed
-        report_tables += short_path_tables(result) + settings_tables_without_truth(result)
-        report_tables += _tables_without_truth(result, cells)
-        conclusions = [*sentences_on_proposal(groups), *remarks]
-        seconds = time.perf_counter() - start
-        call = this_call(options.line, seconds, durations.workers)
-        write_table_files(
-            folder,
-            result,
-            groups,
-            paper,
-            tables=report_tables,
-            conclusions=[*without_boxes, *conclusions],
-            origin=[call.command, f"duration {seconds:.0f} s, processes: {durations.workers}"],
-            removals=removal_pictures(outcomes, options.cache),
-            record=reproduction_record(
-                entries=result.entries,
-                paper=paper,
-                missing=table.missing,
-                detector=None if options.detector is None else find_model(options.detector),
-                call=call,
-                earlier=[] if options.fresh else earlier_calls(folder),
-                jobs=jobs,
-                cache=options.cache,
-                differs=differs,
-            ),
-        )
+        conclusions = [*sentences_on_proposal(groups), *remarks, *done.remarks]
+        call = this_call(options.line, time.perf_counter() - start, durations.workers)
+        report_tables = _write(options, table, folder, done, groups, closed, conclusions, call)
     for report_table in report_tables:
         show_report_table(report_table)
     print_wrapped("", *result.problems, *conclusions)
-    common.note_repeated_runs(outcomes)
-    print_wrapped(*kitti_duration(jobs, durations, detects=options.detector is not None))
+    common.note_repeated_runs(done.outcomes)
+    print_wrapped(*kitti_duration(done.jobs, durations, detects=options.detector is not None))
     print_wrapped(f"Report with figures: {folder / REPORT}")
     if any(entry.is_whole for entry in result.entries):
         print_wrapped(f"Record for chapter 7 and for others: {folder / RECORD}")
     is_incomplete = bool(table.missing) and options.missing != "ok"
     return 1 if result.failed or is_incomplete else 0
+
+
+def _do_runs(
+    options: argparse.Namespace,
+    table: _Table,
+    folder: Path,
+    sequences: list[Sequence],
+    durations: Durations,
+) -> _Done:
+    """Do the runs of a table in its folder; before, print what is doubtful or has no effect.
+
+    Raises `DataError` for finished runs with other inputs, and for films that the kit did not write.
+    """
+    opener = vehicle_boxes.Opener(sequences, options, durations)
+    cells = _plan(table, folder, opener, options.fresh)
+    jobs = jobs_of(cells)
+    if options.films:
+        for job in _filmed(jobs):
+            refuse_foreign_film(_film_file(job))
+    for sequence in sequences:
+        still = sequence.truth is not None and stands_still(sequence.truth)
+        common.note_too_short(sequence, table.measure, "" if still else "--lengths chooses shorter ones")
+    of_lengths = _remarks_on_lengths(sequences, table.measure)
+    print_notes(of_lengths)
+    workers = common.parse_jobs(options.jobs, len(jobs))
+    run_inputs = [(job.sequence, job.config) for job in jobs]
+    typed = vehicle_boxes.TYPED_SET_CLASSES
+    of_labels = vehicle_boxes.remarks_on_labels(run_inputs, typed, with_name=True)
+    print_notes(of_labels)
+    without_boxes = vehicle_boxes.warnings_without_boxes(run_inputs)
+    print_warnings(without_boxes)
+    with reporting(f"{len(jobs)} runs") as report:
+        outcomes = common.run_with_options(jobs, workers, report, durations, options)
+    result = collect(cells, outcomes, table.missing, table.measure)
+    remarks = [*(f"{remark}." for remark in of_lengths), *of_labels]
+    return _Done(cells, jobs, outcomes, result, without_boxes, remarks)
+
+
+def _write(
+    options: argparse.Namespace,
+    table: _Table,
+    folder: Path,
+    done: _Done,
+    groups: list[Group],
+    closed: list[ReportTable],
+    conclusions: list[str],
+    call: Call,
+) -> list[ReportTable]:
+    """Write the files of a table; return the tables of its report.
+
+    groups : of the result's entries; closed : tables on the closing of loops.
+    conclusions : sentences at the top of the report, behind a warning on missing boxes.
+    call : the command and its duration.
+    """
+    paper = read_paper_table()
+    differs = {block: block.described(table.methods[block.variant]) for block in table.blocks}
+    report_tables = _tables_with_truth(groups, paper, differs) + closed
+    report_tables += short_path_tables(done.result) + settings_tables_without_truth(done.result)
+    report_tables += _tables_without_truth(done.result, done.cells)
+    write_table_files(
+        folder,
+        done.result,
+        groups,
+        paper,
+        tables=report_tables,
+        conclusions=[*done.without_boxes, *conclusions],
+        origin=[call.command, f"duration {call.seconds:.0f} s, processes: {call.processes}"],
+        removals=removal_pictures(done.outcomes, options.cache),
+        record=reproduction_record(
+            entries=done.result.entries,
+            paper=paper,
+            missing=table.missing,
+            detector=None if options.detector is None else find_model(options.detector),
+            call=call,
+            earlier=[] if options.fresh else earlier_calls(folder),
+            jobs=done.jobs,
+            cache=options.cache,
+            differs=differs,
+        ),
+    )
+    return report_tables
 
 
 def _plan(table: _Table, folder: Path, opener: vehicle_boxes.Opener, fresh: bool) -> list[Cell]:
@@ -241,21 +297,13 @@ def _tables_with_truth(
     return tables
 
 
-def _note_lengths(sequences: list[Sequence], measure: SubsequenceProtocol | None) -> list[str]:
-    """Before the runs, say which sequences will have no errors; return what the result does not say itself.
-
-    measure : the sub-sequences of --lengths, or None.
-    """
-    for sequence in sequences:
-        still = sequence.truth is not None and stands_still(sequence.truth)
-        common.note_too_short(sequence, measure, "" if still else "--lengths chooses shorter ones")
+def _remarks_on_lengths(sequences: list[Sequence], measure: SubsequenceProtocol | None) -> list[str]:
+    """On which sequences --lengths has no effect; `measure` : its sub-sequences, or None."""
     without = [sequence.name for sequence in sequences if sequence.truth is None]
     if measure is None or not without:
         return []
     which = "which has" if len(without) == 1 else "which have"
-    remark = f"--lengths has no effect on {' and '.join(without)}, {which} no ground truth"
-    print_wrapped(f"note: {remark}")
-    return [f"{remark}."]
+    return [f"--lengths has no effect on {' and '.join(without)}, {which} no ground truth"]
 
 
 def _tables_without_truth(result: Reproduction, cells: list[Cell]) -> list[ReportTable]:

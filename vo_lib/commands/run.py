@@ -48,6 +48,8 @@ from .console import (
     SETTINGS_PAGE,
     add_option,
     from_options,
+    print_notes,
+    print_warnings,
     print_wrapped,
     reporting,
     show_report_table,
@@ -216,8 +218,8 @@ def _with_boxes(
     if options.detector is not None and config.filter.rule == "none":
         print_wrapped(f"note: {method} does not use the boxes of --detector; only a film shows the boxes")
     sequence = vehicle_boxes.with_detected_boxes(sequence, options, detection, config.filter.classes)
-    vehicle_boxes.warn_without_boxes([(sequence, config)])
-    vehicle_boxes.note_label_remarks([(sequence, config)], vehicle_boxes.TYPED_CLASSES)
+    print_warnings(vehicle_boxes.warnings_without_boxes([(sequence, config)]))
+    print_notes(vehicle_boxes.remarks_on_labels([(sequence, config)], vehicle_boxes.TYPED_CLASSES))
     return sequence
 
 
@@ -240,7 +242,7 @@ def _print_result(result: Run, method: str, paths: dict[str, Array]) -> None:
         print_wrapped(
             f"Tracking was lost: {missing} of {len(result.motions)} frames have no motion; see frames.csv."
         )
-    print_wrapped(*(f"warning: {sentence}" for sentence in warnings_of(result)))
+    print_warnings(warnings_of(result))
 
 
 def _quantities(result: Run, flags: list[Flag]) -> list[list[str]]:

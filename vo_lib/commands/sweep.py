@@ -28,12 +28,13 @@ from ..report.sweep_table import (
     run_sweep,
     sweep_table,
 )
-from ..report.table1 import is_own_table, slug
+from ..report.table1 import is_own_table
+from ..report.table1_plan import slug
 from ..runs.durations import Durations
 from ..runs.folder import has_runs, run_folder
 from ..runs.jobs import Job, Outcome, refuse_other_runs
 from . import common, vehicle_boxes
-from .console import print_wrapped, reporting, show_report_table
+from .console import print_notes, print_warnings, print_wrapped, reporting, show_report_table
 
 TABLE = "sweep.csv"
 
@@ -133,13 +134,13 @@ def _sweep(options: argparse.Namespace) -> int:
                 opener.names, grid.bases, grid.axes, grid.seeds, folder, opener.undetected
             )
             refuse_other_runs(undetected, opener.detector_of, common.REPLACE_RUNS)
-        runs = []
+        run_inputs = []
         for base in grid.bases.values():
             for changes in combinations(grid.axes):
                 config = changed(base, changes)
-                runs += [(opener(name, config), config) for name in opener.names]
-        vehicle_boxes.warn_without_boxes(runs)
-        vehicle_boxes.note_label_remarks(runs, vehicle_boxes.TYPED_SET_CLASSES)
+                run_inputs += [(opener(name, config), config) for name in opener.names]
+        print_warnings(vehicle_boxes.warnings_without_boxes(run_inputs))
+        print_notes(vehicle_boxes.remarks_on_labels(run_inputs, vehicle_boxes.TYPED_SET_CLASSES))
         stack.enter_context(only_process(folder))
         with reporting(f"{', '.join(opener.names)}; {', '.join(grid.bases)}") as report:
 

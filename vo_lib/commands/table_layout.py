@@ -22,12 +22,12 @@ JOINED = "settings"  # heading of the names of the rows in one column, "name=val
 class TablePart:
     """A table whose cells are broken into lines that are short enough.
 
-    `names` : number of columns, from the first one, that name the rows.
+    `name_columns` : number of columns, from the first one, that name the rows.
     """
 
     columns: list[str]
     rows: list[list[str]]
-    names: int
+    name_columns: int
 
     def width(self, width_of: Width) -> int:
         """The width of the table with its borders."""
@@ -43,7 +43,7 @@ def fitting_parts(
     rows: list[list[str]],
     width: int,
     width_of: Width,
-    names: int = 1,
+    name_columns: int = 1,
     numbers: bool = True,
 ) -> list[TablePart]:
     """A table as one or several that have at most `width` columns of the terminal, as far as possible.
@@ -51,12 +51,14 @@ def fitting_parts(
     Parameters
     ----------
     columns, rows : headings and cells; a cell may have several lines.
-    names : number of columns, from the first one, that name the rows.
+    name_columns : number of columns, from the first one, that name the rows.
     numbers : whether the other columns have numbers, which are not broken, or texts.
     """
-    table = TablePart([glued(name) for name in columns], [list(map(glued, row)) for row in rows], names)
+    table = TablePart(
+        [glued(name) for name in columns], [list(map(glued, row)) for row in rows], name_columns
+    )
     candidates = [table]
-    if names > 1:
+    if name_columns > 1:
         candidates.append(_with_one_name(table))
     # A table whose names break at blanks only is better than one with broken names, and both are better than
     # several tables.
@@ -86,7 +88,7 @@ class _Measured:
             longest_line = max(map(width_of, lines), default=0)
             words = [word for line in lines for word in line.split(" ")]
             longest_word = max(map(width_of, words), default=0)
-            is_name = place < table.names
+            is_name = place < table.name_columns
             if numbers and not is_name and longest_line <= LONGEST_NUMBER:
                 least_of_cells = longest_line  # a number is not broken
             elif least_name is not None and (is_name or not numbers):
@@ -117,20 +119,20 @@ def _total(widths: Iterable[int]) -> int:
 
 def _with_one_name(table: TablePart) -> TablePart:
     """The table with all names of a row in one column, a line for each."""
-    headings = table.columns[: table.names]
+    headings = table.columns[: table.name_columns]
     rows = []
     for row in table.rows:
         lines = [f"{heading}={name}" for heading, name in zip(headings, row, strict=False)]
-        rows.append(["\n".join(lines), *row[table.names :]])
-    return TablePart([JOINED, *table.columns[table.names :]], rows, 1)
+        rows.append(["\n".join(lines), *row[table.name_columns :]])
+    return TablePart([JOINED, *table.columns[table.name_columns :]], rows, 1)
 
 
 def _split(table: TablePart, width: int, width_of: Width, numbers: bool) -> list[TablePart]:
     """Tables with the names of the rows and as many of the other columns as there is room for."""
     measured = _Measured.of(table, width_of, numbers, LEAST_NAME)
-    name_places = list(range(table.names))
+    name_places = list(range(table.name_columns))
     groups: list[list[int]] = [[]]  # places of the other columns in each table
-    for place in range(table.names, len(table.columns)):
+    for place in range(table.name_columns, len(table.columns)):
         candidate = [*name_places, *groups[-1], place]
         if groups[-1] and _total(measured.least[each] for each in candidate) > width:
             groups.append([])
@@ -143,7 +145,7 @@ def _split(table: TablePart, width: int, width_of: Width, numbers: bool) -> list
         least = [measured.least[place] for place in places]
         whole = [measured.whole[place] for place in places]
         widths = _Measured(least, whole).widths(width)
-        parts.append(_broken(TablePart(columns, rows, table.names), widths, width_of))
+        parts.append(_broken(TablePart(columns, rows, table.name_columns), widths, width_of))
     return parts
 
 
@@ -153,4 +155,4 @@ def _broken(table: TablePart, widths: list[int], width_of: Width) -> TablePart:
     rows = []
     for row in table.rows:
         rows.append([broken(cell, width, width_of) for cell, width in zip(row, widths, strict=True)])
-    return TablePart(headings, rows, table.names)
+    return TablePart(headings, rows, table.name_columns)

@@ -176,10 +176,10 @@ def naming_classes(option: str) -> Iterator[None]:
         raise DataError(f"{error.problem} {typed}{error.condition}") from None
 
 
-def note_label_remarks(
+def remarks_on_labels(
     runs: Iterable[tuple[Sequence, MethodConfig]], option: str, with_name: bool = False
 ) -> list[str]:
-    """Print and return remarks on the label folders of runs that remove features in boxes, each once.
+    """Remarks on the label folders of runs that remove features in boxes, each once.
 
     option : how filter.classes is typed, as in `naming_classes`; with_name : begin with the sequence's name.
 
@@ -194,24 +194,21 @@ def note_label_remarks(
         for (_, classes), sequence in choices.items():
             prefix = f"{sequence.name}: " if with_name else ""
             remarks |= dict.fromkeys(prefix + remark for remark in label_remarks(sequence, classes))
-    print_wrapped(*(f"note: {remark}" for remark in remarks))
     return list(remarks)
 
 
-def warn_without_boxes(runs: Iterable[tuple[Sequence, MethodConfig]]) -> list[str]:
-    """If a method removes features in boxes, print and return a warning about sequences without boxes."""
+def warnings_without_boxes(runs: Iterable[tuple[Sequence, MethodConfig]]) -> list[str]:
+    """A warning about sequences without boxes, if a method removes features in boxes."""
     without: dict[str, None] = {}
     for sequence, config in runs:
         if sequence.labels is None and config.filter.uses_boxes:
             without[sequence.name] = None
     if not without:
         return []
-    warning = (
+    return [
         f"No vehicle boxes for {', '.join(without)}: no features are removed, so feature_selection is equal "
         f"to solution_selection. {DETECT}"
-    )
-    print_wrapped(f"warning: {warning}")
-    return [warning]
+    ]
 
 
 def warn_without_vehicles(sequence: Sequence) -> None:

@@ -24,7 +24,7 @@ class ReportTable:
 
     head : sentences above the table.
     notes : sentences below the table.
-    names : number of columns, from the first one, that name the rows.
+    name_columns : number of columns, from the first one, that name the rows.
     """
 
     title: str
@@ -32,7 +32,7 @@ class ReportTable:
     rows: list[list[str]]
     notes: list[str]
     head: list[str] = field(default_factory=list)
-    names: int = 1
+    name_columns: int = 1
 
 
 def without_empty_columns(table: ReportTable) -> ReportTable:

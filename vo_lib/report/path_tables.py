@@ -19,7 +19,8 @@ from ..geometry.types import Array
 from .page import COUNT_COLUMN, ReportTable, format_number, without_empty_columns
 from .paths import ComparedPaths, PathsWithoutTruth, WholePath, leap_warnings
 from .plots import error_curves_figure, png, trajectories_figure
-from .table1 import ERROR_KINDS, STILL_M, slug
+from .table1 import ERROR_KINDS, STILL_M
+from .table1_plan import slug
 
 # A curve with fewer points has no figure. The devkit's speed bins overlap, so that a single speed falls into
 # two or three of them.

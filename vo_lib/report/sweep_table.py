@@ -43,16 +43,8 @@ from .page import (
     without_empty_columns,
 )
 from .plots import LETTERS, LINE_HEIGHT, SMALL_PAGE, figure_page, letters_beside, png
-from .table1 import (
-    ERROR_KINDS,
-    POSITION_NOTE,
-    back_end_ms,
-    jobs_of,
-    measure_runs,
-    number_fields,
-    slug,
-    too_short_words,
-)
+from .table1 import ERROR_KINDS, POSITION_NOTE, back_end_ms, measure_runs, number_fields, too_short_words
+from .table1_plan import jobs_of, slug
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes as PlotAxes
@@ -446,7 +438,7 @@ def sweep_table(sweep: Sweep) -> ReportTable:
             "from the same start, at the end and as rmse. These are no errors: they do not tell "
             "which path is right."
         )
-    table = ReportTable(sweep.title, columns, rows, [*notes, *sweep.notes], names=len(sweep.axes))
+    table = ReportTable(sweep.title, columns, rows, [*notes, *sweep.notes], name_columns=len(sweep.axes))
     return without_empty_columns(table)
 
 

@@ -1,21 +1,21 @@
-"""The numbers of Table 1: the paper's, and ours from runs over sequences, methods and seeds."""
+"""The numbers of Table 1: the paper's, and ours from runs over sequences, methods and seeds.
+
+The plan of these runs is in `table1_plan`, the time that all of KITTI would take in `table1_durations`.
+"""
 
 from __future__ import annotations
 
-import itertools
 import re
-from collections.abc import Callable, Hashable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..data.catalogue import KITTI, SYNTHETIC, available
+from ..data.catalogue import KITTI
 from ..data.kitti import EXPECTED_FRAMES
-from ..data.scenes import TABLE_SCENES
-from ..data.sequence import Sequence
 from ..errors import DataError
 from ..evaluation.kitti_errors import (
     KITTI_PROTOCOL,
@@ -31,16 +31,15 @@ from ..evaluation.statistics import mean_and_deviation
 from ..files import read_csv
 from ..geometry.rows import joined
 from ..geometry.types import Array
-from ..paper.settings import MethodConfig
 from ..runs.drive import Run
-from ..runs.durations import DETECTION, Durations, Task, duration_words
 from ..runs.earlier_seconds import FRONT_END_STAGES
 from ..runs.folder import read_run
-from ..runs.jobs import Job, Outcome, matching_task, running_task
+from ..runs.jobs import Outcome
 from ..runs.run_quality import warnings_of
-from .blocks import Block, Changes, settings_folder, settings_words
+from .blocks import Block
 from .page import finite_or_none
 from .paper_unit import PAPERS_OWN, RE_KIND, converted
+from .table1_plan import Cell
 
 PAPER_METHODS = ("viso2", *PAPERS_OWN)  # in the order of the paper's columns
 PRINTED_NAMES = {
@@ -77,7 +76,6 @@ POSITION_NOTE = (
 )
 _DECIMAL = re.compile(r"\d+(\.\d+)?")  # a number in a sentence
 STILL_M = 0.05  # a shorter path is printed as 0.0 m
-RUNS = "runs"  # folder of the runs in the folder of the table
 BENCHMARK_FRAMES = {f"{KITTI}{number}": frames for number, frames in EXPECTED_FRAMES.items()}
 # Numbers of sub-sequences of whole sequences, with the benchmark's poses and measure.
 BENCHMARK_COUNTS = {f"{KITTI}{row}": count for row, count in SUB_SEQUENCES.items()} | {
@@ -429,96 +427,6 @@ def _first_of(names: list[str]) -> str:
     return f"{names[0]} and {others} more" if others else names[0]
 
 
-def default_sequences() -> list[str]:
-    """Names of the benchmark's sequences on this machine or, if there are none, of drawn scenes."""
-    folders = available()
-    of_benchmark = [name for name in BENCHMARK_FRAMES if name in folders]
-    return of_benchmark or [f"{SYNTHETIC}{name}" for name in TABLE_SCENES]
-
-
-def split_missing(names: list[str]) -> tuple[list[str], list[str]]:
-    """Names of available sequences, and of missing KITTI sequences; `DataError` if all are missing."""
-    folders = available()
-    missing = [name for name in names if name.startswith(KITTI) and name not in folders]
-    present = [name for name in dict.fromkeys(names) if name not in missing]
-    if not present:
-        raise DataError(f"none of the sequences is on this machine: {', '.join(missing)}; see `vo check`")
-    return present, missing
-
-
-@dataclass(frozen=True)
-class Cell:
-    """The runs of a method on a sequence in a block, one per seed."""
-
-    block: Block
-    sequence: Sequence
-    method: str
-    jobs: tuple[Job, ...]
-
-
-def plan_cells(
-    blocks: Iterable[Block],
-    methods: Mapping[str, list[str]],
-    sequences: list[str],
-    seeds: int,
-    folder: Path,
-    opened: Callable[[str, MethodConfig], Sequence],
-) -> list[Cell]:
-    """A cell for each block, sequence and method, with seeds 0 … seeds - 1.
-
-    Where no change of a block has an effect on a method, the cell has the runs of the method's preset.
-
-    methods : names by variant.
-    sequences : names.
-    opened : the sequence of a name for a configuration.
-
-    Raises `DataError` if a name is there twice.
-    """
-    repeated = [name for name in sequences if sequences.count(name) > 1]
-    if repeated:
-        raise DataError(f"two sequences have the name {repeated[0]}: run them separately")
-    cells = []
-    for block in blocks:
-        for name, method in itertools.product(sequences, methods[block.variant]):
-            config = block.config(method)
-            sequence = opened(name, config)
-            used = block.used(method)
-            words = settings_words(used)
-            jobs = []
-            for seed in range(seeds):
-                run_folder = job_folder(folder, block.variant, name, method, seed, used)
-                jobs.append(Job(sequence, method, replace(config, seed=seed), run_folder, words))
-            cells.append(Cell(block, sequence, method, tuple(jobs)))
-    return cells
-
-
-class _HasJobs(Protocol):
-    """A cell of a table or of a sweep."""
-
-    @property
-    def jobs(self) -> tuple[Job, ...]:
-        """Its runs."""
-
-
-def jobs_of(cells: Iterable[_HasJobs]) -> list[Job]:
-    """The jobs of all cells, each once: cells may share them."""
-    job_in = {}
-    for cell in cells:
-        for job in cell.jobs:
-            job_in[job.folder] = job
-    return list(job_in.values())
-
-
-def job_folder(
-    folder: Path, variant: str, sequence: str, method: str, seed: int, changes: Changes = ()
-) -> Path:
-    """The folder of a run, inside the folder of the table; `changes` : those of the method's preset."""
-    place = folder / RUNS / variant / slug(sequence) / method
-    if changes:
-        place /= settings_folder(changes)
-    return place / f"seed_{seed}"
-
-
 def is_own_table(path: Path) -> bool:
     """Whether a file is a CSV table of errors that the kit wrote, by its heading."""
     try:
@@ -526,11 +434,6 @@ def is_own_table(path: Path) -> bool:
     except DataError:
         return False
     return bool(rows) and set(ERROR_KINDS) <= set(rows[0][1])
-
-
-def slug(name: str) -> str:
-    """A sequence's name as a file name: "kitti/07" is kitti_07."""
-    return re.sub(r"[^A-Za-z0-9.-]+", "_", name)
 
 
 def collect(
@@ -568,70 +471,6 @@ def collect(
             unused = cell.block.unused(cell.method)
             entries.append(measure_runs(cell.method, runs, measure, cell.block.words, unused))
     return Reproduction(missing, failed, entries, paths, warned)
-
-
-def kitti_duration(jobs: list[Job], durations: Durations, detects: bool = False) -> list[str]:
-    """A sentence on how long these methods and seeds would take on all of KITTI's sequences 00-10.
-
-    There is none if the jobs have all of these sequences as a whole, or no part of any.
-
-    detects : whether a detector is to detect the boxes.
-    """
-    frames_of_kitti = _frames_of_kitti()
-    of_kitti = [job for job in jobs if job.sequence.name in frames_of_kitti]
-    frames_of_jobs = {job.sequence.name: len(job.sequence) for job in of_kitti}
-    if not of_kitti or frames_of_jobs == frames_of_kitti:
-        return []
-    seconds = kitti_seconds(of_kitti, durations)
-    total = sum(frames_of_kitti.values())
-    start = f"All of KITTI 00-10 ({total:,} frames), the same methods and seeds"
-    if seconds is None:
-        return [
-            f"{start}: the time is not known, since matches or runs were kept from another processor or an "
-            "earlier version."
-        ]
-    processes = "1 process" if durations.workers == 1 else f"{durations.workers} processes"
-    matching, running = _kinds_of(of_kitti)
-    are_measured = [durations.has_measured(kind) for kind in [*matching, *running]]
-    if all(are_measured):
-        source = "these runs"
-    elif any(are_measured):
-        source = "these runs and the times of kept ones"
-    else:
-        source = "the times of kept runs"
-    sentence = f"{start}: about {duration_words(seconds)} ({processes}), extrapolated from {source}"
-    detection = durations.seconds_of(Task(DETECTION, total))
-    if detection is not None:
-        sentence += f", and {duration_words(detection)} for the detector"
-    elif detects:
-        sentence += "; the time of the detector, whose boxes were kept ones, is not counted"
-    return [f"{sentence}."]
-
-
-def kitti_seconds(jobs: list[Job], durations: Durations) -> float | None:
-    """Estimated seconds of methods and seeds on all of KITTI's sequences 00-10; None if a kind is unknown.
-
-    jobs : their runs; those on the first sequence count. durations : of runs on images of the same size, with
-    as many processes at the same time. Short runs take longer per frame, since each one writes its files.
-    """
-    frames = _frames_of_kitti().values()
-    matching, running = _kinds_of(jobs)
-    return durations.estimate(
-        [Task(kind, count) for kind in matching for count in frames],
-        [Task(kind, count) for kind in running for count in frames],
-    )
-
-
-def _kinds_of(jobs: list[Job]) -> tuple[list[Hashable], list[Hashable]]:
-    """The kinds of the front ends of jobs, each once, and of the runs on the first sequence of the jobs."""
-    matching = dict.fromkeys(matching_task(job).kind for job in jobs)
-    running = [running_task(job).kind for job in jobs if job.sequence.name == jobs[0].sequence.name]
-    return list(matching), running
-
-
-def _frames_of_kitti() -> dict[str, int]:
-    """Numbers of frames of KITTI's sequences 00-10 by name."""
-    return {f"{KITTI}{number}": EXPECTED_FRAMES[number] for number in ("01", *SUB_SEQUENCES)}
 
 
 def table_records(groups: list[Group], paper: PaperTable) -> list[dict[str, Any]]:

@@ -52,12 +52,11 @@ from .table1 import (
     Reproduction,
     gain,
     group_records,
-    job_folder,
     printed_cells,
-    slug,
     table_records,
     too_short_words,
 )
+from .table1_plan import job_folder, slug
 
 TABLE = "table1.csv"
 MARKDOWN = "table1.md"

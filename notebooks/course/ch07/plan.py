@@ -16,7 +16,8 @@ from vo_lib.detection.models import list_detectors
 from vo_lib.errors import DataError
 from vo_lib.evaluation.kitti_errors import KITTI_PROTOCOL, suitable_protocol
 from vo_lib.geometry.types import Progress
-from vo_lib.report.table1 import Entry, kitti_seconds, measure_runs
+from vo_lib.report.table1 import Entry, measure_runs
+from vo_lib.report.table1_durations import kitti_seconds
 from vo_lib.runs.drive import run_methods
 from vo_lib.runs.durations import HOUR_S, Durations
 from vo_lib.runs.jobs import Job, run_jobs
