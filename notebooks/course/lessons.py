@@ -16,7 +16,7 @@ from vo_lib.errors import DataError
 from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.motion import essential_vector, rigid, rotation_angle, rotation_from_vector
 from vo_lib.geometry.types import Array, BoolArray, Progress
-from vo_lib.kit.refined_selection import choose_unless_prior_bad, motion_of_winner, sample_sets
+from vo_lib.kit.refined_selection import choose_unless_prior_bad, motion_of_candidate, sample_sets
 from vo_lib.kit.settings import KitSelectionConfig
 from vo_lib.paper.five_point import Candidates, five_point
 from vo_lib.paper.selection import (
@@ -94,7 +94,7 @@ def motion_of(
     x_c = points.x_c
     X_p = points.X_p
     if isinstance(config, KitSelectionConfig):
-        R, _, E, inliers = motion_of_winner(E, x_p, x_c, X_p, config, focal)
+        R, _, E, inliers = motion_of_candidate(E, x_p, x_c, X_p, config, focal)
     else:
         inliers = sampson_inliers(E, x_p, x_c, config.threshold / focal)
         R, _ = resolve_by_depth(E, x_p[inliers], x_c[inliers], X_p[inliers])

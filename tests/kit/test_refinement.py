@@ -7,7 +7,7 @@ import pytest
 
 from vo_lib.geometry.motion import essential_from_motion, rotation_angle, rotation_from_vector
 from vo_lib.geometry.types import Array
-from vo_lib.kit.refined_selection import motion_of_winner
+from vo_lib.kit.refined_selection import motion_of_candidate
 from vo_lib.kit.refinement import distances_and_derivatives, refine
 from vo_lib.kit.settings import KitSelectionConfig
 from vo_lib.paper.sampson import match_terms, sampson_distance
@@ -68,7 +68,7 @@ def test_the_motion_of_a_winner_is_exact_for_large_rotations(mode: str, axis: st
     x_p, x_c, X_p = visible_points(R)
     # The winner is near the truth; the refined winner is the truth.
     E = essential_from_motion(turn("mixed", 0.0 if mode == "literal" else 0.05) @ R, DIRECTION)
-    result, direction, best, inliers = motion_of_winner(
+    result, direction, best, inliers = motion_of_candidate(
         E, x_p, x_c, X_p, KitSelectionConfig(mode=mode), FOCAL
     )
     assert rotation_angle(result.T @ R) < 1e-5

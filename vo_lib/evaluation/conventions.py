@@ -26,7 +26,7 @@ DISAGREEMENT_RATIO = 4.0  # an error is far larger than another from this ratio 
 # Mean rotation error, below which there is nothing to explain: a straight path has no rotations, and so says
 # nothing about the order of a quaternion or about an axis.
 MIN_ROTATION_ERROR = np.radians(0.1)
-# Places of x, y, z, w in a quaternion whose numbers were read as if w came last, and as if it came first.
+# Where x, y, z, w stand in a wrongly ordered quaternion: w first read as last, and the reverse.
 OTHER_ORDERS = ([1, 2, 3, 0], [3, 0, 1, 2])
 
 

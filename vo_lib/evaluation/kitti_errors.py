@@ -182,8 +182,8 @@ def kitti_errors(
     length = np.asarray(lengths, dtype=np.float64)[which_length]
     first = frames[start]
     last = frames[end]
-    right_last = np.searchsorted(path, limits, side="right")[which_start, which_length]
-    covered = np.where(last == right_last, length, path[last].astype(np.float64) - path[first])
+    proper_last = np.searchsorted(path, limits, side="right")[which_start, which_length]
+    covered = np.where(last == proper_last, length, path[last].astype(np.float64) - path[first])
     error = motion_error(truth[frames], estimate, start, end)
     single_t, single_r = _errors_per_metre(error, covered, np.float32)
     double_t, double_r = _errors_per_metre(error, covered, np.float64)

@@ -66,6 +66,8 @@ def change_limit(error: float, *deviations: float) -> float:
     deviations : standard deviations over the seeds, those of the error before and after the change. With one
         seed they are NaN, and so is the limit.
     """
+    if any(math.isnan(deviation) for deviation in deviations):
+        return math.nan
     return max(SPREADS * math.hypot(*deviations), SHARE * error)
 
 

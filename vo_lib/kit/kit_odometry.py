@@ -24,7 +24,7 @@ from ..paper.settings import ReprojectionConfig
 from ..paper.viso2 import Viso2, ransac_motion
 from .box_rules import KitBoxFilter, OnMoving
 from .calibration import Calibration
-from .refined_selection import choose_candidate, motion_of_winner, sample_sets
+from .refined_selection import choose_candidate, motion_of_candidate, sample_sets
 from .rig import Rig
 from .settings import KitConfig
 from .weighted_translation import papers_translation, robust_translation
@@ -37,7 +37,7 @@ MIN_INLIER_SHARE = 0.1  # lower bound of the share of inliers that is estimated 
 # differ from each other by more than this angle, radians.
 CANDIDATES_TRIED = 4
 MIN_ANGLE_BETWEEN = np.radians(5.0)
-FIT_WITHOUT_E = ReprojectionConfig()  # the fit that is tried with these candidates
+FIT_WITHOUT_E = ReprojectionConfig()  # the fit that is tried beside these
 SUPPORT_QUANTILE = 0.75  # of the reprojection errors of all matches; see `KitOdometry.support_error`
 
 
@@ -99,7 +99,7 @@ class SelfCalibratingOdometry(Odometry):
         covariance_before = self.rig.covariance
         learns = self.config.calibration.estimate
         if learns:
-            # The rows need no motion, so they improve the correction of this same frame.
+            # Row differences need no motion, so they improve the correction of this same frame.
             self.rig.update_from_rows(matches)
         result = super().step(self.rig.correct(matches), boxes)
         motion = result.motion
@@ -129,7 +129,7 @@ class KitOdometry(SelfCalibratingOdometry):
     fit_gain = 2.0  # the motions are more precise than those of the paper's method: right ones reach 1.3
 
     def solve(self, matches: StereoMatches) -> Solution | None:
-        """The paper's solution or, if stereo contradicts it, the alternative that stereo supports best.
+        """The solution of the steps or, if stereo contradicts it, the alternative that stereo supports best.
 
         Without an alternative whose `support_error` is `fit_gain` times smaller, the contradicted solution
         and its flag stay. None without a solution.
@@ -191,8 +191,9 @@ class KitOdometry(SelfCalibratingOdometry):
         """Five-point sets, indices (S, 5) of matches: as many as should give `clean_sets` without an outlier.
 
         Few sets are sufficient, since the winner is refined. A set has no outlier with the probability s⁵, if
-        s is the share of inliers, which is estimated with the previous essential matrix. At most n sets are
-        drawn, and all n in mode `literal`, in the first frame, and in a sharp turn, where s is small.
+        s is the share of inliers, which is estimated with the previous essential matrix. At most
+        `config.sets` are drawn, and all of them in mode `literal`, in the first frame, and in a sharp turn,
+        where s is small.
         """
         config = self.config.selection
         sets = config.sets
@@ -215,7 +216,7 @@ class KitOdometry(SelfCalibratingOdometry):
         """The rotation of a candidate E (3, 3), which is refined on its inliers, unless in mode `literal`."""
         x_p, x_c = self.points(matches)
         X_p = self.camera.triangulate(matches.prev_left, matches.prev_right)
-        R, _, E, inliers = motion_of_winner(E, x_p, x_c, X_p, self.config.selection, self.camera.f)
+        R, _, E, inliers = motion_of_candidate(E, x_p, x_c, X_p, self.config.selection, self.camera.f)
         return Rotation(R, E, inliers)
 
     def translate(self, matches: StereoMatches, rotation: Rotation) -> Array | None:

@@ -85,8 +85,9 @@ class PreparedPair:
 
 
 class KltMatcher:
-    """Corners tracked in the loop left prev → right prev → right cur → left cur by Lucas-Kanade.
+    """Corners tracked by Lucas-Kanade from the previous pair to both current images.
 
+    The loop is closed if the way from the current left to the current right image reaches the same pixel.
     In the left image the search starts at the position predicted from the previous motion and the stereo
     depth (constant velocity), in the right image at the result of block matching. The matcher estimates the
     motion itself, so the matches depend only on the images and the matching settings, not on method or seed.
@@ -140,13 +141,14 @@ class KltMatcher:
             search = self._predicted_search(before, pair, features, last)
             searches_again = "second-search" not in without
         number = len(search.found.matches)
-        failed = number < MIN_MATCHED_SHARE * len(features)
-        failed |= search.agreeing < MIN_AGREEING_SHARE * number
+        too_few_found = number < MIN_MATCHED_SHARE * len(features)
+        too_few_agree = search.agreeing < MIN_AGREEING_SHARE * number
+        failed = too_few_found or too_few_agree
         if not failed or not searches_again:
             return search
-        second = self._second_search(before, pair, features, search.motion)
-        is_better = (second.agreeing, len(second.found.matches)) > (search.agreeing, number)
-        return second if is_better else search
+        wide = self._wide_search(before, pair, features, search.motion)
+        is_better = (wide.agreeing, len(wide.found.matches)) > (search.agreeing, number)
+        return wide if is_better else search
 
     def _predicted_search(
         self, before: PreparedPair, pair: PreparedPair, features: _Features, last: Array
@@ -158,7 +160,7 @@ class KltMatcher:
         motion, agreeing = next_motion(self.camera, found.matches, last)
         return _Search(found, motion, agreeing)
 
-    def _second_search(
+    def _wide_search(
         self, before: PreparedPair, pair: PreparedPair, features: _Features, motion: Array | None
     ) -> _Search:
         """A wide search that begins at the previous positions, in images of equal exposure.
@@ -195,7 +197,7 @@ class KltMatcher:
         """
         left, right = pair.images
         tracks, coarse_left, coarse_right = self._coarse_tracks(before, pair, features, start, levels)
-        # From the previous left to the current left image, and from the previous right to the current right.
+        # From the previous pair to both current images.
         cur_left, over_time, ok = refine_over_time(
             self.camera,
             before.images,
@@ -209,7 +211,7 @@ class KltMatcher:
         tracks = tracks[ok]
         cur_left = cur_left[ok]
         over_time = over_time[ok]
-        # From the current left to the current right image.
+        # From the current left to the current right image, which must reach the same pixel.
         cur_right, slope, ok = refine_stereo(pair.images, pair.disparity, cur_left, over_time, self.config)
         ok &= _inside(cur_left, left) & _inside(cur_right, right)
         ok &= np.linalg.norm(cur_right - over_time, axis=1) <= self.config.loop_tolerance

@@ -1,8 +1,7 @@
 """Selection with a rejectable prior and a refined winner (chapters 2 and 3, not in the paper).
 
-Consensus takes the candidate with the smallest error over all features. Solution selection (paper, section
-2.2) first keeps the k candidates of each five-point set that are nearest to the essential vector of the
-previous frame. In our interpretation, the error over all features then decides.
+The prior is dropped where its best candidate is clearly worse than the best of all, and a candidate is
+refined on its inliers.
 """
 
 from __future__ import annotations
@@ -56,35 +55,35 @@ def choose_candidate(
     The winner's index, and whether the prior was dropped.
     """
     errors = WINNER_CRITERIA[config.winner](E, x_p, x_c, config.threshold / focal)
-    compete = candidates_near_prior(E, set_index, e_prev, config)
-    return choose_unless_prior_bad(errors, compete, config.prior_rejection_ratio)
+    near_prior = candidates_near_prior(E, set_index, e_prev, config)
+    return choose_unless_prior_bad(errors, near_prior, config.prior_rejection_ratio)
 
 
-def choose_unless_prior_bad(errors: Array, kept: BoolArray, ratio: float) -> tuple[int, bool]:
-    """Index of the winner, and whether the prior is rejected. errors, kept : (M,).
+def choose_unless_prior_bad(errors: Array, near_prior: BoolArray, ratio: float) -> tuple[int, bool]:
+    """Index of the winner, and whether the prior is rejected. errors, near_prior : (M,).
 
-    kept : mask of the candidates near the prior. The best of these wins, unless its error exceeds `ratio`
-    times the smallest error, as in a sharp turn: then the prior is rejected, and the best candidate of all
-    wins.
+    near_prior : mask of the candidates near the prior. The best of these wins, unless its error exceeds
+    `ratio` times the smallest error, as in a sharp turn: then the prior is rejected, and the best candidate
+    of all wins.
     """
     best = int(np.argmin(errors))
-    best_kept = int(np.argmin(np.where(kept, errors, np.inf)))
-    if errors[best_kept] > ratio * errors[best]:
+    best_near_prior = int(np.argmin(np.where(near_prior, errors, np.inf)))
+    if errors[best_near_prior] > ratio * errors[best]:
         return best, True
-    return best_kept, False
+    return best_near_prior, False
 
 
-def motion_of_winner(
+def motion_of_candidate(
     E: Array, x_p: Array, x_c: Array, X_p: Array, config: KitSelectionConfig, focal: float
 ) -> tuple[Array, Array, Array, BoolArray]:
-    """Rotation (3, 3), unit translation (3,), essential matrix (3, 3) and inliers (N,) of the winner.
+    """Rotation (3, 3), unit translation (3,), essential matrix (3, 3), inliers (N,) of a candidate.
 
     Mode `literal` keeps E unchanged; mode `refined` refines E on its inliers.
 
     Parameters
     ----------
-    E : (3, 3) the winner; x_p, x_c : (N, 2) normalised points; X_p : (N, 3) points, metres, of the previous
-        left frame. focal : focal length, pixels.
+    E : (3, 3) the candidate; x_p, x_c : (N, 2) normalised points; X_p : (N, 3) points, metres, of the
+        previous left frame. focal : focal length, pixels.
     """
     threshold = config.threshold / focal
     matches = match_terms(x_p, x_c)
