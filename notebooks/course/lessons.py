@@ -205,9 +205,9 @@ def adaptive_stopping(candidates: Candidates, points: Points, limit: float, orde
         of_sets = np.minimum.reduceat(of_candidates, first)
         return np.minimum.accumulate(of_sets[order], axis=1)
 
-    share = smallest_so_far(outlier_shares(candidates.E, points.x_p, points.x_c, limit))
+    outlier_share = smallest_so_far(outlier_shares(candidates.E, points.x_p, points.x_c, limit))
     best = smallest_so_far(truncated_errors(candidates.E, points.x_p, points.x_c, limit))
-    right_sets = np.clip(1.0 - share, 1e-3, 1.0 - 1e-9) ** 5
+    right_sets = np.clip(1.0 - outlier_share, 1e-3, 1.0 - 1e-9) ** 5
     needed = np.log(0.01) / np.log1p(-right_sets)
     is_enough = needed <= np.arange(1, len(sets) + 1)
     stop = 1 + is_enough.argmax(axis=1)
