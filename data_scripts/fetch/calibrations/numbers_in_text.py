@@ -10,8 +10,12 @@ from fetch.calibrations.values import MAX_SIDE_PX
 from fetch.rectification import Size
 from fetch.stereo_calibration import UNITS, other_size, usual_units
 
-NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-BETWEEN = r"[\"']?\s*(?:[\[(]\s*(?P<unit>m|cm|mm|px|pixels?)\s*[\])])?\s*[:=>,]?\s*[\[\"(]?\s*"
+# A number and a space are matched whole (`(?>…)`, `*+`): if their parts were tried as well, a damaged file
+# with a long row of digits, zeros or spaces would take hours.
+NUMBER = r"[-+]?(?>\d+\.?\d*|\.\d+)(?:[eE][-+]?\d++)?"
+ZERO = r"(?>0\.?0*)"
+SPACE = r"[\s,;\[\]]++"  # between the numbers of a matrix
+BETWEEN = r"[\"']?\s*+(?:[\[(]\s*+(?P<unit>m|cm|mm|px|pixels?)\s*+[\])])?\s*+[:=>,]?\s*+[\[\"(]?\s*+"
 AFTER = r"(?:\s*(?P<after>m|cm|mm|px|pixels?)\b|(?![\w.]))"
 NAMES = {
     "fx": r"fx|f_x|fu|focal(?:_?length)?_?x|focal(?:_?length)?|f",
@@ -23,8 +27,8 @@ NAMES = {
 }
 # A camera matrix in one line, as in Middlebury's calib.txt or a printed NumPy array: f 0 cx 0 f cy 0 0 1.
 MATRIX = re.compile(
-    rf"({NUMBER})[\s,;\[\]]+0\.?0*[\s,;\[\]]+({NUMBER})[\s,;\[\]]+0\.?0*[\s,;\[\]]+({NUMBER})[\s,;\[\]]+({NUMBER})"
-    r"[\s,;\[\]]+0\.?0*[\s,;\[\]]+0\.?0*[\s,;\[\]]+1"
+    rf"(?<![\d.])({NUMBER}){SPACE}{ZERO}{SPACE}({NUMBER}){SPACE}{ZERO}{SPACE}({NUMBER}){SPACE}({NUMBER})"
+    rf"{SPACE}{ZERO}{SPACE}{ZERO}{SPACE}1"
 )
 
 # Names of numbers that both cameras have, also with the camera before or after them: right_cx, cx_r, cx1.
@@ -33,7 +37,10 @@ CAMERA = r"left|right|l|r|cam(?:era)?_?\d?|\d"
 SAME_PX = 0.01  # rectified cameras have equal numbers; files round them
 DISPARITY_OFFSET = r"doffs?|d_?offsets?|disp(?:arity)?_?off(?:s|sets?)?"
 # Sizes of images. MATLAB and NumPy give the height first.
-OF_IMAGES = rf"(?:(?:{CAMERA}|images?|img|im|frame|colou?r|raw|calib(?:ration)?)[_. ]?)*"
+# At most six words before the name, and each text in one way only: longer ones would take too long.
+OF_IMAGES = (
+    r"(?:(?:left|right|l|r|cam(?:era)?|\d|images?|img|im|frame|colou?r|raw|calib(?:ration)?)[_. ]?){0,6}"
+)
 PIXELS = r"(?:_?(?:px|pix|pixels))?"
 WIDTH = rf"{OF_IMAGES}(?:width|cols|columns|w|nx|x_?res|res(?:olution)?_?x|size_?x){PIXELS}"
 HEIGHT = rf"{OF_IMAGES}(?:height|rows|h|ny|y_?res|res(?:olution)?_?y|size_?y){PIXELS}"
