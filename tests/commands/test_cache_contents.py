@@ -35,12 +35,20 @@ def drafts(folder: Path) -> list[str]:
     return [path.name for path in folder.rglob(".*")]
 
 
+def has_draft(folder: Path) -> bool:
+    """Whether there is a draft; those that are renamed meanwhile do not disturb `os.walk`."""
+    for _, folders, files in os.walk(folder):
+        if any(name.startswith(".") and name.endswith(".tmp") for name in folders + files):
+            return True
+    return False
+
+
 def kill_with_draft(words: list[str], folder: Path) -> None:
     """Start `vo`, and kill it and its processes when a draft appears in a folder."""
     command = [sys.executable, "-m", "vo_lib", *words]
     quiet = subprocess.DEVNULL
     process = subprocess.Popen(command, stdout=quiet, stderr=quiet, start_new_session=True)
-    while not list(folder.rglob(".*.tmp")) and process.poll() is None:
+    while not has_draft(folder) and process.poll() is None:
         time.sleep(0.001)
     os.killpg(process.pid, signal.SIGKILL)
     assert process.wait() == -signal.SIGKILL, "the work was done before it could be killed"
