@@ -496,6 +496,8 @@ def test_a_warning_of_several_seeds_is_printed_once_with_the_numbers_of_the_firs
 def test_a_sequence_that_is_named_twice_counts_once(
     tree: Path, capsys: pytest.CaptureFixture[str], sequences: str, note: str
 ) -> None:
+    # Asked before the folder's path is put in, since the path may have these digits.
+    names_missing = "03" in sequences
     (tree / "link").symlink_to(tree / "kitti" / "sequences" / "02")
     for name, place in {"FOLDER": tree / "kitti" / "sequences" / "02", "LINK": tree / "link"}.items():
         sequences = sequences.replace(name, str(place))
@@ -508,7 +510,7 @@ def test_a_sequence_that_is_named_twice_counts_once(
     assert "".join(note.split()) in "".join(printed.split())
     record = json.loads((tree / "out" / "reproduction.json").read_text(encoding="utf-8"))
     assert len(record["rows"]) == 1
-    if "03" in sequences:  # which is missing, and `vo sweep` accepts no missing sequence
+    if names_missing:  # and `vo sweep` accepts no missing sequence
         assert "1 of 2 sequences are not on this machine" in " ".join(printed.split())
         return
     grid = ["sweep", "--method", "mesvo_f", "--set", "selection.sets=5", "--set", "min_matches=6"]
