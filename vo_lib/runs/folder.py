@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import os
@@ -36,7 +35,7 @@ from ..geometry.result import Flag, FrameResult
 from ..geometry.types import Array
 from ..paper.settings import MethodConfig
 from .drive import Run
-from .identity import machine_info
+from .identity import machine_info, short_digest
 from .run_quality import LOG, evaluate_run, path_lost, warnings_of
 
 CONFIG = "config.json"
@@ -245,7 +244,7 @@ def is_as_written(data: dict[str, Any]) -> bool:
 
 def _digest_of_settings(values: dict[str, Any]) -> str:
     """A digest of the settings in config.json, 16 hexadecimal digits."""
-    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:16]
+    return short_digest(json.dumps(values, sort_keys=True).encode())
 
 
 def settings_in(data: dict[str, Any], path: Path) -> MethodConfig:

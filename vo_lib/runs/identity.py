@@ -46,7 +46,7 @@ def code_digest(modules: tuple[str, ...]) -> str:
     content = b""
     for path in import_closure(modules):
         content += path.relative_to(PACKAGE).as_posix().encode() + b"\n" + path.read_bytes()
-    return _digest(content)
+    return short_digest(content)
 
 
 def import_closure(modules: Iterable[str]) -> tuple[Path, ...]:
@@ -67,7 +67,7 @@ def import_closure(modules: Iterable[str]) -> tuple[Path, ...]:
     return tuple(sorted(files))
 
 
-def _digest(data: bytes) -> str:
+def short_digest(data: bytes) -> str:
     """The first digits of the SHA-256 of some bytes."""
     return hashlib.sha256(data).hexdigest()[:DIGEST_DIGITS]
 
@@ -79,7 +79,7 @@ def images_digest(sequence: Sequence) -> str:
     """
     names = [f"{side}/{frame}.png" for side in sequence.sides for frame in sequence.frames]
     lines = [f"{name} {digest}\n" for name, digest in image_hashes(sequence.folder, names).items()]
-    return _digest("".join(lines).encode())
+    return short_digest("".join(lines).encode())
 
 
 def labels_digest(sequence: Sequence, classes: tuple[str, ...]) -> str:
@@ -88,12 +88,12 @@ def labels_digest(sequence: Sequence, classes: tuple[str, ...]) -> str:
     Without label files, it is the digest of an empty text. Raises as `ClassNames.choose`.
     """
     if sequence.labels is None:
-        return _digest(b"")
+        return short_digest(b"")
     files = [sequence.labels / f"{frame}.txt" for frame in sequence.frames]
     class_names = read_class_names(sequence.labels)
     chosen_classes = class_names.choose(classes)
     words = json.dumps(sorted(chosen_classes.kinds.items())) if class_names.names else ""
-    return _digest(_content_of(files) + words.encode())
+    return short_digest(_content_of(files) + words.encode())
 
 
 def _content_of(files: list[Path]) -> bytes:
@@ -106,7 +106,7 @@ def truth_digest(sequence: Sequence) -> str:
     """Digest of the sequence's truth about moving vehicles, which the box rule `truth` reads."""
     folder = sequence.folder / "truth"
     instance_images = [folder / "instance" / f"{frame}.png" for frame in sequence.frames]
-    return _digest(_content_of([folder / "objects.npz", *instance_images]))
+    return short_digest(_content_of([folder / "objects.npz", *instance_images]))
 
 
 def library_versions() -> dict[str, str]:
@@ -144,14 +144,14 @@ def run_identity(
     identity |= matches_identity(sequence, config)
     identity["settings"] = to_dict(config)  # all of them, in place of those of the matches
     identity["made_with"] = made_with(POSE_CODE[config.variant])
-    identity["times"] = _digest(sequence.times.tobytes())
+    identity["times"] = short_digest(sequence.times.tobytes())
     identity["labels"] = NOT_USED
     if config.filter.uses_boxes:
         identity["labels"] = labels_digest(sequence, config.filter.classes)
     masks = [read_bytes(path) for path in sequence.mask_files()]
-    identity["masks"] = _digest(b"".join(masks))
+    identity["masks"] = short_digest(b"".join(masks))
     identity["moving"] = truth_digest(sequence) if config.filter.rule == "truth" else NOT_USED
-    identity["calibration"] = None if calibration is None else _digest(calibration.to_json().encode())
+    identity["calibration"] = None if calibration is None else short_digest(calibration.to_json().encode())
     types_of_json: dict[str, Any] = json.loads(json.dumps(identity))  # as `read_config` returns them
     return types_of_json
 

@@ -5,7 +5,6 @@ The cache has an npz file for each sequence and front end, with an array for eac
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 import zipfile
@@ -23,7 +22,7 @@ from ..geometry.result import Clock
 from ..geometry.types import Array
 from ..paper.settings import MethodConfig
 from .front_end import TimedMatches, find_matches
-from .identity import FRONT_END_CODE, made_with, matches_identity
+from .identity import FRONT_END_CODE, made_with, matches_identity, short_digest
 
 LAYOUT_VERSION = 2  # of the npz file; increase with every change of its layout
 POSITIONS = 4  # of a match, in the left and right images of the previous and of the current pair
@@ -40,11 +39,7 @@ def code_folder(variant: str, cache: Path | None = None) -> Path:
     Each version of the front end's code and of the libraries that it uses has a folder.
     """
     origin = json.dumps(made_with(FRONT_END_CODE[variant]), sort_keys=True)
-    return match_folder(cache) / f"{variant}-{_digest(origin)}"
-
-
-def _digest(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+    return match_folder(cache) / f"{variant}-{short_digest(origin.encode())}"
 
 
 class CachedMatches:
@@ -65,7 +60,7 @@ class CachedMatches:
         self.config = config
         identity = json.dumps([LAYOUT_VERSION, matches_identity(sequence, config)], sort_keys=True)
         name = re.sub(r"[^A-Za-z0-9_-]+", "-", sequence.name)
-        self.path = code_folder(config.variant, cache) / f"{name}-{_digest(identity)}.npz"
+        self.path = code_folder(config.variant, cache) / f"{name}-{short_digest(identity.encode())}.npz"
 
     def __iter__(self) -> Iterator[TimedMatches]:
         if not self._is_intact():
