@@ -64,11 +64,9 @@ def run_by_frame(
     runs: dict[MethodConfig, MethodRun] = {}
     for config in configs.values():
         if not has_run(sequence, config):
-            runs[config] = MethodRun(sequence, config)
+            runs[config] = _run_with_memory(sequence, config)
     if not runs:
         return
-    for run in runs.values():
-        keep_candidates(run.odometry)
 
     def so_far() -> dict[str, Array]:
         poses = {}
@@ -89,20 +87,26 @@ def run_by_frame(
         _poses.keep(sequence_key(sequence, config), run.result().poses)
 
 
-def keep_candidates(odometry: Odometry) -> None:
-    """Let an odometry of the paper's method take the candidates of a frame from memory if it can.
+class RememberingOdometry(Odometry):
+    """The paper's method; the candidates of a frame come from memory if an odometry has computed them before.
 
     They take half of the time of a run, and depend on the features, their number of sets and the seed alone: a
-    run with another threshold has the same ones. In variant `kit`, the corrected features of nearly all frames
-    differ.
+    run with another threshold has the same ones.
     """
-    if odometry.config.variant != "published":
-        return
-    solve = odometry.candidates
 
-    def candidates(x_p: Array, x_c: Array) -> Candidates:
-        random = odometry.random().bytes(16)  # stands for the seed and the number of the frame
-        key = random, odometry.config.selection.sets, x_p.tobytes(), x_c.tobytes()
-        return _candidates.get(key, lambda: solve(x_p, x_c))
+    def candidates(self, x_p: Array, x_c: Array) -> Candidates:
+        random = self.random().bytes(16)  # stands for the seed and the number of the frame
+        key = random, self.config.selection.sets, x_p.tobytes(), x_c.tobytes()
+        return _candidates.get(key, lambda: super(RememberingOdometry, self).candidates(x_p, x_c))
 
-    odometry.candidates = candidates  # type: ignore[method-assign]
+
+def _run_with_memory(sequence: Sequence, config: MethodConfig) -> MethodRun:
+    """A run that computes no candidates twice.
+
+    VISO2 has none, and in variant `kit` the corrected features of nearly all frames differ: such a run is the
+    usual one.
+    """
+    run = MethodRun(sequence, config)
+    if type(run.odometry) is Odometry:
+        run.odometry = RememberingOdometry(sequence.camera, config)
+    return run
