@@ -26,7 +26,7 @@ from course.ch07.verdict import (
     choice_ranges,
     gain_over_sequences,
     judge,
-    judged_cells,
+    judge_all,
     open_report,
     our_column,
     printed_column,
@@ -92,7 +92,7 @@ def report(
 
 
 def outcomes(folder: Path) -> list[str]:
-    cells = judged_cells(folder, PAPER, {})
+    cells = judge_all(read_report(folder), PAPER, {})
     return [cell.outcome for of_kind in cells.values() for cell in of_kind if cell.row != "Avg"]
 
 
@@ -116,7 +116,7 @@ def test_runs_that_scatter_widely_reproduce_nothing(tmp_path: Path, spread: floa
     found = outcomes(tmp_path)
     assert found.count(REPRODUCED) <= 0.05 * len(found)
     assert found.count(SCATTERED) > 0.6 * len(found)
-    table = verdict_tables(judged_cells(tmp_path, PAPER, {}))[0]
+    table = verdict_tables(judge_all(read_report(tmp_path), PAPER, {}))[0]
     shares = [row[table.columns.index("allowed / printed")] for row in table.rows]
     outcome = table.columns.index("verdict")
     for row, share in zip(table.rows, shares, strict=True):
@@ -168,7 +168,7 @@ def test_re_of_the_papers_own_columns_is_converted_and_both_numbers_are_shown(tm
     assert converted(1.0, "viso2", "re_deg_per_100m") == 1.0
     assert converted(1.0, "mesvo_f", "te_percent") == 1.0
     report(tmp_path, 1.0, spread=0.002, unit=False)
-    cells = judged_cells(tmp_path, PAPER, {})["re_deg_per_100m"]
+    cells = judge_all(read_report(tmp_path), PAPER, {})["re_deg_per_100m"]
     own = [cell.outcome for cell in cells if cell.method != "viso2" and cell.row != "Avg"]
     assert own.count(CLOSE) == len(own)  # the factor is 3 %, found and named, but not 10 %
     table = verdict_tables({"re_deg_per_100m": cells})[0]
@@ -268,7 +268,7 @@ def test_some_numbers_get_no_verdict(ours: Ours, words: str) -> None:
 
 def test_a_table_without_a_record_is_judged_by_its_means(tmp_path: Path) -> None:
     assert read_report(tmp_path) == {}
-    assert verdict_tables(judged_cells(tmp_path, PAPER, {})) == []
+    assert verdict_tables(judge_all(read_report(tmp_path), PAPER, {})) == []
     names = "variant,sequence,method,seeds,paper_te_percent,paper_re_deg_per_100m,te_percent,te_percent_std,"
     names += "re_deg_per_100m,re_deg_per_100m_std,removed_share"
     rows = [
@@ -279,7 +279,7 @@ def test_a_table_without_a_record_is_judged_by_its_means(tmp_path: Path) -> None
         "kit,kitti/04,feature_selection,5,0.64,0.128,0.64,0.01,0.128,0.01,0.1",
     ]
     (tmp_path / "table1.csv").write_text("\n".join([names, *rows]) + "\n", encoding="utf-8")
-    cells = judged_cells(tmp_path, PAPER, {})["te_percent"]
+    cells = judge_all(read_report(tmp_path), PAPER, {})["te_percent"]
     found = {(cell.row, cell.method): cell.outcome for cell in cells}
     assert found == {
         ("04", "viso2"): REPRODUCED,
@@ -538,7 +538,7 @@ def test_a_report_says_where_it_comes_from(tmp_path: Path) -> None:
 
 def test_the_summary_tells_how_many_differences_chance_alone_would_make(tmp_path: Path) -> None:
     report(tmp_path, 1.1, spread=0.002)
-    cells = judged_cells(tmp_path, PAPER, {})
+    cells = judge_all(read_report(tmp_path), PAPER, {})
     of_te = cells["te_percent"]
     assert len([cell for cell in of_te if cell.row == "Avg"]) == 4  # made of the same runs, so not counted
     assert "Outside the seeds: 40 of 40" in summary(of_te)

@@ -380,13 +380,6 @@ def choice_ranges(path: Path = CHOICES) -> dict[tuple[str, str], tuple[float, fl
     return ranges
 
 
-def judged_cells(
-    folder: Path, paper: table1.PaperTable, ranges: Mapping[tuple[str, str], tuple[float, float]]
-) -> dict[str, list[Judged]]:
-    """The verdicts by kind of error on all printed numbers that have a result in the folder."""
-    return judge_all(read_report(folder), paper, ranges)
-
-
 def judge_all(
     ours: OursByCell,
     paper: table1.PaperTable,
