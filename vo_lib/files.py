@@ -234,10 +234,10 @@ def folder_size(path: Path) -> int:
 def written_together(
     folder: Path, last: str = "", stale: Iterable[str] = (), own: bool = True
 ) -> Iterator[Path]:
-    """A temporary folder, whose files then replace those of `folder`: all of them, or none.
+    """A temporary folder, whose files then replace those of `folder`, one after the other.
 
     Every file is complete on the disk before the first file is replaced, so on a full disk the files from
-    before remain. Raises `DataError` like `writing`.
+    before remain; and `last` is replaced only when all others are. Raises `DataError` like `writing`.
 
     last : name of the file that is replaced last, the mark of a complete result. In the temporary folder, it
         is written with the ending `DRAFT`, so that a search for complete results does not find it there.

@@ -10,7 +10,7 @@ import numpy as np
 from ..geometry.boxes import Boxes, no_boxes
 from ..geometry.types import Array, BoolArray, Index
 
-ONE_OBJECT_IOU = 0.9  # boxes of different classes with a larger overlap are one object
+ONE_OBJECT_IOU = 0.9  # boxes with a larger overlap are one object, whatever their classes
 MAX_SUPPRESSED_BOXES = 3000  # largest number of boxes in the suppression, the best first
 
 
@@ -26,7 +26,7 @@ def best_boxes(
     """Boxes after non-maximum suppression, best first. A box has the class with its highest score.
 
     Only boxes of the wanted classes compete: a person's box never suppresses that of a car. The IoU limit of
-    the suppression is `largest_iou` within a class and `ONE_OBJECT_IOU` between classes. Boxes with a score
+    the suppression is `largest_iou` within a class, and `ONE_OBJECT_IOU` for all boxes. Those with a score
     below `least_score` or with numbers that are not finite are ignored.
 
     Parameters
@@ -34,7 +34,7 @@ def best_boxes(
     corners : (N, 4) x0, y0, x1, y1, pixels. scores : (N, C); the `class_id` of a box is the column.
     least_score : smallest score of a box. largest_iou : of two boxes of one class.
     class_mask : mask of the wanted classes, by column; classes beyond its end are not wanted. By default all.
-    one_to_one : the network already gives each object one box; only boxes of different classes are compared.
+    one_to_one : the network already gives each object one box, so only `ONE_OBJECT_IOU` counts.
     """
     finite = np.isfinite(corners).all(axis=1)
     corners = corners[finite]

@@ -35,7 +35,7 @@ USUAL_INPUT_PX = 640  # longer side of the training images of most models
 # boxes that a network selects.
 TEST_WIDTH = 320
 TEST_HEIGHT = 192
-# Sizes of an original image that show the order in which RT-DETR expects them, each pair in both orders.
+# Width and height of an original image in both orders: they show which one RT-DETR expects first.
 TEST_SIZES = ((1000, 100), (100, 1000))
 INPUT_TYPES = {
     "tensor(float)": np.float32,

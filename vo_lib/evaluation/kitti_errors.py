@@ -39,8 +39,9 @@ class KittiErrors(Rows):
     ----------
     first, last : (S,) numbers of the frames at which a sub-sequence begins and ends.
     length : (S,) nominal length, metres.
-    t_err : (S,) translation error divided by the nominal length, no unit.
-    r_err : (S,) rotation error divided by the nominal length, rad/m.
+    t_err : (S,) translation error divided by the nominal length, no unit. Where the right last frame is
+        missing, it is divided by the length of the true path between the two frames.
+    r_err : (S,) rotation error divided by the same length, rad/m.
     speed : (S,) mean speed, m/s.
     """
 

@@ -3,7 +3,7 @@
 With known R, a feature at x = (u - cx) / f, y = (v - cy) / f gives two rows in each image: (x e3 - e1)ᵀ P = 0
 and (y e3 - e2)ᵀ P = 0 in a left image; (x e3 - e1)ᵀ P = -b in a right image, where P = Q in the previous pair
 and P = R Q + t in the current pair. The eight rows have six unknowns, Q and t. In the paper, Q is in the
-current frame, and P is the projection matrix.
+current frame, and P̂ is its projection.
 
 Four rows give the point in the previous pair, and four rows give the point in the current pair. One feature
 thus gives t = P - R Q. All features together, with each Q eliminated, give the normal equations

@@ -17,7 +17,7 @@ from ..paper.settings import MethodConfig
 # The values of each setting, by dotted name. In a table, the values of the last setting change fastest.
 Axes = dict[str, tuple[Any, ...]]
 Changes = tuple[tuple[str, Any], ...]  # dotted names of settings, and a value for each
-LONGEST_NAME = 100  # characters of a folder's name
+LONGEST_NAME = 100  # characters of a folder's name, without the digest behind a longer one
 LOOP_SETTINGS = "reprojection."  # the beginning of the settings with which the places of loops are compared
 
 

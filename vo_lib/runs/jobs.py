@@ -44,7 +44,9 @@ if TYPE_CHECKING:
     from ..kit.calibration import Calibration
 
 MATCHING_FRAMES = 4  # the matches of a frame take as long as the back end takes for so many frames
-MOST_FIRST_JOBS = 0.25  # of the jobs: at most so many are done first, for the estimate of the others
+# Of the jobs. One of each kind is done first, for the estimate of the others; or, if these are more, one of
+# each family.
+MOST_FIRST_JOBS = 0.25
 SIZE_CLASSES = 4  # images of twice as many pixels are so many classes further on, see `_size_class`
 NAMED_INPUTS = 3  # of those that differ, a message names so many
 DASK_WORKER_KILLED = "KilledWorker"  # the exception of Dask, which is not always installed
@@ -421,9 +423,9 @@ def running_task(job: Job) -> Task:
 
 
 def _size_class(job: Job) -> int:
-    """A number that is equal for images whose numbers of pixels differ by less than about a tenth.
+    """A number for the size of images: how often the number of pixels doubles, in quarters.
 
-    It counts how often the number of pixels doubles, in quarters.
+    Images of one class differ by at most 19 %, a factor of 2^(1/4).
     """
     return round(SIZE_CLASSES * math.log2(job.sequence.camera.width * job.sequence.camera.height))
 
