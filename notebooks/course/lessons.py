@@ -97,7 +97,7 @@ def motion_of(
         R, _, E, inliers = motion_of_candidate(E, x_p, x_c, X_p, config, focal)
     else:
         inliers = sampson_inliers(E, x_p, x_c, config.threshold / focal)
-        R, _ = resolve_by_depth(E, x_p[inliers], x_c[inliers], X_p[inliers])
+        R, _ = resolve_by_depth(E, x_c[inliers], X_p[inliers])
     return R, essential_vector(E), inliers
 
 

@@ -91,7 +91,7 @@ def test_points_in_front_choose_the_motion_that_the_depths_choose() -> None:
         E = essential_from_motion(given.R_cp[scene], given.t_cp[scene])
         views = given.x_p[scene], given.x_c[scene]
         chosen = library.choose_motion(library.four_motions(-E), *views)
-        R, t = resolve_by_depth(E, *views, given.X_p[scene])
+        R, t = resolve_by_depth(E, given.x_c[scene], given.X_p[scene])
         np.testing.assert_allclose(chosen, np.column_stack([R, t]), atol=1e-9)
         np.testing.assert_allclose(R, given.R_cp[scene], atol=1e-9)
 

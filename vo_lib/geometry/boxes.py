@@ -24,8 +24,8 @@ class Boxes(Rows):
     Attributes
     ----------
     xyxy : (K, 4) left, top, right, bottom, pixels (pixel centres at integers).
-    class_id : (K,) int. When boxes are read, the class numbers of the label file or model; once the boxes of
-        the chosen classes are selected, COCO's number for a vehicle of that kind.
+    class_id : (K,) int. As read: the label file's or model's number of the class; after the choice of
+        classes: COCO's number of that kind of vehicle.
     score : (K,) in [0, 1]; 1 for labels without a score.
     """
 

@@ -19,7 +19,7 @@ from .settings import KitMatchingConfig
 from .surface import CoarseDisparity, fit_surface, motion_warp, right_slope, stereo_warp
 
 # cv2.remap has a resolution of 1/32 pixel; tiles are centred on this grid, so that their samples are exact.
-GRID_CELL_PX = 32
+GRID_CELLS_PER_PX = 32
 # A refinement that moves a feature farther is rejected.
 MAX_REFINEMENT_PX = 1.5
 REFINEMENT_CRITERIA = (15, 0.01)  # iterations, and step in pixels, at which a refinement ends
@@ -180,7 +180,7 @@ def track_warped(
     # A tile contains the window at its largest displacement, and the border that Lucas-Kanade needs.
     tile = window + 2 * int(np.ceil(MAX_REFINEMENT_PX)) + 1
     pixel = np.rint(uv)
-    anchor = np.rint(start * GRID_CELL_PX) / GRID_CELL_PX
+    anchor = np.rint(start * GRID_CELLS_PER_PX) / GRID_CELLS_PER_PX
     row, column = np.divmod(np.arange(count), TILES_IN_A_ROW)
     centre = np.stack([column, row], axis=1) * float(tile) + tile // 2
     # Every row of a picture is full: the first tiles fill the last row, and are blackened there below.

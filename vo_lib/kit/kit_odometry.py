@@ -29,15 +29,15 @@ from .rig import Rig
 from .settings import KitConfig
 from .weighted_translation import papers_translation, robust_translation
 
-# Largest Sampson distance of an inlier of the previous frame's essential matrix, as a multiple of the
-# threshold for this frame's own: the motion has changed since.
+# Largest Sampson distance of an inlier of the previous frame's essential matrix, as a multiple of
+# `threshold`; above 1, since the motion has changed since.
 PREVIOUS_INLIER_RATIO = 3.0
 MIN_INLIER_SHARE = 0.1  # lower bound of the share of inliers that is estimated in this way
 # After a motion that stereo contradicts, so many of the best candidates are tried. Their essential vectors
 # differ from each other by more than this angle, radians.
 CANDIDATES_TRIED = 4
 MIN_ANGLE_BETWEEN = np.radians(5.0)
-FIT_WITHOUT_E = ReprojectionConfig()  # the fit that is tried beside these
+FIT_WITHOUT_E = ReprojectionConfig()  # of the fit that is tried beside these candidates
 SUPPORT_QUANTILE = 0.75  # of the reprojection errors of all matches; see `KitOdometry.support_error`
 
 
@@ -126,7 +126,8 @@ class KitOdometry(SelfCalibratingOdometry):
     a sharp turn or after a restart).
     """
 
-    fit_gain = 2.0  # the motions are more precise than those of the paper's method: right ones reach 1.3
+    # Less than the paper's, since the motions are more precise: the largest ratio of a right one is 1.3.
+    fit_gain = 2.0
 
     def solve(self, matches: StereoMatches) -> Solution | None:
         """The solution of the steps or, if stereo contradicts it, the alternative that stereo supports best.
@@ -180,8 +181,9 @@ class KitOdometry(SelfCalibratingOdometry):
     def support_error(self, matches: StereoMatches, solution: Solution) -> float:
         """The reprojection error, pixels, that three quarters of all matches stay below for a solution.
 
-        The median would not do: if most matches are on traffic that drives in one direction, it supports the
-        motion relative to that traffic. On a wall, nearly all matches support the right motion.
+        The median would not do: if most matches are on traffic that drives in one direction, the motion
+        relative to that traffic would have the least error. Where alternatives are needed, at a wall or
+        another plane, nearly all matches support the right motion, so a higher share does no harm.
         """
         T_cp = rigid(solution.rotation.R_cp, solution.t_cp)
         residuals = stereo_residuals(self.camera, matches, T_cp)

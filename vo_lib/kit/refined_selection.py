@@ -41,13 +41,15 @@ def choose_candidate(
     config: KitSelectionConfig,
     focal: float,
 ) -> tuple[int, bool]:
-    """The winner among the candidates, by consensus or by solution selection (paper, section 2.2).
+    """The best candidate near the prior; the best of all if there is no prior, or if the prior is dropped.
+
+    The steps are those of section 2.2 of the paper; the paper never drops the prior.
 
     Parameters
     ----------
     E, set_index : all candidates of a frame (M, 3, 3) and their sets (M,), from `five_point`.
     x_p, x_c : (N, 2) normalised points.
-    e_prev : (9,) previous essential vector; if None, consensus decides.
+    e_prev : (9,) previous essential vector, the prior; None if there is none.
     focal : focal length, pixels.
 
     Returns
@@ -60,11 +62,12 @@ def choose_candidate(
 
 
 def choose_unless_prior_bad(errors: Array, near_prior: BoolArray, ratio: float) -> tuple[int, bool]:
-    """Index of the winner, and whether the prior is rejected. errors, near_prior : (M,).
+    """Index of the winner, and whether the prior is dropped.
 
-    near_prior : mask of the candidates near the prior. The best of these wins, unless its error exceeds
-    `ratio` times the smallest error, as in a sharp turn: then the prior is rejected, and the best candidate
-    of all wins.
+    The best candidate near the prior wins, unless its error exceeds `ratio` times the smallest error of all,
+    as in a sharp turn: then the prior is dropped, and the best of all wins.
+
+    errors : (M,) of the candidates; near_prior : (M,) mask of those near the prior.
     """
     best = int(np.argmin(errors))
     best_near_prior = int(np.argmin(np.where(near_prior, errors, np.inf)))
@@ -91,7 +94,7 @@ def motion_of_candidate(
     trusted = np.flatnonzero(inliers)
     if len(trusted) < 5:
         trusted = np.arange(len(inliers))
-    R, t = resolve_by_depth(E, x_p[trusted], x_c[trusted], X_p[trusted])
+    R, t = resolve_by_depth(E, x_c[trusted], X_p[trusted])
     if config.mode == "refined":
         # A coarse refinement, then a refinement with the noise as scale of the weights: the distances of the
         # features on a slow car may be smaller than the threshold.

@@ -16,13 +16,13 @@ The two lenses have equal errors: Brown's decentering and radial terms with r² 
 All errors together are a vector (19,), in the order of `ERROR_NAMES`: 9 of the disparities and 6 of the rows,
 which are the field, and 4 of the lenses.
 
-Stereo matches measure the row errors directly. These contain roll and focal length, which a moving camera
-cannot tell from a longer step. Near and far points on one row measure the lens errors. The motion measures
-the lens errors again, and the disparity errors: the disparities must agree with the parallax, and the optical
-flow with the epipolar lines. A single frame contributes little, so a Kalman filter combines all of them. For
-a good rig, a correction by noisy estimates would only add errors. It therefore uses shrunk values (empirical
-Bayes, James and Stein 1961, positive part): the part of a squared estimate that is due to its variance counts
-as noise.
+Stereo matches measure the row errors directly. Roll and focal length show in the rows; from the motion
+alone, they would look like a longer step. Near and far points on one row measure the lens errors. The motion
+measures the lens errors again, and the disparity errors: the disparities must agree with the parallax, and
+the optical flow with the epipolar lines. A single frame contributes little, so a Kalman filter combines all
+of them. For a good rig, a correction by noisy estimates would only add errors. It therefore uses shrunk
+values (empirical Bayes, James and Stein 1961, positive part): the part of a squared estimate that is due to
+its variance counts as noise.
 """
 
 from __future__ import annotations

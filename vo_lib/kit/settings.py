@@ -17,7 +17,7 @@ from ..paper.settings import (
 )
 from ..settings import Checked, section, setting
 
-# Where a setting is used (`when`): by the name of another setting, the values with which it is.
+# Conditions under which a setting is used: the values that other settings then have.
 MOVING_RULE = {"filter.rule": ("moving",)}
 REMOVAL_RULES = {"filter.rule": ("all", "moving", "truth")}
 REFINED_MODE = ESSENTIAL | {"selection.mode": ("refined",)}
@@ -134,7 +134,7 @@ class KitSelectionConfig(SelectionConfig):
     )
     clean_sets: int = setting(
         50,
-        "expected number of sets without an outlier from which no further set is drawn",
+        "expected number of sets without an outlier; no more sets are drawn than should give it",
         low=1,
         high=1_000_000,
         when=REFINED_MODE,

@@ -11,7 +11,7 @@ from .settings import BucketConfig
 def square_numbers(uv: Array, side: int) -> IntArray:
     """Numbers (N,) of the squares, `side` pixels wide, that contain the pixels (N, 2).
 
-    The squares are counted row by row, as far to the right as there are pixels.
+    The numbers go row by row; a row has as many squares as the rightmost pixel needs.
     """
     column, row = (uv // side).astype(np.int64).T
     columns = column.max(initial=0) + 1

@@ -215,9 +215,10 @@ def null_space(rows: Array) -> tuple[Array, BoolArray]:
     zero, so the last four rows of Q are orthogonal to all five `rows`.
 
     The order of the matrices matters. Row i of Q is near the unit vector i, so the largest entries of the
-    four matrices, from the last row of Q upwards, are (2, 2), (2, 1), (2, 0) and (1, 2). The last two, with
-    the factors z and w, are components of the translation, which differs between solutions; (2, 2) is small
-    in all of them.
+    four matrices, from the last row of Q upwards, are (2, 2), (2, 1), (2, 0) and (1, 2). Between frames R is
+    near I, so E is nearly [t]×: (2, 0) and (1, 2) are about -t_y and -t_x, and (2, 2) is small. The last two
+    matrices have the factors z and w, whose ratio tells the solutions apart: their t differ, while (2, 2) is
+    small in all of them.
     """
     sets = rows.shape[-1]
     identity = np.broadcast_to(np.eye(9)[..., None], (9, 9, sets))

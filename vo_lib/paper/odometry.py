@@ -4,12 +4,13 @@
 2. Select features by bucket, age and strength, as in earlier work that section 1 describes.
 3. Draw five-point sets and compute all their essential matrices (section 2.1).
 4. Select one of these candidates, near the previous frame's essential vector (section 2.2).
-5. Take its rotation, by SVD, where section 2.1 names a linear equation.
+5. Take its rotation, by SVD; section 2.1 names a linear equation instead.
 6. Solve the linear system for the translation (equations 2 and 3).
 7. Store the winner's essential vector for the next frame (section 2.2).
 
-Three things are ours: a standstill gives the identity, a frame without a motion repeats the last one, and
-`Odometry.contradicts_stereo` only flags a frame.
+Three additions to these steps are not in the paper: at a standstill, the motion is the identity; a frame
+without a result repeats the last motion; and a motion that contradicts the stereo depths gets a flag, which
+changes nothing else.
 """
 
 from __future__ import annotations
@@ -93,8 +94,9 @@ class Odometry:
     ----------
     e_prev : (9,) essential vector of the last winner, the paper's E_prev; None at the start.
     clock : times of the current frame's stages.
-    fit_gain : a motion contradicts stereo if the error of a fit to the depths is so many times smaller. On
-        drawn and real drives, it is at most 3.8 times smaller for right motions of the method as published.
+    fit_gain : a motion contradicts stereo if its error is more than this many times that of a fit to the
+        depths. For right motions of the method as published, the largest ratio seen on drawn and real drives
+        is 3.8.
     """
 
     fit_gain = 4.0
@@ -106,7 +108,8 @@ class Odometry:
         self.e_prev: Array | None = None
         self.clock = Clock()
         self._frame = 0
-        # Of the previous frame: its motion, and what the rows of a third frame need, if they can be used.
+        # The motion of the previous frame and, if it is precise enough, what step 6 needs for the equations
+        # that the frame before the previous one adds (`earlier_rows`).
         self._last_motion = np.eye(4)
         self._pair_before: PairBefore | None = None
 
@@ -129,8 +132,8 @@ class Odometry:
         else:
             motion = self.motion_or_previous(used)  # steps 3 to 7, in `solve` and `finish_frame`
         self._last_motion = motion.T_cp
-        # The rows of a third frame need a precise motion, so not a repeated one or that of a standstill. The
-        # check against stereo only flags a frame, and changes nothing here.
+        # The next frame's `earlier_rows` need a precise motion, so neither a repeated one nor that of a
+        # standstill. A motion with the flag `contradicts_stereo` is used like any other.
         precise = motion.measured and not motion.still
         self._pair_before = PairBefore(static, motion.T_cp) if precise else None
         motion = replace(
@@ -200,13 +203,13 @@ class Odometry:
     def rotation(self, E: Array, matches: StereoMatches) -> Rotation:
         """Step 5 (section 2.1): the rotation of the winner E (3, 3), by SVD.
 
-        The section names a linear equation, and leaves the choice among the four motions of E open; here, the
-        motion is chosen that agrees with the stereo depth.
+        The section names a linear equation instead, and leaves open which of the four motions of E is right;
+        here, the one that agrees with the stereo depths.
         """
         x_p, x_c = self.points(matches)
         inliers = sampson_inliers(E, x_p, x_c, self.threshold)
         X_p = self.camera.triangulate(matches.prev_left, matches.prev_right)
-        R_cp, _ = resolve_by_depth(E, x_p[inliers], x_c[inliers], X_p[inliers])
+        R_cp, _ = resolve_by_depth(E, x_c[inliers], X_p[inliers])
         return Rotation(R_cp, E, inliers)
 
     def translate(self, matches: StereoMatches, rotation: Rotation) -> Array | None:

@@ -104,12 +104,14 @@ def candidates_near_prior(
     return nearest_to_prior(E, set_index, e_prev, config.top_k)
 
 
-def resolve_by_depth(E: Array, x_p: Array, x_c: Array, X_p: Array) -> tuple[Array, Array]:
+def resolve_by_depth(E: Array, x_c: Array, X_p: Array) -> tuple[Array, Array]:
     """The motion, among the four (R, ±t) of E, that agrees with the stereo depth of the matches.
 
     Parameters
     ----------
-    E : (3, 3); x_p, x_c : (N, 2) normalised points; X_p : (N, 3) points of the previous left frame, metres.
+    E : (3, 3) essential matrix.
+    x_c : (N, 2) normalised points of the current left image.
+    X_p : (N, 3) their points in the axes of the previous left camera, from stereo, metres.
 
     Returns
     -------

@@ -2,8 +2,9 @@
 
 The paper gives three of these numbers: 50×50 buckets, which are those of earlier work and which we read as
 pixels, k = 2 solutions kept per five-point set, and three frames for the translation. The other numbers are
-ours. The base classes `ImageBorder`, `StereoLimits`, `TranslationLimits` and `MethodConfig` declare the
-settings that both variants share.
+ours. `FeatureConfig`, `MatchingConfig`, `TranslationConfig` and `PublishedConfig` are for the variant
+`published`; the settings of all other classes are also those of variant `kit`, which uses some of the classes
+as they are and derives its own from the others.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from ..settings import WORD_OF_LIST, Checked, section, setting
 ESSENTIAL = {"estimator": ("essential",)}
 REPROJECTION = {"estimator": ("reprojection",)}
 PRIOR = ESSENTIAL | {"selection.prior": (True,)}
-BOXES = {"filter.rule": ("all", "moving")}
+BOXES = {"filter.rule": ("all", "moving")}  # the rule `moving` is one of variant `kit`
 
 
 @dataclass(frozen=True)

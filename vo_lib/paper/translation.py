@@ -36,7 +36,7 @@ SOLVING_ROUNDS = 2  # number of times that outliers are removed and the rest is 
 
 
 class PairBefore(NamedTuple):
-    """The result of the previous frame, for the rows of a third frame.
+    """The result of the previous frame, for the equations of the frame before it (`earlier_rows`).
 
     Attributes
     ----------
