@@ -225,14 +225,14 @@ class TableMethods:
     """What --variant, --methods and --config say on the methods of a table; None is left to the command.
 
     changes : settings of --config that differ from the preset of its method; all methods get them.
-    refused : names of those that at least one method must use, as with --set: all of them. But of a file that
-        is as a run wrote it, none, if its method is in the table: such a run can always be repeated.
+    must_be_used : names of those that at least one method has to use, as with --set: all of them. But of a
+        file that is as a run wrote it, none, if its method is in the table: such a run can be repeated.
     """
 
     variant: str | None
     methods: str | None
     changes: Changes = ()
-    refused: tuple[str, ...] = ()
+    must_be_used: tuple[str, ...] = ()
 
 
 def read_table_methods(options: argparse.Namespace) -> TableMethods:
@@ -248,8 +248,8 @@ def read_table_methods(options: argparse.Namespace) -> TableMethods:
     methods = method if options.methods is None else options.methods
     changes = differences(config, preset(method, variant=config.variant))
     is_repeated = method in methods.split(",") and is_as_written(read_config(options.config))
-    refused = () if is_repeated else tuple(name for name, _ in changes)
-    return TableMethods(config.variant, methods, changes, refused)
+    must_be_used = () if is_repeated else tuple(name for name, _ in changes)
+    return TableMethods(config.variant, methods, changes, must_be_used)
 
 
 def _method_of_file(path: Path) -> tuple[str, MethodConfig]:

@@ -119,7 +119,7 @@ def _read_table(options: argparse.Namespace) -> _Table:
     for variant, of_variant in methods.items():
         if of_variant:  # every variant tests the values, which are the same for all
             axes = parse_axes(options.axes, config_class(variant)())
-    blocks = make_blocks(methods, chosen.changes, axes, options.loops, chosen.refused)
+    blocks = make_blocks(methods, chosen.changes, axes, options.loops, chosen.must_be_used)
     seeds = common.parse_whole("--seeds", options.seeds)
     common.parse_whole("--jobs", options.jobs)  # refused before the work
     measure = None

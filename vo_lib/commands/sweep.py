@@ -98,7 +98,7 @@ def _read_grid(options: argparse.Namespace) -> _Grid:
     bases = {method: changed(preset(method, variant=variant), chosen.changes) for method in methods}
     reference_words = "the settings of --config" if chosen.changes else DEFAULT_SETTINGS
     axes = parse_axes(options.axes, bases[methods[0]])
-    refuse_unused(bases, axes, chosen.refused)
+    refuse_unused(bases, axes, chosen.must_be_used)
     _note_unused(bases, [name for name, _ in chosen.changes if name not in axes])
     if options.detector is not None:
         find_model(options.detector)

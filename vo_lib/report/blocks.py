@@ -183,7 +183,7 @@ def make_blocks(
     base: Changes,
     axes: Axes,
     loops: bool = False,
-    refused: Iterable[str] = (),
+    must_be_used: Iterable[str] = (),
 ) -> list[Block]:
     """A block for each variant with methods and each combination of the values on the axes.
 
@@ -193,11 +193,12 @@ def make_blocks(
     base : changes in every block, which a value on an axis replaces.
     axes : the values of settings.
     loops : as in `Block`.
-    refused : names of settings in `base` that at least one method must use.
+    must_be_used : names of settings in `base` that at least one method has to use; those of an axis always
+        have to.
 
     Raises
     ------
-    DataError : no method uses a setting of an axis or of `refused`, or changes make two methods the same.
+    DataError : no method uses a setting that must be used, or changes make two methods the same.
     """
     blocks = []
     for variant, of_variant in methods.items():
@@ -205,7 +206,7 @@ def make_blocks(
             for combination in combinations(axes):
                 changes = dict(base) | dict(combination)
                 blocks.append(Block(variant, tuple(changes.items()), loops))
-    for name in dict.fromkeys([*axes, *refused]):
+    for name in dict.fromkeys([*axes, *must_be_used]):
         reasons = []
         for block in blocks:
             for method in methods[block.variant]:

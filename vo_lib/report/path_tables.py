@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,13 +27,25 @@ from .table1_plan import slug
 MIN_CURVE_POINTS = {"length": 2, "speed": 4}
 USUAL_LENGTH_RATIOS = (0.5, 2.0)  # least and largest length of a path, divided by that of its truth
 WRITE_INVERSES = "write their inverses (camera to world)"
-# For poses that do not move along +z, by the axis along which they move: how the camera would have to move
-# for that, and what the file probably has instead.
 ROBOT_AXES = "other axes (in those of a robot or an IMU, x is often forward and z up)"
+
+
+class _OtherMotion(NamedTuple):
+    """What it would mean that poses move along another axis of their own than +z, in which a camera looks.
+
+    direction : in which the camera would have moved, if this were true.
+    likely_reason : what the file probably has instead.
+    """
+
+    direction: str
+    likely_reason: str
+
+
+# By the letter of that axis. Along z, the motion can only be one along -z.
 OTHER_MOTIONS = {
-    "x": ("sideways", ROBOT_AXES),
-    "y": ("up or down", ROBOT_AXES),
-    "z": ("backwards", "other axes, or inverted poses (world to camera)"),
+    "x": _OtherMotion("sideways", ROBOT_AXES),
+    "y": _OtherMotion("up or down", ROBOT_AXES),
+    "z": _OtherMotion("backwards", "other axes, or inverted poses (world to camera)"),
 }
 
 
@@ -231,14 +243,20 @@ def _doubts_about_axes(paths: Mapping[str, WholePath]) -> list[str]:
             f"end and picture are wrong: {WRITE_INVERSES}."
         )
     for axis, names in names_by_axis.items():
-        direction, likely_reason = OTHER_MOTIONS[axis[-1]]
+        motion = _other_motion(axis)
         doubts.append(
             f"warning: {' and '.join(names)}: the poses move along their own {axis} axis rather than along "
-            f"+z, in which a camera looks. Unless the camera really moved {direction}, the file has "
-            f"{likely_reason}, and then the end and the picture are in other axes than they say: write poses "
-            "of the left camera, with x right, y down and z forward."
+            f"+z, in which a camera looks. Unless the camera really moved {motion.direction}, the file has "
+            f"{motion.likely_reason}, and then the end and the picture are in other axes than they say: "
+            "write poses of the left camera, with x right, y down and z forward."
         )
     return doubts
+
+
+def _other_motion(axis: str) -> _OtherMotion:
+    """What a motion along an axis means, such as "+x" or "x" (a motion to and fro), from `unusual_axis`."""
+    letter = axis.lstrip("+-")
+    return OTHER_MOTIONS[letter]
 
 
 def _doubts_between(paths: Mapping[str, Array]) -> list[str]:
@@ -375,7 +393,7 @@ def write_pictures(folder: Path, paths: ComparedPaths, result: Evaluation) -> li
         )
     axis = unusual_axis(paths.truth) if paths.truth_from_outside else ""
     if axis:
-        direction, _ = OTHER_MOTIONS[axis[-1]]
+        direction = _other_motion(axis).direction
         sentences.append(
             f"warning: {paths.name}: the true poses move along their own {axis} axis rather than along +z, "
             f"in which a camera looks: unless the camera moved {direction}, the picture of the paths is in "

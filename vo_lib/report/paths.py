@@ -42,6 +42,8 @@ USUAL_MATCHES = 0.5
 # If another clock were the reason, positions of equal time would differ by the way that is driven in the
 # difference of the clocks. Paths that differ by less than this share of that way have one clock.
 AGREEING_POSITIONS = 0.25
+# The end of a sentence on times that differ.
+OTHER_CLOCK = "so its clock may differ by this, and then every pose is compared with that of another frame."
 GIVE_TRUTH = "give its ground truth with --truth FILE"
 UNNAMED = "paths"  # the name of pose files that no run gives a sequence
 
@@ -568,35 +570,50 @@ def _matched(path: Path, truth: _Reference, tolerance: float, what: str) -> _Mat
 def _clock_doubt(file: PoseFile, truth: _Reference, rows: Index, pose_rows: Index) -> str:
     """Why a file may have another clock than the truth, or be of another drive; "" if there is no reason.
 
+    The turns of both decide or, if these do not tell, the times at which both begin and end.
+
     rows, pose_rows : (M,) numbers of the true poses and of the poses of the file that have equal times.
     """
     if file.times is None or truth.times is None:
         return ""
-    consequence = (
-        "so its clock may differ by this, and then every pose is compared with that of another frame."
-    )
-    turns = turn_agreement(file.times, file.poses, truth.times, truth.poses)
+    doubt = _doubt_from_turns(file.times, file.poses, truth.times, truth.poses)
+    if doubt is not None:
+        return doubt
+    if len(rows) == min(len(file.poses), len(truth.poses)):
+        return ""  # every pose of the shorter one has a partner, so no end of it is without one
+    shift = clock_shift(file.times, truth.times)
+    if shift is None or _positions_agree(truth.poses[rows], file.poses[pose_rows], truth.times[rows], shift):
+        return ""
+    offset_word = "later" if shift > 0 else "earlier"
+    return f"Its first and its last time are both about {abs(shift):.3g} s {offset_word}, {OTHER_CLOCK}"
+
+
+def _doubt_from_turns(times: Array, poses: Array, true_times: Array, true_poses: Array) -> str | None:
+    """Why the turns of a path speak against the clock or the drive of the truth; "" if they speak for both.
+
+    None if they do not tell, for instance since the path hardly turns.
+
+    Parameters
+    ----------
+    times, poses : of the path, (N,) seconds and (N, 4, 4).
+    true_times, true_poses : of the truth, (K,) seconds and (K, 4, 4).
+    """
+    turns = turn_agreement(times, poses, true_times, true_poses)
     if turns is not None and turns.is_another_clock:
         correction = "earlier" if turns.lag > 0 else "later"
         return (
             f"The turns of both would agree far better if its times were {abs(turns.lag):.3g} s "
-            f"{correction}, {consequence}"
+            f"{correction}, {OTHER_CLOCK}"
         )
     if turns is not None and turns.is_one_clock:
         return ""
-    slow_turns = slow_turn_agreement(file.times, file.poses, truth.times, truth.poses)
-    agreements = (turns, slow_turns)
-    if all(agreement is not None and agreement.is_another_drive for agreement in agreements):
+    slow_turns = slow_turn_agreement(times, poses, true_times, true_poses)
+    if all(agreement is not None and agreement.is_another_drive for agreement in (turns, slow_turns)):
         return (
             "But the turns of both agree at no lag between their times, so perhaps one is of another drive, "
             "or the orientations of one are wrong."
         )
-    all_match = len(rows) == min(len(file.poses), len(truth.poses))
-    shift = None if all_match else clock_shift(file.times, truth.times)  # seconds
-    if shift is None or _positions_agree(truth.poses[rows], file.poses[pose_rows], truth.times[rows], shift):
-        return ""
-    offset_word = "later" if shift > 0 else "earlier"
-    return f"Its first and its last time are both about {abs(shift):.3g} s {offset_word}, {consequence}"
+    return None
 
 
 def _positions_agree(true_poses: Array, poses: Array, times: Array, shift: float) -> bool:

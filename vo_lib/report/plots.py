@@ -54,7 +54,7 @@ METHOD_MARKERS = {
 }
 TRUTH_COLOUR = "#222222"
 LOOP_COLOUR = CYCLE[5]
-LINE_WIDTHS = {PROPOSAL: 4.0, TRUTH: 0.9}  # points; other lines have widths between these
+LINE_WIDTHS = {PROPOSAL: 4.0, TRUTH: 0.9}  # points; `styled` gives the other lines their widths
 TRUTH_EDGE = 0.6  # points, of the white edge on each side of the truth
 # A path is straight if its width, divided by its length, is less: then a view from above with equal axes
 # would be nearly empty.

@@ -53,11 +53,16 @@ if TYPE_CHECKING:
 NOT_USED = " (not used)"
 CELLS = "cells"  # folder of the runs in the folder of a sweep
 DEFAULT = "default"  # folder of the runs with the settings that are not changed
-# Fields of a record, and their columns, for a path without ground truth: how far it is from that of the
-# reference, the default settings.
-APART_KINDS = {"end_apart_m": "end apart m", "rmse_apart_m": "rmse apart m"}
-# The same for a path with truth that is shorter than every sub-sequence: how far it is from the true one.
-POSITION_KINDS = {"end_error_m": "end error m", "rmse_error_m": "rmse error m"}
+# Fields of a record for a path without ground truth: how far it is from the path of the reference, the
+# settings that are not on an axis. It is the distance at the end, and the root mean square of all distances.
+END_APART = "end_apart_m"
+RMSE_APART = "rmse_apart_m"
+# The same for a path with truth that is shorter than every sub-sequence: how far it is from the true path.
+END_ERROR = "end_error_m"
+RMSE_ERROR = "rmse_error_m"
+# The columns in which tables show these fields.
+APART_KINDS = {END_APART: "end apart m", RMSE_APART: "rmse apart m"}
+POSITION_KINDS = {END_ERROR: "end error m", RMSE_ERROR: "rmse error m"}
 METHOD_AXIS = "method"
 DEFAULT_SETTINGS = "the default settings"
 SAME_PATH_M = 0.0005  # a smaller distance is printed as 0.000 m
@@ -145,13 +150,14 @@ class _SweepCell:
 _ReferenceCells = dict[tuple[str, str], _SweepCell]
 
 
-def refuse_unused(bases: Mapping[str, MethodConfig], axes: Axes, more: Iterable[str] = ()) -> None:
+def refuse_unused(bases: Mapping[str, MethodConfig], axes: Axes, must_be_used: Iterable[str] = ()) -> None:
     """Raise `DataError` for a setting that no method uses in any combination of the values.
 
     bases : by method, the settings that are not on an axis.
-    more : names of settings in `bases` that at least one method must use.
+    must_be_used : names of settings in `bases` that at least one method has to use; those of an axis always
+        have to.
     """
-    for name in dict.fromkeys([*axes, *more]):
+    for name in dict.fromkeys([*axes, *must_be_used]):
         reasons = []
         for method, base in bases.items():
             for changes in combinations(axes):
@@ -333,23 +339,23 @@ def _fields_without_truth(runs: list[Run], reference_runs: list[Run]) -> dict[st
         if result.config.seed in reference_of_seed:
             reference_poses = reference_of_seed[result.config.seed]
             apart.append(path_difference("a path", result.poses, "the reference", reference_poses))
-    return _fields_of_distances(APART_KINDS, apart, runs)
+    return _fields_of_distances(runs, apart, END_APART, RMSE_APART)
 
 
 def _fields_of_positions(runs: list[Run], truth: Array) -> dict[str, float | None]:
     """Length of the paths, and their distance from the true path (N, 4, 4), after a common start."""
     apart = [path_difference("the truth", truth, "a path", result.poses) for result in runs]
-    return _fields_of_distances(POSITION_KINDS, apart, runs)
+    return _fields_of_distances(runs, apart, END_ERROR, RMSE_ERROR)
 
 
 def _fields_of_distances(
-    kinds: Iterable[str], apart: list[PathDifference], runs: list[Run]
+    runs: list[Run], apart: list[PathDifference], end_field: str, rmse_field: str
 ) -> dict[str, float | None]:
-    """Mean and deviation over the seeds of lengths and distances of paths, and the costs of the runs.
+    """Mean and deviation over the seeds of the lengths and distances of paths, and the costs of their runs.
 
-    kinds : names of the fields for the distance at the end, and for the root mean square of all distances.
+    apart : the distances of each path that has another one to be compared with.
+    end_field, rmse_field : names of the fields for the distance at the end, and for the root mean square.
     """
-    end_field, rmse_field = kinds
     values_of = {
         "length_m": [path_facts(result.poses, None).length for result in runs],
         end_field: [difference.end for difference in apart],
