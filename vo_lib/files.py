@@ -29,7 +29,11 @@ LOCK_POLL_S = 0.2  # interval at which a waiting process tries the lock again
 
 @contextmanager
 def open_binary(path: str | Path) -> Iterator[io.BufferedReader]:
-    """A file open for reading; `DataError` if the file is missing, not a file on a disk, or unreadable."""
+    """A file open for reading; `DataError` if the file is missing, not a file on a disk, or unreadable.
+
+    An `OSError` inside the context counts as one of reading this file. So what is written there is written by
+    `writing`, which reports its own errors.
+    """
     try:
         # Before the file is opened: a pipe without a writer would wait, and a device may have no end.
         mode = os.stat(path).st_mode

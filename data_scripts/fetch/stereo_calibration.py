@@ -16,7 +16,7 @@ from fetch.rectification import (
     is_identity,
     rectification_maps,
 )
-from vo_lib.data.kitti import MAX_BASELINE_M
+from vo_lib.data.kitti import MAX_BASELINE_M, MIN_BASELINE_M
 from vo_lib.errors import DataError
 from vo_lib.geometry.types import Array, Image
 
@@ -180,8 +180,12 @@ def rig_from_numbers(
     """A rig from numbers in pixels and metres; `DataError` for impossible values."""
     if not np.isfinite([f, cx, cy, baseline]).all() or f <= 0:
         raise DataError(f"focal length {f:g} px, centre {cx:g},{cy:g} px: expected positive numbers", path)
-    if baseline == 0:
-        raise DataError("the baseline is 0 m: expected the distance between the two cameras", path)
+    if abs(baseline) < MIN_BASELINE_M:
+        raise DataError(
+            f"the baseline is {abs(baseline):g} m: expected the distance between the two cameras, "
+            f"{1000 * MIN_BASELINE_M:g} mm to {MAX_BASELINE_M:g} m",
+            path,
+        )
     if abs(baseline) > MAX_BASELINE_M:
         raise DataError(f"the baseline is {abs(baseline):g} m: {unit_advice(abs(baseline))}", path)
     return RectifiedRig(f, cx, cy, baseline)

@@ -117,9 +117,14 @@ def test_kept_matches_are_used_again(
 def test_missing_boxes_cause_a_warning(
     bands: Path, done: Callable[..., str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    warning = "No vehicle boxes for bands: no features are removed, so feature_selection is equal"
+    removed_by_none = "No vehicle boxes for bands: no features are removed, "
+    warning = f"{removed_by_none}so feature_selection is equal to solution_selection."
     assert " ".join(done("a").split()).startswith(f"warning: {warning}")
     assert "No vehicle boxes" not in done("b", "--method", "solution_selection")
+    with_rule = done("viso2", "--method", "viso2", "--filter.rule", "all")
+    assert f"{removed_by_none}as with filter.rule none." in " ".join(with_rule.split())
+    moving = done("moving", "--method", "moving_selection", variant="kit")
+    assert f"{removed_by_none}so moving_selection is equal to" in " ".join(moving.split())
     words = ["--sequences", str(bands), "--methods", "feature_selection", "--variant", "published"]
     words += ["--seeds", "1", "--films", "--cache", str(bands.parent / "cache")]
     assert main(["reproduce", *words, "--out", str(bands.parent / "c")]) == 0

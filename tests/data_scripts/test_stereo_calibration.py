@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from fetch.calibrations.user_files import read_user_calibration
-from fetch.stereo_calibration import rig_from_matrices
+from fetch.stereo_calibration import rig_from_matrices, rig_from_numbers
 from vo_lib.errors import DataError
 from vo_lib.geometry.motion import rotation_from_vector
 from vo_lib.geometry.types import Array
@@ -92,3 +92,12 @@ def test_projections_alone_mean_rectified_images() -> None:
     P2[0, 2] += 5
     with pytest.raises(DataError, match="rectified pair"):
         rig_from_matrices({"P1": P1, "P2": P2}, SIZE, Path("p.yml"))
+
+
+@pytest.mark.parametrize("baseline", [0.0, 5e-6, -5e-6])
+def test_baseline_that_calib_txt_would_not_take_is_refused_before_anything_is_written(
+    baseline: float,
+) -> None:
+    with pytest.raises(DataError, match=r"the baseline is .* m: expected .* 0\.01 mm to 10 m"):
+        rig_from_numbers(500.0, 320.0, 200.0, baseline)
+    assert rig_from_numbers(500.0, 320.0, 200.0, 2e-5).baseline == 2e-5

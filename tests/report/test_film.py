@@ -101,6 +101,29 @@ def test_film_on_a_full_disk_is_an_error_and_the_earlier_film_stays(bands: Path)
     assert film.read_bytes() == FILM_MARK
 
 
+FULL_AFTER_ENCODING = """
+import resource, sys
+from pathlib import Path
+import numpy as np
+from vo_lib.report.webm import webm_file
+
+with webm_file(Path(sys.argv[1]), 64, 48, 10) as pictures:
+    pictures.add(np.zeros((48, 64, 3), np.uint8))
+    pictures.finish()
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit for the size of files")
+def test_disk_that_is_full_once_the_pictures_are_encoded_is_an_error_of_writing(tmp_path: Path) -> None:
+    film = tmp_path / "film.webm"
+    words = [sys.executable, "-c", FULL_AFTER_ENCODING, str(film)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.stderr.endswith(f"{film}: the film cannot be written: File too large\n")
+    assert "cannot be read" not in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
 def test_film_that_is_interrupted_leaves_nothing(bands: Path) -> None:
     result = run(open_sequence(bands), preset("solution_selection"))
     place = bands.parent / "films"

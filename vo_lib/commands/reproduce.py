@@ -219,7 +219,9 @@ def _do_runs(
     typed = vehicle_boxes.TYPED_SET_CLASSES
     of_labels = vehicle_boxes.remarks_on_labels(run_inputs, typed, with_name=True)
     print_notes(of_labels)
-    without_boxes = vehicle_boxes.warnings_without_boxes(run_inputs)
+    without_boxes = vehicle_boxes.warnings_without_boxes(
+        (job.method, job.sequence, job.config) for job in jobs
+    )
     print_warnings(without_boxes)
     with reporting(f"{len(jobs)} runs") as report:
         outcomes = common.run_with_options(jobs, workers, report, durations, options)

@@ -218,7 +218,7 @@ def _with_boxes(
     if options.detector is not None and config.filter.rule == "none":
         print_wrapped(f"note: {method} does not use the boxes of --detector; only a film shows the boxes")
     sequence = vehicle_boxes.with_detected_boxes(sequence, options, detection, config.filter.classes)
-    print_warnings(vehicle_boxes.warnings_without_boxes([(sequence, config)]))
+    print_warnings(vehicle_boxes.warnings_without_boxes([(method, sequence, config)]))
     print_notes(vehicle_boxes.remarks_on_labels([(sequence, config)], vehicle_boxes.TYPED_CLASSES))
     return sequence
 

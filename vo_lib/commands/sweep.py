@@ -134,12 +134,13 @@ def _sweep(options: argparse.Namespace) -> int:
                 opener.names, grid.bases, grid.axes, grid.seeds, folder, opener.undetected
             )
             refuse_other_runs(undetected, opener.detector_of, common.REPLACE_RUNS)
-        run_inputs = []
-        for base in grid.bases.values():
+        runs = []
+        for method, base in grid.bases.items():
             for changes in combinations(grid.axes):
                 config = changed(base, changes)
-                run_inputs += [(opener(name, config), config) for name in opener.names]
-        print_warnings(vehicle_boxes.warnings_without_boxes(run_inputs))
+                runs += [(method, opener(name, config), config) for name in opener.names]
+        print_warnings(vehicle_boxes.warnings_without_boxes(runs))
+        run_inputs = [(sequence, config) for _, sequence, config in runs]
         print_notes(vehicle_boxes.remarks_on_labels(run_inputs, vehicle_boxes.TYPED_SET_CLASSES))
         stack.enter_context(only_process(folder))
         with reporting(f"{', '.join(opener.names)}; {', '.join(grid.bases)}") as report:

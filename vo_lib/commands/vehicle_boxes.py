@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from ..config import VARIANTS
 from ..data.catalogue import SYNTHETIC
 from ..data.class_names import ClassesError
 from ..data.label_remarks import label_remarks, missing_labels
@@ -197,18 +198,25 @@ def remarks_on_labels(
     return list(remarks)
 
 
-def warnings_without_boxes(runs: Iterable[tuple[Sequence, MethodConfig]]) -> list[str]:
-    """A warning about sequences without boxes, if a method removes features in boxes."""
+def warnings_without_boxes(runs: Iterable[tuple[str, Sequence, MethodConfig]]) -> list[str]:
+    """A warning about sequences without boxes, if a method removes features in boxes.
+
+    runs : the name of the method, the sequence and the settings of each run.
+    """
     without: dict[str, None] = {}
-    for sequence, config in runs:
+    methods: dict[str, None] = {}  # those without boxes that differ from solution_selection by boxes alone
+    for method, sequence, config in runs:
         if sequence.labels is None and config.filter.uses_boxes:
             without[sequence.name] = None
+            if VARIANTS[config.variant][method].filter.uses_boxes:
+                methods[method] = None
     if not without:
         return []
-    return [
-        f"No vehicle boxes for {', '.join(without)}: no features are removed, so feature_selection is equal "
-        f"to solution_selection. {DETECT}"
-    ]
+    consequence = "as with filter.rule none"
+    if methods:
+        are = "is" if len(methods) == 1 else "are"
+        consequence = f"so {' and '.join(methods)} {are} equal to solution_selection"
+    return [f"No vehicle boxes for {', '.join(without)}: no features are removed, {consequence}. {DETECT}"]
 
 
 def warn_without_vehicles(sequence: Sequence) -> None:

@@ -19,7 +19,7 @@ from ..files import open_binary, read_bytes, read_text
 from ..geometry.camera import StereoCamera
 from ..geometry.types import Array, Image
 from .png import DEPTH_IN_FILE_AT, has_16_bits, has_valid_chunks
-from .poses import read_number_rows
+from .poses import finite_number, read_number_rows
 
 _WITH_TRUTH = (4541, 1101, 4661, 801, 271, 2761, 1101, 1101, 4071, 1591, 1201)  # frames of 00 to 10
 _WITHOUT_TRUTH = (921, 1061, 3281, 631, 1901, 1731, 491, 1801, 4981, 831, 2721)  # frames of 11 to 21
@@ -31,10 +31,13 @@ _PART_OPTIONS = re.compile(
     rf"(?:--sequences \d\d|--raw [0-9_]+_drive_\d{{4}}) --frames ({_RANGE}(?:,{_RANGE})*)", re.ASCII
 )
 _EXPECTED_PART = "expected a line such as --sequences 00 --frames 0:201"
+_MEANING_OF_PIECE = "A:B has the frames A to B-1"
 
 MAX_FOCAL_PX = 1e6  # also for the principal point; larger numbers overflow in later computations
-MIN_BASELINE_M = 1e-5
+MIN_BASELINE_M = 1e-5  # no two cameras stand closer
 MAX_BASELINE_M = 10.0  # a longer baseline is probably in millimetres
+ROWS_OF_P = 3  # of a matrix of calib.txt, whose line has the rows one after the other
+COLUMNS_OF_P = 4
 SAME_ENTRIES = 1e-6  # largest difference of equal entries of P0 and P1, as a share of the focal length
 
 GREY = ("image_0", "image_1")  # folders of the left and of the right images
@@ -75,7 +78,8 @@ def read_calibration(
     width, height : image size, pixels; 0 if unknown. sides : image folders; COLOUR has P2 and P3 instead.
 
     Raises `DataError` with the line number for a missing matrix, wrong numbers, cameras that are not
-    rectified, a principal point outside the images, or a baseline that is not positive or longer than 10 m.
+    rectified, a principal point outside the images, or a baseline outside `MIN_BASELINE_M` to
+    `MAX_BASELINE_M`.
     """
     left, right = _read_projections(path, projection_names(sides))
     f = float(left.P[0, 0])
@@ -98,7 +102,7 @@ def read_calibration(
     baseline = float(left.P[0, 3] - right.P[0, 3]) / f
     if not MIN_BASELINE_M <= baseline <= MAX_BASELINE_M:
         value = f"the baseline ({left.name}[0,3] - {right.name}[0,3]) / f is {baseline:g} m"
-        expected = f"expected more than 0 and at most {MAX_BASELINE_M:g} m"
+        expected = f"expected {1000 * MIN_BASELINE_M:g} mm to {MAX_BASELINE_M:g} m"
         raise DataError(f"{right.name}: {value}, {expected}", path, right.line)
     return StereoCamera(f, cx, cy, baseline, width, height)
 
@@ -142,13 +146,18 @@ def _read_projections(path: Path, names: tuple[str, str]) -> tuple[_Projection, 
         name = before.strip()
         if name not in names:
             continue
-        try:
-            values = np.array([float(word) for word in after.split()])
-        except ValueError:
-            raise DataError(f"{name}: expected 12 numbers", path, number) from None
-        if len(values) != 12 or not np.isfinite(values).all():
-            raise DataError(f"{name}: expected 12 finite numbers, found {len(values)}", path, number)
-        found[name] = _Projection(name, values.reshape(3, 4), number)
+        words = after.split()
+        if len(words) != ROWS_OF_P * COLUMNS_OF_P:
+            raise DataError(f"{name}: expected 12 numbers, found {len(words)}", path, number)
+        P = np.zeros((ROWS_OF_P, COLUMNS_OF_P))
+        for place, word in enumerate(words):
+            row, column = divmod(place, COLUMNS_OF_P)
+            try:
+                P[row, column] = finite_number(word)
+            except ValueError as error:
+                where = f"{name}, row {row + 1}, column {column + 1}"
+                raise DataError(f"{where}: {error}; expected 12 numbers", path, number) from None
+        found[name] = _Projection(name, P, number)
     for name in names:
         if name not in found:
             raise DataError(f"{name} is missing: expected a line '{name}: ' with 12 numbers", path)
@@ -237,7 +246,9 @@ def read_part(folder: Path) -> Part | None:
     """The part of a sequence that part.txt names; None without the file.
 
     Examples: "--sequences 00 --frames 0:201", "--raw 2011_09_26_drive_0013 --frames 0:80",
-    "--sequences 06 --frames 122:139,953:968". Raises `DataError` for any other text.
+    "--sequences 06 --frames 122:139,953:968". As in Python, a piece A:B has the frames A to B - 1.
+
+    Raises `DataError` for any other text, and for pieces without a gap between them.
     """
     path = folder / PART
     if not path.exists():
@@ -250,11 +261,23 @@ def read_part(folder: Path) -> Part | None:
         start, stop = text.split(":")
         piece = range(int(start), int(stop))
         if len(piece) == 0:
-            raise DataError(_EXPECTED_PART, path, 1)
+            raise DataError(f"the piece {text} has no frame: {_MEANING_OF_PIECE}", path, 1)
         pieces.append(piece)
-    if any(after.start <= before.stop for before, after in itertools.pairwise(pieces)):
-        raise DataError("the pieces overlap or are not in order: expected 0:20,50:70", path, 1)
+    for before, after in itertools.pairwise(pieces):
+        if after.start <= before.stop:
+            raise DataError(_without_gap(before, after), path, 1)
     return Part(options[0], tuple(pieces))
+
+
+def _without_gap(before: range, after: range) -> str:
+    """The sentence for two pieces of part.txt, one written behind the other, that no gap separates."""
+    pieces = f"{before.start}:{before.stop} and {after.start}:{after.stop}"
+    if after.stop <= before.start:
+        return f"the pieces {pieces} are not in order: expected the smaller frame numbers first"
+    together = f"{min(before.start, after.start)}:{max(before.stop, after.stop)}"
+    if after.start == before.stop:
+        return f"no frame is missing between the pieces {pieces}: {_MEANING_OF_PIECE}, so write {together}"
+    return f"the pieces {pieces} overlap: {_MEANING_OF_PIECE}, so both together are {together}"
 
 
 def wanted_frames(folder: Path) -> list[int] | None:

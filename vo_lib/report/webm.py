@@ -22,7 +22,7 @@ from typing import BinaryIO
 import cv2
 
 from ..errors import DataError
-from ..files import locked_draft, open_binary
+from ..files import locked_draft
 from ..geometry.types import Image
 
 # VP8 takes a quarter of VP9's time in OpenCV, which uses one thread and passes no options to the encoder.
@@ -99,7 +99,8 @@ def webm_file(path: Path, width: int, height: int, fps: int) -> Iterator[Picture
             if not encoder.count:
                 return
             draft = folder / path.name
-            with open_binary(encoded) as source, open(draft, "wb") as file:
+            # Both files are the kit's own drafts, so an error of either is one of writing the film.
+            with open(encoded, "rb") as source, open(draft, "wb") as file:
                 webm = WebmWriter(file, width, height, fps)
                 for frame in _frames_of_ivf(source):
                     webm.add(frame)
