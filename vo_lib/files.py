@@ -238,42 +238,73 @@ def folder_size(path: Path) -> int:
 def written_together(
     folder: Path, last: str = "", stale: Iterable[str] = (), own: bool = True
 ) -> Iterator[Path]:
-    """A temporary folder, whose files then replace those of `folder`, one after the other.
+    """A temporary folder, whose files replace those of `folder` when the context ends: all of them, or none.
 
-    Every file is complete on the disk before the first file is replaced, so on a full disk the files from
-    before remain; and `last` is replaced only when all others are. Raises `DataError` like `writing`.
+    Every file is complete on the disk before the first one is replaced, so on a full disk the files from
+    before remain. If one of them cannot be replaced, those before it are put back. Only a process that is
+    killed while it replaces them leaves files of both results, each of them whole; `last` is then that of the
+    earlier result, if there was one. Raises `DataError` like `writing`.
 
     last : name of the file that is replaced last, the mark of a complete result. In the temporary folder, it
         is written with the ending `DRAFT`, so that a search for complete results does not find it there.
-    stale : names of files of an earlier result that are then deleted.
+    stale : names of files of an earlier result that are deleted, just before `last` is replaced.
     own : whether files in `folder` may be replaced (see `refuse_foreign`).
     """
     draft = _draft_of(folder / "results")
-    new = list[Path]()
     try:
         draft.mkdir()
         yield draft
-        names = sorted(name for name in os.listdir(draft) if name != last + DRAFT)
-        if last:
-            names.append(last)
+        others = sorted(name for name in os.listdir(draft) if name != last + DRAFT)
+        names = [*others, last] if last else others
         refuse_foreign(folder, names, own)
-        new += [folder / name for name in names if not (folder / name).exists()]
-        for name in names:
-            if name != last:
+        stale = list(stale)
+        with _kept_on_error(folder, [*names, *stale]):
+            for name in others:
                 os.replace(draft / name, folder / name)
-        _delete(folder / name for name in stale)
-        if last:
-            os.replace(draft / (last + DRAFT), folder / last)
+            _delete(folder / name for name in stale)
+            if last:
+                os.replace(draft / (last + DRAFT), folder / last)
     except OSError as error:
-        _delete(new)
         raise DataError(f"cannot be written: {error.strerror}", folder) from error
     except DataError as error:
-        raise DataError(str(error).replace(str(draft), str(folder))) from error
-    except BaseException:
-        _delete(new)  # a new result without its last file is no result
-        raise
+        raise DataError(str(error).replace(str(draft), str(folder)), remedy=error.remedy) from error
     finally:
         shutil.rmtree(draft, ignore_errors=True)
+
+
+@contextmanager
+def _kept_on_error(folder: Path, names: Iterable[str]) -> Iterator[None]:
+    """A context that may replace, make or delete the files of these names; an exception undoes that.
+
+    Until the context ends, the files from before also have names in a temporary folder.
+    """
+    earlier_files = _draft_of(folder / "earlier")
+    earlier_of = {name: earlier_files / (name + DRAFT) for name in names}
+    try:
+        earlier_files.mkdir()
+        for name, earlier in earlier_of.items():
+            if os.path.lexists(folder / name):
+                _link_or_copy(folder / name, earlier)
+        try:
+            yield
+        except BaseException:
+            for name, earlier in earlier_of.items():
+                if os.path.lexists(earlier):
+                    with suppress(OSError):  # of the file that could not be replaced: it is as before
+                        os.replace(earlier, folder / name)
+                else:
+                    _delete([folder / name])
+            raise
+    finally:
+        shutil.rmtree(earlier_files, ignore_errors=True)
+
+
+def _link_or_copy(path: Path, target: Path) -> None:
+    """Give a file a second name, so that it stays when the first name is replaced."""
+    try:
+        os.link(path, target, follow_symlinks=False)
+    except (OSError, NotImplementedError):  # a file system without hard links, or without those of links
+        shutil.copy2(path, target, follow_symlinks=False)
 
 
 def delete_tree(path: Path) -> None:

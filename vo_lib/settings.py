@@ -110,17 +110,19 @@ class Setting:
 
     def check(self, value: Any) -> None:
         """Raise `DataError` unless the value has the declared type, range and choices."""
-        is_list = isinstance(value, tuple)
-        items = value if is_list else (value,)
-        if self.pattern and not items:
+        if self.pattern and _items(value) == ():
             raise DataError(f"{self.name} is empty, expected {self.describe()}")
-        is_as_default = is_list == isinstance(self.default, tuple)
-        if is_as_default and all(self._allows(item) for item in items):
-            return
-        # A list of the right type is shown as it was typed, with commas.
-        is_typed = is_list and all(type(item) is self._item_kind for item in items)
-        shown = as_typed(value) if is_typed else value
-        raise DataError(f"{self.name}: {shorten(repr(shown))} is not {self.describe()}")
+        if not self._has_declared_form(value) or not all(self._allows(item) for item in _items(value)):
+            raise DataError(f"{self.name}: {shorten(repr(self._shown(value)))} is not {self.describe()}")
+
+    def _has_declared_form(self, value: Any) -> bool:
+        """Whether a value is a list where the default is a list, and a single value where it is none."""
+        return isinstance(value, tuple) == isinstance(self.default, tuple)
+
+    def _shown(self, value: Any) -> Any:
+        """A value as a message shows it: a list of the right type as it is typed, with commas."""
+        is_typed = isinstance(value, tuple) and all(type(item) is self._item_kind for item in value)
+        return as_typed(value) if is_typed else value
 
     def _allows(self, item: Any) -> bool:
         """Whether the setting may have this value, or this item of a list."""
@@ -158,6 +160,11 @@ class Setting:
         return f"{text} {self.unit}".rstrip()
 
 
+def _items(value: Any) -> tuple[Any, ...]:
+    """The items of a list, or the single value."""
+    return value if isinstance(value, tuple) else (value,)
+
+
 def as_typed(value: Any) -> str:
     """A value as written on the command line."""
     if isinstance(value, bool):
@@ -177,7 +184,8 @@ class Checked:
                 item.check(getattr(self, item.name))
 
 
-_hints = functools.cache(typing.get_type_hints)  # a call takes a millisecond; each option needs a call
+# The type of each field by name. A call takes a millisecond, and each config.json needs one for each section.
+_hints = functools.cache(typing.get_type_hints)
 
 
 def declared(cls: type, prefix: str = "") -> tuple[Setting, ...]:
@@ -185,7 +193,8 @@ def declared(cls: type, prefix: str = "") -> tuple[Setting, ...]:
     return _declared(cls, prefix)
 
 
-# A picture of a panel asks fifty times. The cached function is apart, since a cache hides the argument types.
+# Cached, since each picture of a panel asks for the settings some fifty times. The cached function is not
+# `declared` itself, because a cache hides the types of the arguments from mypy.
 @functools.cache
 def _declared(cls: type, prefix: str) -> tuple[Setting, ...]:
     """`declared`, with `prefix` in front of every name."""

@@ -309,7 +309,7 @@ def test_every_flag_of_a_frame_is_explained(bands: Path, done: Callable[..., str
     assert set(FLAG_MEANINGS) == set(Flag)
     printed = " ".join(done("still", "--min_matches", "1000").split())
     assert "frames flagged few_matches │ 5" in printed
-    assert "few_matches: too few matches, so the motion of the frame before is repeated." in printed
+    assert "few_matches: too few matches, so an earlier motion is repeated." in printed
     assert "length and duration of the path │ 0.0 m in 0.5 s (0.00 m/s)" in printed
 
 

@@ -38,6 +38,27 @@ def test_check_lists_next_steps_and_cache_sizes(capsys: pytest.CaptureFixture[st
     assert {"get_kitti", "get_detector", "clean_cache"} < steps < scripts().keys()
 
 
+def test_check_says_what_cleaning_everything_deletes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cache = tmp_path / "XDG_CACHE_HOME" / "stereo-vo-kit"
+    (cache / "scenes").mkdir()
+    for own in (cache / "notes.txt", cache / "scenes" / "mine.txt"):
+        own.write_text("the reader's", encoding="utf-8")
+    assert main(["check"]) == 0
+    assert "deletes all that the kit wrote there; " in capsys.readouterr().out
+    assert main(["data", "clean_cache", "--all"]) == 0
+    files = {path.relative_to(cache).as_posix() for path in cache.rglob("*") if path.is_file()}
+    assert files == {"notes.txt", "scenes/mine.txt"}
+
+
+def test_help_of_list_names_all_that_it_lists(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["list", "--help"])
+    help_text = " ".join(capsys.readouterr().out.split())
+    assert "KITTI's and the drawn scenes by their names, and those that you imported" in help_text
+
+
 def test_check_lists_incomplete_sequences(
     bands: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -18,7 +18,11 @@ from .console import install, print_wrapped, show_table, steps
 
 
 class Finding(NamedTuple):
-    """The state of a part of the installation: "ok", "note" (an optional part is missing) or "problem"."""
+    """The state of a part of the installation.
+
+    state : "ok", "note" (optional data are missing or incomplete) or "problem".
+    remedy : what to do, as a sentence without its subject; "" where there is nothing to do.
+    """
 
     subject: str
     state: str
@@ -84,7 +88,7 @@ def _kitti() -> Finding:
 
 
 def _detectors() -> Finding:
-    """The downloaded models; the kit has one of its own, so none is a problem."""
+    """The downloaded models; the kit has one of its own, so it is no problem if there are none."""
     names = list_detectors()
     if names:
         return Finding("downloaded detectors", "ok", ", ".join(names))
@@ -105,7 +109,9 @@ def _cache() -> Finding:
     facts.append(f"matches of other versions: {megabytes(stale)}")
     steps_to_free = {
         "vo data clean_cache": "deletes what this version has no use for",
-        "vo data clean_cache --all": "deletes everything in the cache",
+        "vo data clean_cache --all": (
+            "deletes all that the kit wrote there; `vo list` then forgets imported folders"
+        ),
     }
     return Finding("cache", "ok", "\n".join(facts), "to free space" + steps(steps_to_free))
 

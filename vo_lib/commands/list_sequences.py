@@ -22,7 +22,10 @@ COLUMNS = ["name", "frames", "length m", "truth", "boxes", "image px", "MB"]
 
 def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo list`."""
-    parser.description = "List the sequences that `vo run` can open by name: KITTI's, and the drawn scenes."
+    parser.description = (
+        "List the sequences that `vo run` can open: KITTI's and the drawn scenes by their names, and those "
+        "that you imported, by the paths of their folders."
+    )
     parser.set_defaults(command=_list)
 
 

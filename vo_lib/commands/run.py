@@ -65,8 +65,8 @@ if TYPE_CHECKING:
 
 FLAG_MEANINGS = {
     Flag.STANDSTILL: "hardly any optical flow, so the camera stands still",
-    Flag.FEW_MATCHES: "too few matches, so the motion of the frame before is repeated",
-    Flag.NO_MOTION: "no motion with enough inliers, so the motion of the frame before is repeated",
+    Flag.FEW_MATCHES: "too few matches, so an earlier motion is repeated",
+    Flag.NO_MOTION: "no motion with enough inliers, so an earlier motion is repeated",
     Flag.CONTRADICTS_STEREO: "the motion does not fit the depths of the stereo pairs",
     Flag.FILTER_OFF: "too few features would remain, so none is removed in boxes",
     Flag.PRIOR_DROPPED: "another solution is clearly better than those near the previous essential vector",

@@ -139,7 +139,8 @@ class SelectionConfig(Checked):
     )
     standstill_flow: float = setting(
         0.5,
-        "smallest median optical flow of a moving camera; below this value, the motion is the identity",
+        "smallest median optical flow of a moving camera; with less, it stands still, and the motion is the "
+        "identity or, with VISO2, what is measured",
         unit="px",
         low=0,
         high=5,
@@ -218,7 +219,8 @@ class MethodConfig(Checked):
     )
     stereo_limit: float = setting(
         1.5,
-        "median reprojection error above which a frame's motion contradicts stereo; less for exact matches",
+        "median reprojection error above which a motion is compared with a fit to the stereo depths: it "
+        "contradicts stereo if the fit is much better, or has a large error, too; less for exact matches",
         unit="px",
         low=0,
         high=1000,

@@ -125,7 +125,8 @@ def _matches_outside_masks(
 def boxes_for(sequence: Sequence, rule: FilterConfig) -> Callable[[int], Boxes]:
     """A function of a frame's index that returns the frame's boxes of the classes that count for a box rule.
 
-    For a rule that needs no boxes, they are only drawn: so labels without such classes give no boxes.
+    With a rule that needs no boxes, they only appear in pictures. So labels without such classes are no error
+    there: the frames then have no boxes.
 
     Raises
     ------

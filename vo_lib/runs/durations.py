@@ -80,9 +80,8 @@ class Durations:
         """
         total = 0.0
         for stage in stages:
-            free_at = [
-                0.0
-            ] * self.workers  # when each process is free again: a heap, so the first is free first
+            # When each process is free again, seconds. A heap: the process that is free first comes first.
+            free_at = [0.0] * self.workers
             for task in stage:
                 seconds = self.seconds_of(task, by_family)
                 if seconds is None:

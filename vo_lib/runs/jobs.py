@@ -404,7 +404,7 @@ class _JobRunner:
         if future.exception() is not None:
             return
         attempt = future.result()
-        # Otherwise its result was there, so the forecast has no task of it.
+        # A job without work had its result already, and so the forecast has no task for it.
         if attempt.worked or attempt.cause:
             self._forecast.done(stage.task(job), attempt.seconds if attempt.worked else None)
 

@@ -22,8 +22,8 @@ NOTHING_OR_ALL_REMOVED = ("0.0", "100.0")  # % of the features, as printed
 def evaluate_run(result: Run) -> dict[str, Evaluation]:
     """Errors of a run, with speeds from the sequence's times; empty without ground truth.
 
-    They are named after the sub-sequences: "kitti" has the benchmark's lengths and starts, and "short", only
-    for a path that is too short for all of these lengths, has shorter ones.
+    They are named after the sub-sequences: "kitti" has the benchmark's lengths and starts. For a path that is
+    shorter than the longest of these lengths, there is also "short", with shorter ones.
     """
     sequence = result.sequence
     if sequence.truth is None:
