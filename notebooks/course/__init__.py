@@ -3,8 +3,9 @@
 Panels: `panel` has the base class of all panels, and `controls` makes controls from declared settings. `redraws`
 decides when a panel draws, `opening` which sequence it shows, and `progress` runs long work on a thread.
 
-Data: `frames` has frames and their matches, `kept_runs` finished paths, and `memory` keeps both. `lessons`,
-`simulation` and `perturbed_path` make drives without images and paths with known errors.
+Data: `frames` has frames and their matches, `kept_runs` finished paths, and `memory` keeps both. `simulation` and
+`perturbed_path` make drives without images and paths with known errors. `candidates` takes the steps of solution
+selection one by one, and `rotation_errors` compares their results with the truth.
 
 Pictures: `drawing` has their style, `drawn_matches` draws matches into photos, `view3d` shows shapes that the mouse
 rotates, and `raster` turns figures into pixels.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from real_images import RealImages
 
-from course.lessons import CAMERA, drive
+from course.simulation.drives import CAMERA, drive
 from course.simulation.lorry import STEP, LorryConfig, drive_past_lorry, with_lorry
 from course.simulation.tracks import simulate_tracks
 from vo_lib import preset

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from course.lessons import CAMERA, drive
+from course.simulation.drives import CAMERA, drive
 from course.simulation.tracks import TrackConfig, simulate_tracks
 from vo_lib.config import preset
 from vo_lib.geometry.boxes import no_boxes

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from course.ch04.weightings import MEAN, MEDIAN, METRES, PIXELS, PUBLISHED, ROBUST, weighting_errors
-from course.lessons import drive
 from course.perturbed_path import block_tour, perturbed_path
+from course.simulation.drives import drive
 from course.simulation.tracks import TrackConfig
 from vo_lib.evaluation.kitti_errors import trajectory_distances
 

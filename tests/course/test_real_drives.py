@@ -11,7 +11,7 @@ from real_images import DRIVE_0013, RealImages, labelled_drive_0005
 
 from course.ch05 import FilteringPanel, real_drives
 from course.frames import frame_matches, true_motion
-from course.lessons import CAMERA, drive
+from course.simulation.drives import CAMERA, drive
 from course.simulation.tracks import TrackConfig, simulate_tracks
 from vo_lib.config import preset
 from vo_lib.data.catalogue import open_sequence

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from course.lessons import CAMERA, Scene, drive, frames_of, selection_errors
+from course.ch03.comparisons import selection_errors
+from course.simulation.drives import CAMERA, Scene, drive, frames_of
 from course.simulation.tracks import TrackConfig, simulate_tracks
 from vo_lib import settings
 from vo_lib.config import preset

@@ -14,8 +14,8 @@ from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.types import Array, BoolArray
 from vo_lib.paper.selection import truncated_errors
 
+from ..candidates import candidates_of
 from ..frames import frame_points, scene_truth
-from ..lessons import candidates_of
 from ..simulation.true_matches import depth, match_errors, predict
 
 RIGHT = 1.0  # largest error of a right match, pixels

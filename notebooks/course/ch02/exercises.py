@@ -15,10 +15,11 @@ from vo_lib.paper.five_point import cubic_constraints, eliminate, five_point
 from vo_lib.paper.sampson import sampson_distance
 from vo_lib.paper.selection import truncated_errors
 
+from ..candidates import first_of_each_set
 from ..checker import Case, Condition, Exercise
+from ..rotation_errors import rotation_errors
 from . import library
 from .library import homogeneous, null_space, rows
-from .panel import first_of_each_set, rotation_errors
 
 FIRST = "rotation error of solution 1"
 SCENE_POINTS = 65

@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from vo_lib.geometry.types import Array, Index
-from vo_lib.paper.selection import draw_sets
 
+from ..candidates import sets_of_five
 from ..colours import BAD, DARK, FOURTH, GOOD
 from ..drawing import figure, finish
 from ..simulation.problems import HALF_HEIGHT, HALF_WIDTH, Motion, random_problems
@@ -34,11 +34,7 @@ def sets_in(kind: str, x_c: Array, sets: int, seed: int) -> Index:
 
     In the kind "neighbours", a set is a random point with its four nearest ones.
     """
-    chosen = draw_sets(np.random.default_rng(seed), len(x_c), sets)
-    if kind != "neighbours":
-        return chosen
-    away = np.linalg.norm(x_c[chosen[:, :1]] - x_c, axis=2)
-    return np.argsort(away, axis=1)[:, :5]
+    return sets_of_five(x_c, seed, sets, side_by_side=kind == "neighbours")
 
 
 def scenes_figures() -> tuple[Figure, Figure]:

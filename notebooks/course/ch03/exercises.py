@@ -13,7 +13,7 @@ from vo_lib.geometry.types import Array, BoolArray, IntArray
 from vo_lib.paper.five_point import five_point
 from vo_lib.paper.selection import draw_sets, nearest_to_prior, truncated_errors
 
-from ..ch02.panel import first_of_each_set
+from ..candidates import first_of_each_set
 from ..checker import Case, Exercise
 
 

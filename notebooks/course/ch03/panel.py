@@ -15,13 +15,13 @@ from vo_lib.paper.selection import candidates_near_prior, truncated_errors
 from vo_lib.paper.settings import MethodConfig, SelectionConfig
 from vo_lib.settings import Checked, setting
 
+from ..candidates import candidates_of, motion_of, winner_of
 from ..ch02.figures import pixels
-from ..ch02.panel import reference_rotation, rotation_errors
 from ..drawing import PHOTO_HEIGHT
 from ..frames import Points, frame_points, key_of, stereo
-from ..lessons import angle_between, candidates_of, motion_of, winner_of
 from ..memory import Memory
 from ..panel import Control, Drawing, Fact, Panel, State
+from ..rotation_errors import angle_between, reference_rotation, rotation_errors
 from .figures import Field, features_picture, field_figure
 
 CHART_HEIGHT = 252

@@ -18,12 +18,12 @@ from vo_lib.paper.settings import TranslationConfig, TranslationLimits
 from vo_lib.paper.translation import feature_rows, solve_translation
 from vo_lib.settings import Checked, setting
 
-from ..ch02.panel import reference_rotation
 from ..ch03.panel import shifts
 from ..drawing import PHOTO_HEIGHT, figure
 from ..drawn_matches import features_picture
 from ..frames import Points, frame_points, scene_truth, stereo
 from ..panel import Control, Drawing, Fact, Panel, State
+from ..rotation_errors import reference_rotation
 from .figures import MILLI, ellipse_chart, residuals_chart
 from .weightings import METHOD, WEIGHTINGS, alone, solve_by
 

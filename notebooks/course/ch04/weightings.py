@@ -16,7 +16,8 @@ from vo_lib.kit.weighted_translation import robust_translation
 from vo_lib.paper import translation as paper
 from vo_lib.paper.settings import TranslationConfig, TranslationLimits
 
-from ..lessons import CAMERA, consensus_rotation, drive, pair_of
+from ..candidates import consensus_rotation
+from ..simulation.drives import CAMERA, drive, pair_of
 
 # How the rows of all features are combined: by the configuration's own method, or in a plain way.
 METHOD = "the method's own"

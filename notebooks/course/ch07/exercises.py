@@ -22,7 +22,7 @@ from vo_lib.runs.front_end import TimedMatches
 
 from ..checker import Case, Condition, Exercise
 from ..frames import true_poses
-from ..lessons import CAMERA, drive
+from ..simulation.drives import CAMERA, drive
 
 FRAMES = 30
 LENGTHS = (20.0,)
