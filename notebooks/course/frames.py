@@ -189,11 +189,6 @@ def frame_points(sequence: Sequence, frame: int, config: MethodConfig) -> Points
     return Points(matches, x_p, x_c, X_p, true_motion(sequence, frame))
 
 
-def true_poses(sequence: Sequence) -> Array:
-    """The true poses (N, 4, 4); `DataError` if there are none."""
-    return sequence.true_poses
-
-
 def true_motion(sequence: Sequence, frame: int) -> Array | None:
     """The true T_cp (4, 4) of a frame >= 1, or None."""
     poses = sequence.truth

@@ -29,7 +29,7 @@ from ..colours import BAD, CYCLE, DARK, GOOD, PALE, THIRD
 from ..drawing import PHOTO_HEIGHT, WIDTH, caption, figure, finish, photo, room
 from ..drawing import RIGHT as RIGHT_MARGIN
 from ..drawn_matches import draw_dots, draw_flow, features_picture
-from ..frames import WithBoxes, frame_matches, frame_points, scene_truth, stereo, true_poses
+from ..frames import WithBoxes, frame_matches, frame_points, scene_truth, stereo
 from ..view3d import Shape, View, camera_shape
 
 JAM_LEFT = 76  # margin of the figure of the jam, for numbers such as -0.5 and the name of the axis, pixels
@@ -82,7 +82,7 @@ def rays_view(sequence: Sequence, frame: int) -> View:
 
 def poses_view(sequence: Sequence, every: int = 20) -> View:
     """The path of the true poses in three dimensions, with a camera at some poses."""
-    poses = from_first(true_poses(sequence))
+    poses = from_first(sequence.true_poses)
     cameras = [camera_shape(poses[k], str(k), size=2.0) for k in range(0, len(poses), every)]
     path = Shape(poses[:, :3, 3], GOOD)
     return View(path, *cameras, title=f"{sequence.name}: every {every}th pose, with the number of its frame")
@@ -114,7 +114,7 @@ def road_axis(axis: Axes, ahead: tuple[float, float], height: int) -> None:
 
 def jam_figure(jam: Sequence, runs: Mapping[str, Array]) -> Figure:
     """Paths of the runs from above, with equal scales, and their distances from the true path by frame."""
-    true = from_first(true_poses(jam))[:, :3, 3]
+    true = from_first(jam.true_poses)[:, :3, 3]
     frames = int(jam.frames[0]) + np.arange(len(true))
     length = float(true[-1, 2])
     made = Figure(figsize=(WIDTH / 100, 4.3), dpi=100)

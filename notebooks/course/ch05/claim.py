@@ -23,7 +23,6 @@ from vo_lib.report.page import ReportTable
 
 from ..colours import BAD, DARK, GOOD, PALE, THIRD
 from ..drawing import empty, figure, finish, room, round_limits
-from ..frames import true_poses
 
 RESULTS = Path(__file__).parents[2] / "results.md"  # written by `vo data measure_results`
 CHOICES = Path(__file__).parents[2] / "choices.csv"  # written by `vo data measure_choices`
@@ -34,7 +33,7 @@ LINES = ((BAD, 1.5), (GOOD, 3.0), (THIRD, 1.2))  # colour and width, visible whe
 
 def true_path(sequence: Sequence) -> Array:
     """True positions (N, 3) in the first camera, metres."""
-    return np.asarray(from_first(true_poses(sequence))[:, :3, 3])
+    return np.asarray(from_first(sequence.true_poses)[:, :3, 3])
 
 
 def step_errors(sequence: Sequence, poses: Array) -> tuple[Array, Array]:
@@ -42,7 +41,7 @@ def step_errors(sequence: Sequence, poses: Array) -> tuple[Array, Array]:
 
     poses : (N, 4, 4) of the first N frames of the sequence.
     """
-    errors = relative_error(true_poses(sequence)[: len(poses)], poses)
+    errors = relative_error(sequence.true_poses[: len(poses)], poses)
     return np.degrees(errors.rotation), 1e3 * errors.translation
 
 

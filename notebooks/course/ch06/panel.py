@@ -19,7 +19,6 @@ from vo_lib.settings import Checked, setting
 
 from ..controls import about, typed_path
 from ..drawing import TITLE_NAME, figure, shortened, write_instead
-from ..frames import true_poses
 from ..kept_runs import has_run, poses_of
 from ..panel import Control, Drawing, Fact, Panel, State
 from ..perturbed_path import perturbed_path
@@ -80,7 +79,7 @@ class EvaluationPanel(Panel):
         return set() if state.view.estimate == MADE_UP else made
 
     def draw(self, state: State) -> Drawing:
-        truth = from_first(true_poses(state.sequence))
+        truth = from_first(state.sequence.true_poses)
         estimate = self._estimate(state, truth)
         if estimate is None:
             path, (axis,) = figure(PATH_HEIGHT)

@@ -21,7 +21,6 @@ from vo_lib.runs.drive import run_methods
 from vo_lib.runs.front_end import TimedMatches
 
 from ..checker import Case, Condition, Exercise
-from ..frames import true_poses
 from ..simulation.drives import CAMERA, drive
 
 FRAMES = 30
@@ -91,7 +90,7 @@ def errors_of_sets(variant: str = "published") -> tuple[Array, Array]:
     method = preset("solution_selection", variant=variant)
     configs = {str(value): change(method, "selection.sets", value) for value in VALUES}
     runs = run_methods(sequence, configs, matches=matches).values()
-    errors = [kitti_errors(true_poses(sequence), run.poses, LENGTHS, 1) for run in runs]
+    errors = [kitti_errors(sequence.true_poses, run.poses, LENGTHS, 1) for run in runs]
     te, re = te_and_re(errors)
     return te, re
 

@@ -33,7 +33,7 @@ from ..ch05.claim import ClaimChart
 from ..ch05.panel import LABELS, MODEL_REMEDY, typed_model
 from ..controls import about
 from ..drawing import TITLE_NAME, shortened
-from ..frames import opened, true_poses
+from ..frames import opened
 from ..kept_runs import frames_of, poses_of, run_by_frame
 from ..panel import Control, Drawing, Fact, Panel, State
 from .figures import PATHS_HEIGHT, paths_figure, table_html, tables_of
@@ -99,7 +99,7 @@ class ExplorePanel(Panel):
 
     def draw(self, state: State) -> Drawing:
         sequence = state.sequence
-        truth = true_poses(sequence)
+        truth = sequence.true_poses
         for _ in run_by_frame(sequence, self.compared(state)):
             pass
         paths = {name: poses_of(sequence, config) for name, config in self.compared(state).items()}
@@ -193,7 +193,7 @@ class ReproducePanel(Panel):
     def draw(self, state: State) -> Drawing:
         plan = _plan(state)
         sequence = plan.sequence
-        truth = true_poses(sequence)
+        truth = sequence.true_poses
         frame = min(state.frame, len(sequence) - 1)
         name = shortened(sequence.name, TITLE_NAME)
         title = f"{name}, frames {sequence.frames[0]} to {sequence.frames[-1]}"
@@ -229,6 +229,7 @@ class ReproducePanel(Panel):
 
 
 def _plan(state: State) -> Plan:
+    """The runs that the controls describe; `DataError` for an unknown method, a wrong model, or no truth."""
     view = state.view
     variant = state.config.variant
     typed = dict.fromkeys(name.strip() for name in view.methods)  # each once, in this order
@@ -236,7 +237,7 @@ def _plan(state: State) -> Plan:
     for name in methods:
         with about("systems", "*method* chooses the variant"):
             preset(name, variant=variant)
-    true_poses(state.sequence)  # or say that there are none
+    _ = state.sequence.true_poses  # without a truth, a `DataError` now, and not after the runs
     sequence = part_of(state.sequence, view.frames)
     if view.model.strip() != LABELS:  # `work` fills the folder
         with about("boxes", MODEL_REMEDY):

@@ -17,7 +17,7 @@ from vo_lib.runs.match_cache import CachedMatches
 
 from ..ch00.exercises import beeline, length_of
 from ..checker import NO_ANSWER, Exercise, raise_if_strict
-from ..frames import true_poses, why_missing
+from ..frames import why_missing
 from ..results import Verdict, as_array, result_of, why_unusable
 from ..stored_answers import library_call_in
 
@@ -26,7 +26,7 @@ SEEDS = (0, 1, 2)
 
 def end_error(poses: Array, sequence: Sequence) -> float:
     """Distance of the last position from the true last position, metres, after aligning the first poses."""
-    return float(np.linalg.norm(_end(poses) - _end(true_poses(sequence))))
+    return float(np.linalg.norm(_end(poses) - _end(sequence.true_poses)))
 
 
 def _end(poses: Array) -> Array:
@@ -36,7 +36,7 @@ def _end(poses: Array) -> Array:
 
 def drift_of(poses: Array, sequence: Sequence) -> float:
     """Distance of the last position from the true last position, in % of the length of the true path."""
-    return 100.0 * end_error(poses, sequence) / length_of(true_poses(sequence))
+    return 100.0 * end_error(poses, sequence) / length_of(sequence.true_poses)
 
 
 def measured(poses: Array, sequence: Sequence, lengths: tuple[float, ...] = (10.0,), step: int = 2) -> Array:
@@ -44,7 +44,7 @@ def measured(poses: Array, sequence: Sequence, lengths: tuple[float, ...] = (10.
 
     lengths : of the sub-sequences, metres. step : frames from the start of one to the start of the next.
     """
-    return _errors(true_poses(sequence), poses, lengths, step)
+    return _errors(sequence.true_poses, poses, lengths, step)
 
 
 def _errors(truth: Array, poses: Array, lengths: tuple[float, ...], step: int) -> Array:
@@ -55,7 +55,7 @@ def _errors(truth: Array, poses: Array, lengths: tuple[float, ...], step: int) -
 
 def exchanged(poses: Array, sequence: Sequence) -> Array:
     """`measured` with the two paths exchanged: the pieces are then cut by the length of the estimate."""
-    return _errors(poses, true_poses(sequence), (10.0,), 2)
+    return _errors(poses, sequence.true_poses, (10.0,), 2)
 
 
 all_yours = Exercise(
@@ -78,14 +78,14 @@ drift = Exercise(
     mistakes={
         "{got:.3g} m is the distance; the answer is in % of the true path.": end_error,
         "the starts differ: the truth of this part does not begin at the identity.": lambda poses, sequence: (
-            100 * np.linalg.norm((poses - true_poses(sequence))[-1, :3, 3]) / length_of(true_poses(sequence))
+            100 * np.linalg.norm((poses - sequence.true_poses)[-1, :3, 3]) / length_of(sequence.true_poses)
         ),
         "this is divided by the number of frames: a step is not a metre.": (
             lambda poses, sequence: 100 * end_error(poses, sequence) / len(poses),
             lambda poses, sequence: 100 * end_error(poses, sequence) / (len(poses) - 1),
         ),
         "this is divided by the straight distance from start to end: the road has a bend.": lambda poses, sequence: (
-            100 * end_error(poses, sequence) / beeline(true_poses(sequence))
+            100 * end_error(poses, sequence) / beeline(sequence.true_poses)
         ),
     },
 )
@@ -152,7 +152,7 @@ def _rotation_errors(drive: Any, sequence: Sequence) -> Verdict | dict[str, floa
     for path in paths:
         poses = as_array(path)
         hint = "return poses (N, 4, 4), one per frame."
-        if fault := why_unusable(poses, true_poses(sequence), "the path", hint):
+        if fault := why_unusable(poses, sequence.true_poses, "the path", hint):
             return fault
         R = poses[:, :3, :3]
         if not np.allclose(R @ R.transpose(0, 2, 1), np.eye(3), atol=1e-3):

@@ -14,7 +14,7 @@ from vo_lib.settings import Checked, setting
 
 from ..colours import DARK
 from ..drawing import beside, figure
-from ..frames import stereo, true_poses
+from ..frames import stereo
 from ..panel import Control, Drawing, Fact, Panel, State
 from ..perturbed_path import perturbed_path
 from .block_drive import ate, made_up_loops, second_visits
@@ -58,7 +58,7 @@ class LoopPanel(Panel):
 
     def draw(self, state: State) -> Drawing:
         view = state.view
-        truth = from_first(true_poses(state.sequence))
+        truth = from_first(state.sequence.true_poses)
         config = LoopConfig(frame_turn=0.1, scale=view.scale if view.robust else EQUAL_WEIGHTS)
         before = perturbed_path(truth, 0.0, view.yaw, 5.0, 0.0)
         frames = place_frames(len(truth), config)

@@ -1,1 +1,1 @@
-"""Problems with a known answer: five-point problems, simulated matches, a lorry, truth of drawn scenes."""
+"""Problems with a known answer: five-point problems, simulated drives, a lorry, truth of drawn scenes."""
