@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from course.appendix.panel import KITTI_01, learn, rig
+from course.appendix.rig_estimate import KITTI_01, errors_of_rig, learn
 from course.perturbed_path import block_tour
 from course.simulation.tracks import SimulatedFrame, TrackConfig, simulate_tracks
 from vo_lib.geometry.camera import StereoCamera
@@ -21,13 +21,13 @@ def tracks(frames: int) -> list[SimulatedFrame]:
 
 
 def test_steps_get_their_length_where_all_terms_are_learnt() -> None:
-    _, lengths = learn(CAMERA, tracks(60), rig(KITTI_01))
+    _, lengths = learn(CAMERA, tracks(60), errors_of_rig(KITTI_01))
     assert np.mean(lengths["as measured"][-20:]) > 1.02
     assert np.mean(lengths["corrected"][-20:]) == pytest.approx(1.0, abs=0.002)
 
 
 def test_only_the_terms_asked_for_are_learnt() -> None:
-    estimate, _ = learn(CAMERA, tracks(20), rig(KITTI_01), ("1", "x²"))
+    estimate, _ = learn(CAMERA, tracks(20), errors_of_rig(KITTI_01), ("1", "x²"))
     large = np.abs(estimate.errors[: len(DISPARITY_TERMS)]) > 1e-3
     assert [term for term, is_large in zip(DISPARITY_TERMS, large, strict=True) if is_large] == ["1", "x²"]
     assert estimate.errors[ERROR_NAMES.index("row xy")] < -3.0

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from course.ch05.panel import LABELS, FilteringView, filtered_frame
+from course.ch05.box_sources import LABELS, FilteringView
+from course.ch05.frame_removal import filtered_frame
 from vo_lib import preset, run
 from vo_lib.config import change
 from vo_lib.data.sequence import Sequence

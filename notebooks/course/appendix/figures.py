@@ -1,17 +1,24 @@
-"""Figures of the appendix: steps by depth, rows, two estimated terms, and what is used of an estimate."""
+"""Figures of the appendix: steps by depth, rows, estimated terms, and maps and arrows of errors over the image."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
+import cv2
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.figure import Figure
 
-from vo_lib.geometry.types import Array
+from vo_lib.geometry.camera import StereoCamera
+from vo_lib.geometry.types import Array, Image
+from vo_lib.kit.rig import LENS_PX, RIG_FAULTS, field_at, lens_shapes
 
 from ..colours import BAD, DARK, GOOD, PALE
-from ..drawing import figure, finish, round_limits
+from ..drawing import DPI, WIDTH, caption, figure, finish, photo, room, round_limits
+from .rig_estimate import errors_of_rig
 
+MAP_HEIGHT = 150
+BANDS = 10  # colours from no error to the largest
 MOST_DOTS = 1500  # rows drawn of a sequence
 
 
@@ -79,3 +86,71 @@ def shrunk_figure(used: Mapping[str, tuple[Array, Array]]) -> Figure:
         round_limits(axis.yaxis)
         finish(axis, f"{name} rig: errors [px]")
     return made
+
+
+def image_grid(camera: StereoCamera, columns: int = 13, rows: int = 5) -> Array:
+    """Normalised positions (rows · columns, 2) of a grid over the left image."""
+    u, v = np.meshgrid(np.linspace(0, camera.width, columns), np.linspace(0, camera.height, rows))
+    return camera.normalise(np.stack([u, v], axis=-1).reshape(-1, 2))
+
+
+def field_maps(image: Image, camera: StereoCamera, fields: dict[str, Array]) -> Image:
+    """Maps of errors (ERROR_COUNT,) by name: disparities on top, rows below; red: above 0, blue: below 0."""
+    grid = image_grid(camera, 41, 13).T
+    errors = {name: field_at(of_rig, *grid).reshape(2, 13, 41) for name, of_rig in fields.items()}
+    limit = room(max(float(np.abs(error).max()) for error in errors.values()), least=0.1)
+    light = 0.55 + 0.45 * photo(image, WIDTH // len(errors)) / 255.0
+
+    def one(words: str, error: Array) -> Image:
+        share = np.round(BANDS * cv2.resize(error / limit, light.shape[1::-1])) / BANDS
+        coloured = np.asarray(255 * light * colormaps["RdBu_r"](0.5 + 0.5 * share)[:, :, 2::-1], np.uint8)
+        words = f"{words}: {error.min():.2f} to {error.max():.2f} px"
+        return caption(photo(coloured, light.shape[1], MAP_HEIGHT), words)
+
+    disparities = [one(f"disparities, {name}", error[0]) for name, error in errors.items()]
+    rows = [one(f"rows, {name}", error[1]) for name, error in errors.items()]
+    return np.vstack([np.hstack(disparities), np.hstack(rows)])
+
+
+def arrows_figure(camera: StereoCamera, moved: dict[str, tuple[Array, ...]]) -> Figure:
+    """A chart per title: displacements (2, N) of the `image_grid` as arrows, the last array in blue."""
+    points = image_grid(camera)
+    width = min(len(moved), 4)
+    lines = -(-len(moved) // 4)  # rounded up
+    made = Figure(figsize=(WIDTH / DPI, lines * 130 / DPI), dpi=DPI, layout="constrained")
+    for axis, (title, parts) in zip(made.subplots(lines, width).flat, moved.items(), strict=True):
+        axis.plot(*points.T, ".", color=PALE, markersize=1.5)
+        for arrows, colour in zip(parts, (PALE, GOOD)[-len(parts) :], strict=True):
+            scale = {"scale_units": "xy", "scale": 6.0 * np.abs(parts[0]).max()}
+            axis.quiver(*points.T, *arrows, color=colour, angles="xy", width=0.006, **scale)
+        axis.set(xlim=(-1.1, 1.1), ylim=(0.46, -0.46), xticks=[], yticks=[], aspect="equal")
+        axis.set_title(title, fontsize=8, loc="left")
+    return made
+
+
+def faults_figure(camera: StereoCamera) -> Figure:
+    """Displacements of the points in the right image, one chart per fault."""
+    moved: dict[str, tuple[Array, ...]] = {}
+    for name, (columns, rows, _) in RIG_FAULTS.items():
+        if not name.startswith(("columns", "rows")):  # those are single terms
+            title = f"{name}\ndisparity: {_terms(columns)}; row: {_terms(rows)}"
+            moved[title] = (-field_at(errors_of_rig({name: 1.0}), *image_grid(camera).T),)
+    return arrows_figure(camera, moved)
+
+
+def _terms(shape: Mapping[str, float]) -> str:
+    """The terms of a shape with their signs, or "none"."""
+    signed = [f"−{term}" if factor < 0 else term for term, factor in shape.items()]
+    return " ".join(signed) or "none"
+
+
+def lens_figure(camera: StereoCamera) -> Figure:
+    """Displacements by Brown's p1, p2, k1, k2; blue: component across epipolar lines of a straight drive."""
+    points = image_grid(camera).T
+    across = points[::-1] * [[1], [-1]] / np.maximum(np.linalg.norm(points, axis=0), 1e-6)
+    moved: dict[str, tuple[Array, ...]] = {}
+    for name, shape in zip(LENS_PX, lens_shapes(points), strict=True):
+        part = across * np.sum(across * shape, axis=0)
+        share = np.linalg.norm(part, axis=0).max() / np.linalg.norm(shape, axis=0).max()
+        moved[f"{name}: {share:.0%} of the largest arrow across"] = shape, part
+    return arrows_figure(camera, moved)

@@ -36,8 +36,8 @@ from vo_lib.paper.settings import FilterConfig
 from ..frames import opened as opened
 from ..progress import with_bar
 from . import layers
+from .box_sources import FilteringView, detector_of, frame_boxes, offer_network
 from .exercises import decoded, iou, suppressed
-from .panel import FilteringView, detector_of, frame_boxes, offered
 
 NOTEBOOK = Path(__file__).parents[2] / "05_yolo_box_filtering.ipynb"
 # Cells that make, train and judge the miniature, in their order in the notebook.
@@ -217,7 +217,7 @@ class Miniature:
 
 def offer(name: str, cells: Callable[[Image], tuple[Array, Array]], scale: float) -> None:
     """Let the panel know the reader's network by a name; a later call replaces it."""
-    offered[name] = Miniature(cells, scale)
+    offer_network(name, Miniature(cells, scale))
 
 
 def notebook_code() -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -66,11 +65,6 @@ def line_distances(sequence: Sequence, matches: StereoMatches, T_cp: Array) -> A
     x_c = camera.normalise(matches.cur_left)
     E = essential_from_motion(T_cp[:3, :3], T_cp[:3, 3])
     return camera.f * np.abs(sampson_distance(E, x_p, x_c))
-
-
-def short_name(model: str) -> str:
-    """The name of a detector without its folder."""
-    return Path(model).name
 
 
 @dataclass(frozen=True)

@@ -195,7 +195,7 @@ def coverage_figure(shares: Mapping[str, Mapping[int, float]]) -> Figure:
     return made
 
 
-def short_name(sequence: str) -> str:
+def short_sequence_name(sequence: str) -> str:
     """The name of a sequence without its folder, for an axis."""
     return sequence.split("/")[-1].removeprefix("drive_")
 
@@ -204,7 +204,7 @@ def gains_figure(gains: Mapping[str, Gain]) -> Figure:
     """The change of an error on each sequence, with the mean change and its interval, a chart for each gain."""
     made, axes = figure(240, len(gains))
     for axis, (title, gain) in zip(axes, gains.items(), strict=True):
-        names = [short_name(name) for name in gain.names]
+        names = [short_sequence_name(name) for name in gain.names]
         changes_chart(axis, gain.changes, names, gain.interval.mean, gain.half_width)
         axis.set_xlim(-0.6, len(names) - 0.4)
         finish(axis, title, "sequence")
@@ -231,7 +231,7 @@ def measured_columns(methods: Sequence[str], kind: str) -> tuple[str, list[dict[
     if not common:
         return "over no length that all of them have", [{} for _ in methods]
     longest = max(common, key=lambda length: float(length.split()[0]))
-    removed = [short_name(name) for name, row in rows[longest].items() if "axes removed" in row[0]]
+    removed = [short_sequence_name(name) for name, row in rows[longest].items() if "axes removed" in row[0]]
     words = f"over {longest}"
     if removed:
         words += f", axes removed on {', '.join(removed)}"

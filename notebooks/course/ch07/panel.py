@@ -29,8 +29,8 @@ from vo_lib.report.table1_page import VARIANT_WORDS, sentences_on_proposal
 from vo_lib.runs.match_cache import CachedMatches
 from vo_lib.settings import Checked, declared, setting
 
+from ..ch05.box_sources import LABELS, MODEL_REMEDY, typed_model
 from ..ch05.claim import ClaimChart
-from ..ch05.panel import LABELS, MODEL_REMEDY, typed_model
 from ..controls import about
 from ..drawing import TITLE_NAME, shortened
 from ..frames import opened
