@@ -134,13 +134,7 @@ class FivePointPanel(Panel):
         shown = solutions[number - 1]
         inlier = sampson_inliers(shown, points.x_p, points.x_c, threshold)
         error, best_error = rotation_errors(solutions[[number - 1, 0]], reference.R).tolist()
-
-        def errors_of_sets() -> tuple[Array, float]:
-            sets = sets_of_five(points.x_c, 2, SETS, view.spread == SIDE_BY_SIDE)
-            return set_errors(points, reference.R, sets, threshold)
-
-        key = (*key_of(sequence, state.frame), state.config.variant, view.noise, view.spread, threshold)
-        error_by_set, error_of_winner = _errors.get(key, errors_of_sets)
+        error_by_set, error_of_winner = self._errors_of_sets(state, points, reference.R)
         charts, (left, right) = figure(CHART_HEIGHT, 2)
         draw.polynomial_chart(left, *draw.polynomial_of(points.x_p[five], points.x_c[five]))
         draw.errors_chart(right, error_by_set, error_of_winner, reference.what)
@@ -170,6 +164,21 @@ class FivePointPanel(Panel):
             Fact("closest two of the five", camera.f * closest_two(points.x_c[five]), "px"),
         )
         return Drawing([picture, charts], sentence, facts, limits={"view.candidate": len(solutions)})
+
+    def _errors_of_sets(self, state: State, points: Points, R: Array) -> tuple[Array, float]:
+        """Rotation errors, degrees, of the best solutions of random sets (SETS,), and of the winner of all sets.
+
+        R : (3, 3) the rotation with which they are compared.
+        """
+        view = state.view
+        threshold = state.config.selection.threshold / state.sequence.camera.f
+
+        def errors() -> tuple[Array, float]:
+            sets = sets_of_five(points.x_c, 2, SETS, view.spread == SIDE_BY_SIDE)
+            return set_errors(points, R, sets, threshold)
+
+        key = (*key_of(state.sequence, state.frame), state.config.variant, view.noise, view.spread, threshold)
+        return _errors.get(key, errors)
 
     def _picture(
         self, state: State, points: Points, named: list[int], lines: dict[str, Array], inlier: BoolArray

@@ -22,11 +22,15 @@ from ..frames import Points, frame_points, key_of, stereo
 from ..memory import Memory
 from ..panel import Control, Drawing, Fact, Panel, State
 from ..rotation_errors import angle_between, reference_rotation, rotation_errors
+from ..simulation.mismatches import shifts
 from .figures import Field, features_picture, field_figure
 
 CHART_HEIGHT = 252
 PRIOR_SETS = 200  # for the essential vector of the previous frame
-WALL = np.array([0.35, -0.2, 1.0])  # its normal: WALL · X = 12 m
+# The slanted wall: WALL · X = WALL_M, metres, and the noise of its points.
+WALL = np.array([0.35, -0.2, 1.0])
+WALL_M = 12.0
+WALL_NOISE_PX = 0.3
 # Motion of the bus from frame to frame: the bus turns into the street of the camera.
 STEP = np.array([0.5, 0.0, 0.3])
 TURN = rotation_from_vector(np.radians([0.0, 2.0, 0.0]))
@@ -54,47 +58,56 @@ def disturbed_frame(
     """A frame's points with added motion and mismatches, and a mask (N,) of the changed matches.
 
     The leftmost matches move together and turn about their middle; a wrong match is shifted by 4 to 40 px.
-    Without truth, the camera's motion is the rotation from the matches and the median change of the points.
     """
     points = frame_points(sequence, frame, config)
-    camera = sequence.camera
-    T_cp = points.T_cp
-    if T_cp is None:
-        R_cp = reference_rotation(sequence, frame, points)
-        X_c = camera.triangulate(points.matches.cur_left, points.matches.cur_right)
-        T_cp = rigid(R_cp, np.nanmedian(X_c - points.X_p @ R_cp.T, axis=0))
+    focal = sequence.camera.f
+    T_cp = _camera_motion(sequence, frame, points)
     rng = np.random.default_rng([4, view.draw])
-    count = len(points.x_p)
     if view.plane:
-        rays = np.concatenate([points.x_p, np.ones((count, 1))], axis=1)
-        X_p = rays * (12.0 / np.maximum(rays @ WALL, 0.1))[:, None]
-        x_c = _view(transform(T_cp, X_p)) + rng.normal(0.0, 0.3 / camera.f, (count, 2))
-        points = replace(points, X_p=X_p, x_c=x_c)
+        points = _on_wall(points, T_cp, focal, rng)
+    count = len(points.x_p)
     moving = round(view.moving * count)
     touched = moving + round(view.wrong * count)
-    order = np.argsort(points.x_p[:, 0])
+    order = np.argsort(points.x_p[:, 0])  # from left to right
     order[moving:] = rng.permutation(order[moving:])
-    on_object = order[:moving]
+    on_bus = order[:moving]
     mismatched = order[moving:touched]
     x_c = points.x_c.copy()
     if moving:
-        X = points.X_p[on_object]
-        middle = np.median(X, axis=0)
-        noise = np.clip(x_c[on_object] - _view(transform(T_cp, X)), -1.0 / camera.f, 1.0 / camera.f)
-        x_c[on_object] = _view(transform(T_cp, (X - middle) @ TURN.T + middle + STEP)) + noise
-    x_c[mismatched] += shifts(rng, len(mismatched)) / camera.f
+        x_c[on_bus] = _on_bus(points.X_p[on_bus], points.x_c[on_bus], T_cp, focal)
+    x_c[mismatched] += shifts(rng, len(mismatched)) / focal
     return replace(points, x_c=x_c), np.isin(np.arange(count), order[:touched])
 
 
-def shifts(rng: np.random.Generator, count: int) -> Array:
-    """Shifts (count, 2) of mismatches, 4 to 40 px in any direction."""
-    angle = rng.uniform(0, 2 * np.pi, count)
-    length = rng.uniform(4.0, 40.0, count)
-    return np.asarray(length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+def _camera_motion(sequence: Sequence, frame: int, points: Points) -> Array:
+    """The true T_cp (4, 4); without truth, the rotation from the matches and the median change of the points."""
+    if points.T_cp is not None:
+        return points.T_cp
+    R_cp = reference_rotation(sequence, frame, points)
+    X_c = sequence.camera.triangulate(points.matches.cur_left, points.matches.cur_right)
+    return rigid(R_cp, np.nanmedian(X_c - points.X_p @ R_cp.T, axis=0))
 
 
-def _view(X: Array) -> Array:
-    """Normalised image points of X (N, 3)."""
+def _on_wall(points: Points, T_cp: Array, focal: float, rng: np.random.Generator) -> Points:
+    """The points moved along their rays onto the wall, with new measurements in the current image."""
+    rays = np.concatenate([points.x_p, np.ones((len(points.x_p), 1))], axis=1)
+    X_p = rays * (WALL_M / np.maximum(rays @ WALL, 0.1))[:, None]
+    noise = rng.normal(0.0, WALL_NOISE_PX / focal, points.x_c.shape)
+    return replace(points, X_p=X_p, x_c=_projected(transform(T_cp, X_p)) + noise)
+
+
+def _on_bus(X_p: Array, x_c: Array, T_cp: Array, focal: float) -> Array:
+    """Current places (n, 2) of points X_p (n, 3) of the bus, with the errors of the measured places x_c (n, 2).
+
+    An error counts up to one pixel: a larger one is a mismatch, or a motion of the thing in the image.
+    """
+    middle = np.median(X_p, axis=0)
+    errors = np.clip(x_c - _projected(transform(T_cp, X_p)), -1.0 / focal, 1.0 / focal)
+    return _projected(transform(T_cp, (X_p - middle) @ TURN.T + middle + STEP)) + errors
+
+
+def _projected(X: Array) -> Array:
+    """Normalised image points (N, 2) of X (N, 3); points behind the camera count as half a metre ahead."""
     return np.asarray(X[:, :2] / np.maximum(X[:, 2:], 0.5))
 
 

@@ -18,12 +18,12 @@ from vo_lib.paper.settings import TranslationConfig, TranslationLimits
 from vo_lib.paper.translation import feature_rows, solve_translation
 from vo_lib.settings import Checked, setting
 
-from ..ch03.panel import shifts
 from ..drawing import PHOTO_HEIGHT, figure
 from ..drawn_matches import features_picture
 from ..frames import Points, frame_points, scene_truth, stereo
 from ..panel import Control, Drawing, Fact, Panel, State
 from ..rotation_errors import reference_rotation
+from ..simulation.mismatches import shifts
 from .figures import MILLI, ellipse_chart, residuals_chart
 from .weightings import METHOD, WEIGHTINGS, alone, solve_by
 
@@ -137,14 +137,7 @@ class TranslationPanel(Panel):
         t_ref, name = reference(sequence, points, R_usual)
         R = rotation_from_vector(np.radians([0.0, view.turn, 0.0])) @ R_usual
         matches = disturbed(points.matches, view)
-        solved = solve_by(view.weighting, camera, matches, R, config)
-        if solved is None:
-            if "translation.agreement" in self.idle(state):
-                raise DataError("no feature is near enough: increase *depth limit*")
-            raise DataError(
-                "no feature is near enough, or none agrees: increase *depth limit* or *agreement*"
-            )
-        t, residual, weight = solved
+        t, residual, weight = self._solved(state, matches, R)
         C = covariance(camera, matches, R, config, view.weighting)
 
         limit = None
@@ -157,27 +150,47 @@ class TranslationPanel(Panel):
         image = stereo(sequence, state.frame)[0]
         picture = features_picture(image, matches.prev_left, matches.cur_left, weight, words)
 
-        error = MILLI * (t - t_ref)
         step = float(np.linalg.norm(t_ref))
         longer = float(np.linalg.norm(t)) / step - 1.0 if step > 0 else np.nan
-        slip = abs(float(error[0]) / MILLI / np.radians(view.turn)) if view.turn else np.nan
         sentence = (
             f"t_cp = ({t[0]:.3f}, {t[1]:.3f}, {t[2]:.3f}) m, compared with {name}. "
             f"The length of the step differs by {round(longer, 3) + 0.0:+.1%} from {step:.2f} m."
             f"{ABOUT.get(name, '')}"
         )
         what = "difference" if name == ESTIMATE else "error"
-        facts = (
+        used = int(np.count_nonzero(np.isfinite(residual)))
+        return Drawing([picture, chart], sentence, self._facts(state, what, t - t_ref, C, used))
+
+    def _solved(self, state: State, matches: StereoMatches, R: Array) -> tuple[Array, Array, Array]:
+        """The result of `solve_by` for the controls; `DataError` without one."""
+        camera = state.sequence.camera
+        solved = solve_by(state.view.weighting, camera, matches, R, state.config.translation)
+        if solved is not None:
+            return solved
+        if "translation.agreement" in self.idle(state):
+            raise DataError("no feature is near enough: increase *depth limit*")
+        raise DataError("no feature is near enough, or none agrees: increase *depth limit* or *agreement*")
+
+    def _facts(self, state: State, what: str, off: Array, C: Array, used: int) -> tuple[Fact, ...]:
+        """The numbers below the picture.
+
+        what : word for `off` (3,), metres, the difference from the reference. C : (3, 3) covariance of t, m².
+        used : number of features.
+        """
+        view = state.view
+        error = MILLI * off
+        # A wrong rotation by an angle displaces t to the side by this length times the angle.
+        lever = abs(float(off[0]) / np.radians(view.turn)) if view.turn else np.nan
+        return (
             Fact(what, float(np.linalg.norm(error)), "mm", 1),
             Fact(f"{what} in x", float(error[0]), "mm", 1),
             Fact(f"{what} in z", float(error[2]), "mm", 1),
             Fact("σ in x", MILLI * float(np.sqrt(C[0, 0])), "mm", 1),
             Fact("σ in z", MILLI * float(np.sqrt(C[2, 2])), "mm", 1),
-            Fact("features used", int(np.count_nonzero(np.isfinite(residual)))),
-            Fact(f"{what} in x / rotation error", slip, "m", 1),
-            Fact("depth limit", config.max_depth, "m"),
+            Fact("features used", used),
+            Fact(f"{what} in x / rotation error", lever, "m", 1),
+            Fact("depth limit", state.config.translation.max_depth, "m"),
             Fact("rotation error", view.turn, "°", 2),
             Fact("wrong share", 100 * view.wrong, "%"),
             Fact("noise added", view.noise, "px", 2),
         )
-        return Drawing([picture, chart], sentence, facts)

@@ -7,9 +7,11 @@ import numpy as np
 from vo_lib.config import preset
 from vo_lib.data.truth import matches_on_moving
 from vo_lib.geometry.boxes import Boxes
-from vo_lib.geometry.matches import empty_matches
-from vo_lib.geometry.result import Flag
+from vo_lib.geometry.camera import StereoCamera
+from vo_lib.geometry.matches import StereoMatches, empty_matches
+from vo_lib.geometry.result import Flag, FrameResult
 from vo_lib.geometry.types import Array, BoolArray, Image
+from vo_lib.paper.box_removal import Removal
 from vo_lib.paper.buckets import select_by_bucket
 from vo_lib.paper.selection import sampson_inliers
 from vo_lib.runs.drive import make_odometry
@@ -62,13 +64,12 @@ class FilteringPanel(Panel):
     def draw(self, state: State) -> Drawing:
         sequence = state.sequence
         frame = state.frame
-        rule = state.config.filter
         if state.view.model.strip() != LABELS:
             with about("model", MODEL_REMEDY):
                 frame_candidates(sequence, frame, detector_of(state.view.model))
         matches = frame_matches(sequence, frame, state.config)
         result, boxes = filtered_frame(sequence, frame, state.config, state.view)
-        words = f"frame {frame}, rule {rule.rule}: kept features blue, removed features orange"
+        words = f"frame {frame}, rule {state.config.filter.rule}: kept features blue, removed features orange"
         picture = filter_picture(
             stereo(sequence, frame)[0], matches, result.kept, result.boxes, result.state, words
         )
@@ -76,26 +77,8 @@ class FilteringPanel(Panel):
         T_true = true_motion(sequence, frame)
         every = motion_from(sequence, frame, np.ones(len(matches), np.bool_), state.config).T_cp
         kept = motion_from(sequence, frame, result.kept, state.config).T_cp
-        removed = int(np.count_nonzero(~result.kept))
-        model = state.view.model.strip()
-        sentence = f"The rule removes {removed} of {len(matches)} features."
-        if T_true is None:
-            sentence += " The sequence has no ground truth."
-        if model == LABELS and sequence.labels is None:
-            sentence += (
-                " The sequence has no label folder, so there are no boxes: type `street` under *model*."
-            )
-        if result.state is not None and removed:
-            sentence += " Orange in a parked box (dashed): features that do not agree with the background."
-        sentence += no_class(sequence, state.view, rule)
-        if scene_truth(sequence) is None and model == "street":
-            sentence += " `street` was trained on drawn streets, not on real ones."
-        if scene_truth(sequence) is None and is_offered(model):
-            sentence += f" `{model}` knows only the streets that you trained it on."
-        if Flag.FILTER_OFF in result.flags:
-            sentence += " Too few features would be left, so the filter is off in this frame."
         facts = [
-            Fact("removed", removed),
+            Fact("removed", int(np.count_nonzero(~result.kept))),
             Fact("error, all", _apart(every, T_true), "mm", 1),
             Fact("error, kept", _apart(kept, T_true), "mm", 1),
             Fact("change of t", _apart(kept, every), "mm", 1),
@@ -104,7 +87,30 @@ class FilteringPanel(Panel):
             moving = matches_on_moving(sequence, frame, matches)
             facts.append(Fact("on moving things, kept", int(np.count_nonzero(moving & result.kept))))
             facts.append(Fact("on standing things, removed", int(np.count_nonzero(~moving & ~result.kept))))
-        return Drawing([picture, self._network(state, boxes)], sentence, tuple(facts))
+        return Drawing([picture, self._network(state, boxes)], self._sentences(state, result), tuple(facts))
+
+    def _sentences(self, state: State, result: Removal) -> str:
+        """What the rule removes, and what a reader should know about the boxes."""
+        sequence = state.sequence
+        model = state.view.model.strip()
+        removed = int(np.count_nonzero(~result.kept))
+        sentence = f"The rule removes {removed} of {len(result.kept)} features."
+        if true_motion(sequence, state.frame) is None:
+            sentence += " The sequence has no ground truth."
+        if model == LABELS and sequence.labels is None:
+            sentence += (
+                " The sequence has no label folder, so there are no boxes: type `street` under *model*."
+            )
+        if result.state is not None and removed:
+            sentence += " Orange in a parked box (dashed): features that do not agree with the background."
+        sentence += no_class(sequence, state.view, state.config.filter)
+        if scene_truth(sequence) is None and model == "street":
+            sentence += " `street` was trained on drawn streets, not on real ones."
+        if scene_truth(sequence) is None and is_offered(model):
+            sentence += f" `{model}` knows only the streets that you trained it on."
+        if Flag.FILTER_OFF in result.flags:
+            sentence += " Too few features would be left, so the filter is off in this frame."
+        return sentence
 
     def _network(self, state: State, boxes: Boxes) -> Image:
         """The picture of the candidates; for boxes from labels, the image alone."""
@@ -146,29 +152,13 @@ class LorryPanel(Panel):
             odometry.start(box_p)
             motions[method] = odometry.step(matches, box_c).motion
         of_all = motions["solution_selection"]  # from all features, also those on the lorry
-        fits = np.zeros(len(matches), np.bool_)
-        if of_all.e is not None:
-            x_p = sequence.camera.normalise(matches.prev_left)
-            x_c = sequence.camera.normalise(matches.cur_left)
-            threshold = preset("solution_selection", variant=config.variant).selection.threshold
-            fits = sampson_inliers(of_all.e.reshape(3, 3), x_p, x_c, threshold / sequence.camera.f)
-
+        fits = _inliers(of_all, matches, sequence.camera, config.variant)
         image = stereo(sequence, frame)[0].copy()
         for x0, y0, x1, y1 in np.rint(box_c.xyxy).astype(int).tolist():
             image[y0:y1, x0:x1] = image[y0:y1, x0:x1] // 4 + 96
         words = f"frame {frame}: the winner's inliers blue, other features orange, the lorry grey"
         picture = filter_picture(image, matches, fits, box_c, None, words)
 
-        sentence = (
-            f"The winner of all features fits {np.count_nonzero(fits & ~lorry)} of {np.count_nonzero(~lorry)} "
-            f"matches on the street and {np.count_nonzero(fits & lorry)} of {np.count_nonzero(lorry)} on the lorry."
-        )
-        if of_all.e is None:
-            sentence = "There is no winner: the camera stands still, or too few matches agree."
-        elif Flag.CONTRADICTS_STEREO in of_all.flags:
-            sentence += (
-                " The depths from stereo do not fit its motion: the frame is flagged `contradicts_stereo`."
-            )
         used = select_by_bucket(matches.cur_left, matches.age, matches.strength, config.buckets)
         T_true = true_motion(sequence, frame)
         error_of_all = _apart(of_all.T_cp, T_true) / 10
@@ -179,7 +169,32 @@ class LorryPanel(Panel):
             Fact("error, all features", error_of_all, "cm", 2),
             Fact("error, box removed", error_of_boxes, "cm", 2),
         )
-        return Drawing([picture], sentence, facts)
+        return Drawing([picture], _what_the_winner_fits(of_all, fits, lorry), facts)
+
+
+def _inliers(motion: FrameResult, matches: StereoMatches, camera: StereoCamera, variant: str) -> BoolArray:
+    """Mask (N,) of the matches that fit the winner of a motion; none of them without a winner."""
+    if motion.e is None:
+        return np.zeros(len(matches), np.bool_)
+    x_p = camera.normalise(matches.prev_left)
+    x_c = camera.normalise(matches.cur_left)
+    threshold = preset("solution_selection", variant=variant).selection.threshold
+    return sampson_inliers(motion.e.reshape(3, 3), x_p, x_c, threshold / camera.f)
+
+
+def _what_the_winner_fits(motion: FrameResult, fits: BoolArray, lorry: BoolArray) -> str:
+    """A sentence on the winner of all features: how many it fits on the street and on the lorry (masks (N,))."""
+    if motion.e is None:
+        return "There is no winner: the camera stands still, or too few matches agree."
+    sentence = (
+        f"The winner of all features fits {np.count_nonzero(fits & ~lorry)} of {np.count_nonzero(~lorry)} "
+        f"matches on the street and {np.count_nonzero(fits & lorry)} of {np.count_nonzero(lorry)} on the lorry."
+    )
+    if Flag.CONTRADICTS_STEREO in motion.flags:
+        sentence += (
+            " The depths from stereo do not fit its motion: the frame is flagged `contradicts_stereo`."
+        )
+    return sentence
 
 
 def _percent(mask: BoolArray) -> float:

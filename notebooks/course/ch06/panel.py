@@ -132,11 +132,7 @@ class EvaluationPanel(Panel):
         else:
             paths_chart(whole, truth, aligned, title)
             write_instead(piece, f"the path after frame {state.frame} is too short")
-        others = {}
-        for name in PUBLISHED:
-            config = preset(name)
-            if name != view.estimate and has_run(sequence, config):
-                others[name] = kitti_errors(truth, poses_of(sequence, config), lengths, view.step)
+        others = _errors_of_others(state, truth, lengths)
         by_length, (translation, rotation) = figure(CHART_HEIGHT, 2)
         length_chart(translation, errors, others, rotation=False)
         length_chart(rotation, errors, others, rotation=True)
@@ -152,6 +148,17 @@ class EvaluationPanel(Panel):
             Fact("scale", scale, "", 4),
         )
         return Drawing([paths, by_length], _sentence(errors, part), facts)
+
+
+def _errors_of_others(state: State, truth: Array, lengths: tuple[float, ...]) -> dict[str, KittiErrors]:
+    """The errors of the methods that were run on the sequence already, without the one that is shown."""
+    others = {}
+    for name in PUBLISHED:
+        config = preset(name)
+        if name != state.view.estimate and has_run(state.sequence, config):
+            poses = poses_of(state.sequence, config)
+            others[name] = kitti_errors(truth, poses, lengths, state.view.step)
+    return others
 
 
 def _poses_of_frames(path: Path, times: Array) -> Array:

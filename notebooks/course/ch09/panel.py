@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from vo_lib.data.poses import from_first
+from vo_lib.geometry.types import Image
+from vo_lib.loops.find import PlacePairs
 from vo_lib.loops.graph import close_path, graph_edges, linearised
 from vo_lib.loops.places import place_frames
 from vo_lib.loops.settings import LoopConfig
@@ -83,15 +85,6 @@ class LoopPanel(Panel):
         left.plot(*before[state.frame, [0, 2], 3], "o", color=BEFORE)
         weight_chart(right, residual, is_false, config.scale)
 
-        partner = 0
-        visit = "as no place is visited twice"
-        if len(pairs):
-            partner = int(loops.first_frame[np.abs(loops.second_frame - state.frame).argmin()])
-            visit = "the first visit of the nearest loop"
-        here = stereo(state.sequence, state.frame)[0]
-        there = stereo(state.sequence, partner)[0]
-        photos = beside(here, there, f"frame {state.frame}", f"frame {partner}, {visit}")
-
         ate_before = ate(truth, before)
         ate_after = ate(truth, after)
         false = len(loops) - len(pairs)
@@ -106,4 +99,16 @@ class LoopPanel(Panel):
             Fact("largest weight, false", float(weight[is_false].max()) if false else np.nan, "", 3),
             Fact("robust", int(view.robust)),
         )
-        return Drawing([photos, chart], sentence, facts)
+        return Drawing([_photos(state, loops, len(pairs)), chart], sentence, facts)
+
+
+def _photos(state: State, loops: PlacePairs, true_loops: int) -> Image:
+    """The image of the frame, and that of the first visit of the nearest loop; without true loops, of frame 0."""
+    partner = 0
+    visit = "as no place is visited twice"
+    if true_loops:
+        partner = int(loops.first_frame[np.abs(loops.second_frame - state.frame).argmin()])
+        visit = "the first visit of the nearest loop"
+    here = stereo(state.sequence, state.frame)[0]
+    there = stereo(state.sequence, partner)[0]
+    return beside(here, there, f"frame {state.frame}", f"frame {partner}, {visit}")
