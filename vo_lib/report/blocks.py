@@ -14,11 +14,13 @@ from ..config import SETTINGS, change, preset
 from ..errors import DataError, did_you_mean
 from ..paper.settings import MethodConfig
 
-# The values of each setting, by dotted name. In a table, the values of the last setting change fastest.
+# The settings that vary, by dotted name, each with its values. In a table, the values of the last one change
+# fastest.
 Axes = dict[str, tuple[Any, ...]]
 Changes = tuple[tuple[str, Any], ...]  # dotted names of settings, and a value for each
 LONGEST_NAME = 100  # characters of a folder's name, without the digest behind a longer one
-LOOP_SETTINGS = "reprojection."  # the beginning of the settings with which the places of loops are compared
+# So begin the names of the settings with which closing loops compares two places, whatever the method.
+LOOP_PREFIX = "reprojection."
 
 
 def settings_of(config: MethodConfig) -> dict[str, settings.Setting]:
@@ -104,8 +106,9 @@ def settings_folder(changes: Iterable[tuple[str, Any]]) -> str:
 class Block:
     """A part of a table: the methods of a variant with their presets, changed in the same settings.
 
-    loops : whether loops are closed after the runs. Then the settings `LOOP_SETTINGS` have an effect on every
-        method.
+    changes : the settings that differ from the presets. A method that does not use one keeps its preset.
+    loops : whether loops are closed after the runs. Then the settings that begin with `LOOP_PREFIX` have an
+        effect on every method.
     """
 
     variant: str
@@ -128,7 +131,7 @@ class Block:
         reasons = {}
         for name, _ in self.changes:
             reason = settings.unused_because(config, name)
-            if reason and not (self.loops and name.startswith(LOOP_SETTINGS)):
+            if reason and not (self.loops and name.startswith(LOOP_PREFIX)):
                 reasons[name] = reason
         return reasons
 
@@ -221,7 +224,7 @@ def refuse_if_unused(name: str, reasons: list[tuple[str, str]], nobody_uses: str
     """Raise `DataError` if no method uses a setting.
 
     reasons : pairs of a method and why it does not use the setting, "" where it does.
-    nobody_uses : subject and verb of the message, for several methods.
+    nobody_uses : how the message begins for several methods, such as "no method uses".
     """
     if not reasons or not all(reason for _, reason in reasons):
         return

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
-GLUE = "\N{NO-BREAK SPACE}"
+GLUE = "\N{NO-BREAK SPACE}"  # a blank at which no line ends; `broken` makes it a usual one again
 _NUMBER = re.compile(r" ?± ?|(?<=\d) (?=[A-Za-z%°])")  # the blanks around "±", or that before a unit
 _COMMAND = re.compile(r"`[^`\n]{1,60}`|\bvo data( \S+){1,3}")  # between backquotes, or the words of `vo data`
 _PIECE = re.compile(r"[^,;/=_.+-]*[,;/=_.+-]*")  # a part of a word, and the punctuation behind it
@@ -21,7 +21,7 @@ def glued(text: str) -> str:
 
 
 def broken(text: str, width: int, width_of: Width = len) -> str:
-    """A text in lines of at most `width`, broken at blanks or, in a longer word, behind punctuation."""
+    """A text in lines of at most `width` columns, broken at blanks; a longer word, behind punctuation."""
     lines = []
     for paragraph in text.split("\n"):
         line = ""

@@ -48,12 +48,13 @@ TEXT_MARGIN_PX = 12  # left and right of the text
 DOT_RADIUS_PX = 5  # of the dots of the legend
 DOT_GAP_PX = 10  # from the centre of such a dot to its word
 LEGEND_GAP_PX = 20  # from a word of the legend to the next dot
-FramePairs = Sequence[tuple[int, int]]
 BLACK = (0, 0, 0)  # BGR
 WHITE = (255, 255, 255)
 PALE = (200, 200, 200)
 TRUE_PATH_COLOUR = plots.bgr(plots.TRUTH_COLOUR)
 LOOP_LINE_COLOUR = plots.bgr(plots.LOOP_COLOUR)
+
+FramePairs = Sequence[tuple[int, int]]  # numbers of two frames at one place: a loop
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +124,9 @@ def poster(path: Path) -> bytes:
 
 
 class Film:
-    """A video file of a run's frames; the complete file appears at the end of the context.
+    """A video file of a run's frames: frames are added within `with Film(...) as film`.
+
+    The complete file appears at the end of the context.
 
     Parameters
     ----------
@@ -145,8 +148,8 @@ class Film:
         self.loops = loops
         self._colour = plots.bgr(plots.METHOD_COLOURS.get(method, plots.METHOD_COLOURS[PROPOSAL]))
         camera = run.sequence.camera
-        self._scale = min(1.0, MAX_IMAGE_WIDTH_PX / camera.width)
-        self._image_size = (round(self._scale * camera.width), round(self._scale * camera.height))
+        self._image_scale = min(1.0, MAX_IMAGE_WIDTH_PX / camera.width)
+        self._image_size = (round(self._image_scale * camera.width), round(self._image_scale * camera.height))
         width, height = self._image_size
         side = max(height, MIN_PATH_SIDE_PX)
         # Height and width of a picture, with text, image and path. Encoders require even numbers of pixels.
@@ -182,7 +185,7 @@ class Film:
         left = self.run.sequence.left(frame.index)
         matches = frame.matches
         boxes = frame.removal.boxes
-        if self._scale < 1.0:
+        if self._image_scale < 1.0:
             left = np.asarray(cv2.resize(left, self._image_size, interpolation=cv2.INTER_AREA), np.uint8)
             matches = replace(
                 matches,
@@ -199,11 +202,12 @@ class Film:
 
     def _scaled(self, pixels: Array) -> Array:
         """Positions in the smaller image, pixels, of any shape; the centre of the first pixel is at 0."""
-        return self._scale * (pixels + 0.5) - 0.5
+        return self._image_scale * (pixels + 0.5) - 0.5
 
     def _draw_paths(self, part: Image, index: int) -> None:
         """Draw the path up to a frame, and the complete truth in a pale colour, both seen from above."""
         height, width = part.shape[:2]
+        # Width and height for the paths, pixels: below the line that shows the scale, inside the margins.
         room = np.array([width - 2 * MAP_MARGIN_PX, height - 2 * MAP_MARGIN_PX - LINE_HEIGHT_PX])
         drawn = [self.run.poses] if self._truth is None else [self.run.poses, self._truth]
         paths_xz = [poses[:, [0, 2], 3] for poses in drawn]
@@ -288,7 +292,7 @@ def _draw_scale(part: Image, scale: float) -> None:
     At the bottom, the controls of a player would cover it.
     """
     width = part.shape[1]
-    length = round_length(width / 3 / scale)
+    length = round_length(width / 3 / scale)  # metres, on a third of the map at most
     left = MAP_MARGIN_PX
     right = left + round(scale * length)
     row = MAP_MARGIN_PX // 2

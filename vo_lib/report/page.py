@@ -79,7 +79,7 @@ def seeds_text(count: int) -> str:
 
 
 def markdown(table: ReportTable) -> str:
-    """A table with its title and notes in Markdown."""
+    """A table in Markdown, with its title and the sentences above and below it."""
     right_aligned = ["---:"] * (len(table.columns) - 1)
     text = f"## {table.title}\n\n"
     for sentence in table.head:

@@ -1,15 +1,16 @@
 """The unit of the RE in the paper's own columns of Table 1, and the way back to deg/100 m.
 
-KITTI's devkit writes RE in rad/m with six decimals. The RE that the paper computed itself are whole multiples
-of 1/180, as if such numbers had been multiplied by 10⁶ / 180 in place of 100 · 180/π (chapter 6). So they
-are 3 % smaller than they should be. The column VISO2 has other numbers, which need no conversion.
+KITTI's devkit writes RE in rad/m with six decimals. In the columns that the paper computed itself, the RE
+of every sequence is a whole multiple of 1/180, as if such a number had been multiplied by 10⁶ / 180 in place
+of 100 · 180/π (chapter 6). So it is 3 % smaller than it should be. The column VISO2 has other numbers,
+which need no conversion.
 """
 
 from __future__ import annotations
 
 import math
 
-RE_KIND = "re_deg_per_100m"  # the kind of error that has a unit of its own
+RE_KIND = "re_deg_per_100m"  # the name of RE in records, one of `table1.ERROR_KINDS`
 PAPERS_OWN = ("mesvo_f", "solution_selection", "feature_selection")  # columns that the paper computed itself
 PAPERS_FACTOR = 1e6 / 180.0  # 5555.6, by which the paper multiplied rad/m
 RIGHT_FACTOR = 100.0 * 180.0 / math.pi  # 5729.6, from rad/m to deg/100 m

@@ -26,7 +26,7 @@ from .table1_plan import slug
 # two or three of them.
 MIN_CURVE_POINTS = {"length": 2, "speed": 4}
 USUAL_LENGTH_RATIOS = (0.5, 2.0)  # least and largest length of a path, divided by that of its truth
-WRITE_INVERSES = "write their inverses (camera to world)"
+WRITE_INVERSES = "write their inverses (camera to world)"  # the advice of all warnings about inverted poses
 ROBOT_AXES = "other axes (in those of a robot or an IMU, x is often forward and z up)"
 
 
@@ -52,7 +52,7 @@ OTHER_MOTIONS = {
 def evaluation_tables(name: str, result: Evaluation, of_run: bool = False) -> list[ReportTable]:
     """A table of the systems' errors on a sequence, and a table of TE and RE by length.
 
-    of_run : whether the paths come from a run just done, and not from files of which the units may differ.
+    of_run : whether the paths come from a run just done, and not from files, whose units may differ.
     """
     tables = [_table_of_systems(name, result, of_run)]
     by_length = _table_by_length(result)
@@ -76,7 +76,7 @@ def _table_of_systems(name: str, result: Evaluation, of_run: bool) -> ReportTabl
                 format_number(rmse(np.degrees(system.rpe.rotation)), 4),
             ]
         )
-    first = result.paths[0]
+    first = result.paths[0]  # its alignment is that of all paths
     title = name
     head = list[str]()
     notes = [f"ATE {first.ate.alignment.words}: root mean square.", _rpe_note(result)]
@@ -325,10 +325,12 @@ def _doubts(system: PathErrors, of_run: bool) -> list[str]:
     doubts = list[str]()
     name = system.name
     if system.inverted:
-        straight = " (or, on a straight path, to have z backwards)" if system.other_orientations else ""
+        # If other orientations are the reason as well, it may only be a z axis that points backwards: on a
+        # straight path, such poses look like inverted ones.
+        or_backwards = " (or, on a straight path, to have z backwards)" if system.other_orientations else ""
         return [
             f"warning: {name} and the truth agree only if the poses of one of them are inverted, so all "
-            f"errors are meaningless: one file seems to have poses from world to camera{straight}: "
+            f"errors are meaningless: one file seems to have poses from world to camera{or_backwards}: "
             f"{WRITE_INVERSES}."
         ]
     least_ratio, largest_ratio = USUAL_LENGTH_RATIOS

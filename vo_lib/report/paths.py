@@ -453,7 +453,7 @@ def _labels(source: Path, config: dict[str, Any] | None) -> list[str]:
 
 
 def _compared(
-    truth: _Reference, members: list[_Member], tolerance: float, what: str, frame_times: Array | None
+    truth: _Reference, members: list[_Member], tolerance: float, truth_words: str, frame_times: Array | None
 ) -> ComparedPaths:
     """The paths at their common frames, each with its preferred label that no other path could have.
 
@@ -461,11 +461,11 @@ def _compared(
     ----------
     truth : the truth, or the path in its place, before any path is compared with it.
     tolerance : seconds between two times that are equal.
-    what : the truth in words, for messages.
-    frame_times : times of the frames of the truth, seconds, for paths without times, if their sequence has
-        them.
+    truth_words : the truth in words, for messages.
+    frame_times : the times of the sequence's frames, seconds, which a path without times gets; None if they
+        are not known.
     """
-    matched_files = [_matched(member.file, truth, tolerance, what) for member in members]
+    matched_files = [_matched(member.file, truth, tolerance, truth_words) for member in members]
     common = functools.reduce(np.intersect1d, [matched.rows for matched in matched_files])
     notes = list(truth.notes)
     for matched in matched_files:
@@ -528,10 +528,12 @@ def _notes_on_common(
     return [f"warning: {words}."]
 
 
-def _matched(path: Path, truth: _Reference, tolerance: float, what: str) -> _MatchedFile:
+def _matched(path: Path, truth: _Reference, tolerance: float, truth_words: str) -> _MatchedFile:
     """The poses of a file that belong to true poses: those of equal times or, without times, all.
 
-    `what` : the truth in words. Raises `DataError` if fewer poses than `FEWEST_MATCHES` have equal times.
+    truth_words : the truth in words.
+
+    Raises `DataError` if fewer poses than `FEWEST_MATCHES` have equal times.
     """
     file = read_path(path)
     if len(file.poses) < 2:
@@ -540,7 +542,7 @@ def _matched(path: Path, truth: _Reference, tolerance: float, what: str) -> _Mat
     if file.times is None or truth.times is None:
         if file.times is not None:
             refuse_intervals(file.times, path, as_column=True)
-        _require_same_frames(file, truth, path, what)
+        _require_same_frames(file, truth, path, truth_words)
         return _MatchedFile(np.arange(len(file.poses)), file.poses, file, notes)
     rows, pose_rows = match_times(truth.times, file.times, tolerance)
     if len(rows) < min(2, len(truth.poses)):
@@ -549,7 +551,7 @@ def _matched(path: Path, truth: _Reference, tolerance: float, what: str) -> _Mat
     shorter = min(len(file.poses), len(truth.poses))
     ranges = time_ranges(file.times, truth.times, truth.name)
     counts = (
-        f"{len(rows)} of {len(file.poses)} poses have one of the {len(truth.poses)} poses of {what} "
+        f"{len(rows)} of {len(file.poses)} poses have one of the {len(truth.poses)} poses of {truth_words} "
         f"within --t-max-diff {tolerance:g} s: {ranges}"
     )
     if len(rows) < USUAL_MATCHES * shorter and are_frame_numbers(file.times):
@@ -628,13 +630,13 @@ def _positions_agree(true_poses: Array, poses: Array, times: Array, shift: float
     return float(rmse(apart) or 0.0) < AGREEING_POSITIONS * speed * abs(shift)
 
 
-def _require_same_frames(file: PoseFile, truth: _Reference, path: Path, what: str) -> None:
+def _require_same_frames(file: PoseFile, truth: _Reference, path: Path, truth_words: str) -> None:
     """Raise `DataError` if a file and the truth, one of which has no times, differ in length."""
     if len(file.poses) == len(truth.poses):
         return
-    counts = f"has {len(file.poses)} poses, but {what} has {len(truth.poses)}"
+    counts = f"has {len(file.poses)} poses, but {truth_words} has {len(truth.poses)}"
     if file.times is not None:
-        remedy = f"give {what} with times"
+        remedy = f"give {truth_words} with times"
     elif truth.times is not None:
         remedy = "give this file with times"
     else:

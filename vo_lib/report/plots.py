@@ -1,6 +1,7 @@
-"""Figures: functions that draw on an axis or return a Matplotlib Figure, without pyplot.
+"""Charts, which Matplotlib draws, and images with features and boxes, which OpenCV draws.
 
-Matplotlib is imported only for the first figure, since the import takes half a second.
+The functions for charts draw on an axis or return a Matplotlib Figure, without pyplot. Matplotlib is imported
+only for the first figure, since the import takes half a second.
 """
 
 from __future__ import annotations
@@ -68,7 +69,8 @@ LINE_HEIGHT = 0.18
 TITLE_LINE_HEIGHT = 1.3 * LINE_HEIGHT
 LEGEND_SIGN = 0.8  # inches in front of a name in a legend, with the line that it explains
 USUAL_LEGEND_LINES = 3  # a figure has room for so many
-# A name below an axis is broken into at most `MOST_LINES` lines, but its lines have at most `MOST_LETTERS`.
+# A name below an axis is broken into at most `MOST_LINES` lines, or into more if these would have more than
+# `MOST_LETTERS` letters.
 MOST_LINES = 4
 MOST_LETTERS = 20
 LEAST_LETTERS = 9  # in a line of a name below bars
@@ -148,7 +150,8 @@ def method_colour(name: str, number: int) -> str:
 def styled(named: Mapping[str, Values]) -> Iterator[tuple[str, Values, dict[str, Any]]]:
     """Names, values and line styles for Matplotlib, the proposal first, the truth last.
 
-    Each line is thinner than the previous line, so that overlapping lines stay visible.
+    Of up to nine lines, each is thinner than the one drawn before it, so that both are seen where they
+    overlap.
     """
     from matplotlib.patheffects import withStroke
 
@@ -224,7 +227,7 @@ def draw_sideways(axis: Axes, title: str, truth: Array | None, estimates: Mappin
         name, first = next(iter(estimates.items()))
         start, end = first[[0, -1]][:, [0, 2], 3]
         ahead = (end - start) / max(float(np.linalg.norm(end - start)), 1e-9)
-        right = ahead[::-1] * [1.0, -1.0]
+        right = ahead[::-1] * [1.0, -1.0]  # ahead, turned by 90° to the right; both are (x, z)
         for _, poses, style in styled(estimates):
             xz = poses[:, [0, 2], 3] - start
             axis.plot(xz @ ahead, xz @ right, **style)
@@ -272,16 +275,7 @@ def trajectories_figure(
         draw(axis, title, truth, estimates)
         if loops:
             first_path = next(iter(estimates.values()))
-            ends = first_path[np.array(loops).T, :3, 3]  # (2, number of loops, 3)
-            axis.plot(
-                ends[:, :, 0],
-                ends[:, :, 2],
-                "-o",
-                color=LOOP_COLOUR,
-                markersize=3,
-                linewidth=1.2,
-                label="loop",
-            )
+            _draw_loops(axis, first_path, loops)
         for line in axis.get_lines():
             name = str(line.get_label())
             if not name.startswith("_"):  # Matplotlib's names of lines without a label
@@ -291,6 +285,20 @@ def trajectories_figure(
     # In the left half, so that a telephone shows the legend with the first panel.
     add_legend(figure, line_of_name, width, "left")
     return figure
+
+
+def _draw_loops(axis: Axes, poses: Array, loops: Sequence[tuple[int, int]]) -> None:
+    """Draw a line between the two places of each loop of a path (N, 4, 4), seen from above."""
+    ends = poses[np.array(loops).T, :3, 3]  # (2, number of loops, 3)
+    axis.plot(
+        ends[:, :, 0],
+        ends[:, :, 2],
+        "-o",
+        color=LOOP_COLOUR,
+        markersize=3,
+        linewidth=1.2,
+        label="loop",
+    )
 
 
 def errors_figure(title: str, errors: Mapping[tuple[str, str], Array]) -> Figure:
@@ -307,31 +315,41 @@ def errors_figure(title: str, errors: Mapping[tuple[str, str], Array]) -> Figure
     name_lines = 1 + max(name.count("\n") for name in names)
     figure = figure_page(title, width, SMALL_PAGE[1] + LINE_HEIGHT * (name_lines - 1))
     axes = figure.subplots(2, sharex=True)
-    bar_width = BARS_SHARE / len(methods)
-    for kind, (axis, label) in enumerate(zip(axes, ("TE [%]", "RE [deg/100 m]"), strict=True)):
-        for number, method in enumerate(methods):
-            # The bars of a sequence stand side by side, with their middle at the sequence's place.
-            from_middle = bar_width * (number - (len(methods) - 1) / 2)
-            positions = []
-            means = []
-            deviations = []
-            for place, sequence in enumerate(sequences):
-                if (sequence, method) in errors:
-                    of_seeds = errors[sequence, method][kind]
-                    positions.append(place + from_middle)
-                    means.append(of_seeds.mean())
-                    # One seed has no deviation (NaN), and no error bar.
-                    deviations.append(float(np.nan_to_num(standard_deviation(of_seeds))))
-            colour = method_colour(method, number)
-            bars = axis.bar(positions, means, bar_width, yerr=deviations, color=colour, label=method)
-            if len(sequences) == 1:
-                axis.bar_label(bars, fmt="%#.3g")
+    for row, (axis, label) in enumerate(zip(axes, ("TE [%]", "RE [deg/100 m]"), strict=True)):
+        _draw_bars(axis, {key: te_and_re[row] for key, te_and_re in errors.items()}, sequences, methods)
         axis.set(axisbelow=True, xticks=range(len(sequences)), xticklabels=names)
         axis.margins(0.02, 0.12)  # room for the labels
         label_axis(axis, "", label)
     handles, of_handles = axes[0].get_legend_handles_labels()
     add_legend(figure, dict(zip(of_handles, handles, strict=True)), width)
     return figure
+
+
+def _draw_bars(
+    axis: Axes, errors: Mapping[tuple[str, str], Array], sequences: list[str], methods: list[str]
+) -> None:
+    """Draw a bar for each method on each sequence: the mean over the seeds, and their standard deviation.
+
+    errors : (S,) over the seeds, by sequence and method. A single sequence has the means above its bars.
+    """
+    bar_width = BARS_SHARE / len(methods)
+    for number, method in enumerate(methods):
+        # The bars of a sequence stand side by side, with their middle at the sequence's place.
+        from_middle = bar_width * (number - (len(methods) - 1) / 2)
+        positions = []
+        means = []
+        deviations = []
+        for place, sequence in enumerate(sequences):
+            if (sequence, method) in errors:
+                of_seeds = errors[sequence, method]
+                positions.append(place + from_middle)
+                means.append(of_seeds.mean())
+                # One seed has no deviation (NaN), and no error bar.
+                deviations.append(float(np.nan_to_num(standard_deviation(of_seeds))))
+        colour = method_colour(method, number)
+        bars = axis.bar(positions, means, bar_width, yerr=deviations, color=colour, label=method)
+        if len(sequences) == 1:
+            axis.bar_label(bars, fmt="%#.3g")
 
 
 def error_curves_figure(title: str, by: str, curves: Mapping[str, ErrorCurve]) -> Figure:
@@ -360,13 +378,13 @@ def error_curves_figure(title: str, by: str, curves: Mapping[str, ErrorCurve]) -
     return figure
 
 
+# Images with features and boxes.
 JPEG_QUALITY = 85  # per cent
-
 # BGR colours of features that are kept (blue) or removed (orange), and of boxes (white).
 KEPT = bgr(CYCLE[0])
 REMOVED = bgr(CYCLE[1])
 BOX = (255, 255, 255)
-# BGR colours of kept features by age, from new (cyan) over green to old (yellow).
+# BGR colours of kept features by age in frames, from 1 (cyan) over green to 16 and more (yellow).
 AGE_COLOURS = [(255 - 17 * n, 220, 17 * n) for n in range(16)]
 # OpenCV draws with sub-pixel precision from fixed-point coordinates with so many binary digits.
 FIXED_BITS = 4

@@ -367,9 +367,11 @@ def _test_comparison(
 
 
 def _is_same(found: object, number: float | None) -> bool:
-    """Whether a value of JSON is a number, up to the rounding of a mean, or null for None."""
-    if number is None or not isinstance(found, int | float) or not _is_number(found):
-        return found is None and number is None
+    """Whether a value of JSON is this number, up to the rounding of a mean, or null for None."""
+    if number is None:
+        return found is None
+    if not isinstance(found, int | float) or not _is_number(found):
+        return False
     return abs(found - number) <= SAME_NUMBER
 
 

@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 
 NOT_USED = " (not used)"
 CELLS = "cells"  # folder of the runs in the folder of a sweep
-DEFAULT = "default"  # folder of the runs with the settings that are not changed
+DEFAULT = "default"  # folder of the runs in which no setting is changed
 # Fields of a record for a path without ground truth: how far it is from the path of the reference, the
 # settings that are not on an axis. It is the distance at the end, and the root mean square of all distances.
 END_APART = "end_apart_m"
@@ -63,7 +63,7 @@ RMSE_ERROR = "rmse_error_m"
 # The columns in which tables show these fields.
 APART_KINDS = {END_APART: "end apart m", RMSE_APART: "rmse apart m"}
 POSITION_KINDS = {END_ERROR: "end error m", RMSE_ERROR: "rmse error m"}
-METHOD_AXIS = "method"
+METHOD_AXIS = "method"  # the name of the axis that several methods make
 DEFAULT_SETTINGS = "the default settings"
 SAME_PATH_M = 0.0005  # a smaller distance is printed as 0.000 m
 # The heat map. Heights and widths are in inches.
@@ -79,7 +79,7 @@ LIGHT_TEXT_FROM = 0.6  # of the range of colours: darker cells have white text
 
 
 class Measured(Enum):
-    """What the numbers of a sweep on a sequence are: the field with each, and its name in tables."""
+    """What the numbers of a sweep on a sequence are."""
 
     ERRORS = "TE and RE of sub-sequences"
     POSITIONS = "distances from the true path, which is shorter than every sub-sequence"
@@ -87,7 +87,7 @@ class Measured(Enum):
 
     @property
     def kinds(self) -> dict[str, str]:
-        """The fields with what is compared, and their names in tables."""
+        """The fields of a record that are compared, and the columns that show them."""
         if self is Measured.ERRORS:
             return {kind: unit for kind, (unit, _) in ERROR_KINDS.items()}
         return POSITION_KINDS if self is Measured.POSITIONS else APART_KINDS
@@ -112,8 +112,8 @@ class Sweep:
     records : of each combination of the values, see below.
     outcomes : of all jobs, in order.
     measured : what the numbers are.
-    notes : sentences below the table.
-    reference_words : the settings of `bases` in words, see `run_sweep`.
+    notes : sentences below the table, beside those that follow from the records.
+    reference_words : the reference in words: the settings that are not on an axis.
 
     A record has the sequence, the method, the value of each axis as text, the number of successful seeds,
     errors and costs as in a record of Table 1, the settings that the method does not use with the other
@@ -209,13 +209,13 @@ def run_sweep(
             reference_cell = reference_cells.get((name, cell.method))
             records.append(_record(cell, reference_cell, error_of_job))
         notes = []
-        for (sequence_name, _), reference_cell in reference_cells.items():
-            if sequence_name == name and seeds > 1:
-                notes.append(_seeds_note(reference_cell, error_of_job, reference_words))
         if sequence.truth is not None:
             short = too_short_words(sequence.truth, suitable_protocol(sequence.truth))
             if short:
                 notes.append(f"No TE and RE, since {short}.")
+        elif seeds > 1:
+            for method in bases:
+                notes.append(_seeds_note(reference_cells[name, method], error_of_job, reference_words))
         sweeps.append(
             Sweep(
                 title=_title(sequence, bases, seeds),
@@ -313,6 +313,7 @@ def _record(
         reference_runs = [] if reference_cell is None else _finished_runs(reference_cell, error_of_job)
         record |= _fields_without_truth(runs, reference_runs)
     elif measured_on(cell.sequence) is Measured.POSITIONS:
+        # TE and RE stay empty; the costs are those of the fields of positions.
         record |= number_fields(no_errors, None) | _fields_of_positions(runs, truth)
     elif runs:
         entry = measure_runs(cell.method, runs, suitable_protocol(truth))
@@ -488,7 +489,10 @@ def _map_size(rows: list[str], columns: list[str], letters: int) -> tuple[float,
 
 
 def _draw_map(figure: Figure, axis: PlotAxes, sweep: Sweep, kind: str, name: str, rows: int) -> None:
-    """Draw one kind of number of a sweep as colours and as text; `name` : the name of the kind."""
+    """Draw the numbers of a sweep in one field as colours and as text.
+
+    kind, name : the field, and the words for it. rows : their number in the map.
+    """
     from matplotlib import colormaps  # here, since its import takes half a second
 
     means = np.array([record[kind] for record in sweep.records], np.float64)

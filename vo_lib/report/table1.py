@@ -52,8 +52,8 @@ PROPOSAL = "feature_selection"
 AVERAGE = "Avg"  # the paper's row of means, and ours with the same sequences
 POOLED = "pooled"  # our row with all sub-sequences together
 LEFT_OUT = "01"  # the highway, which has dashes in the paper's table
-# The sequences in the paper's Avg, with their numbers of sub-sequences in the benchmark, the weights of its
-# pooled mean.
+# The sequences in the paper's Avg, with their numbers of sub-sequences in the benchmark: their weights, where
+# all sub-sequences are pooled.
 SUB_SEQUENCES = {
     "00": 3283,
     "02": 3453,
@@ -68,7 +68,7 @@ SUB_SEQUENCES = {
 }
 SUB_SEQUENCES_OF_01 = 676
 PAPER_ROWS = (AVERAGE, *SUB_SEQUENCES)
-# Section 4 of the paper: gains of Feature selection, (TE, RE) in %.
+# Section 4 of the paper: gains of Feature selection over each of these methods, (TE, RE) in %.
 CLAIMS = {"solution_selection": (8.0, 7.0), "mesvo_f": (6.0, 15.0)}
 
 POSITION_NOTE = (
@@ -98,13 +98,6 @@ class PaperTable:
     def value(self, row: str, method: str) -> PrintedErrors:
         """TE and RE of a row ("00" … "10" or "Avg") and a method."""
         return self.numbers.get((row, method), NOT_PRINTED)
-
-
-def printed_of(paper: PaperTable, entry: Entry) -> PrintedErrors:
-    """The paper's TE and RE beside which an entry may stand: none beside a part of a sequence."""
-    if not entry.is_whole:
-        return NOT_PRINTED
-    return paper.value(entry.sequence.removeprefix(KITTI), entry.method)
 
 
 def gain(before: ArrayLike, after: ArrayLike) -> Array:
@@ -191,6 +184,13 @@ class Entry:
     def is_whole(self) -> bool:
         """Whether the sequence is a complete sequence of the benchmark, with the benchmark's measure."""
         return len(self.truth) == BENCHMARK_FRAMES.get(self.sequence) and self.measure == KITTI_PROTOCOL
+
+
+def printed_of(paper: PaperTable, entry: Entry) -> PrintedErrors:
+    """The paper's TE and RE beside which an entry may stand: none beside a part of a sequence."""
+    if not entry.is_whole:
+        return NOT_PRINTED
+    return paper.value(entry.sequence.removeprefix(KITTI), entry.method)
 
 
 @dataclass(frozen=True)
@@ -441,7 +441,7 @@ def collect(
 ) -> Reproduction:
     """Errors and paths of the cells, read from the folders of their finished jobs.
 
-    missing : as in `Reproduction`; measure : the sub-sequences, None for those that suit each path.
+    missing : as in `Reproduction`. measure : the sub-sequences; None for those that suit each path.
     """
     failed: dict[str, list[str]] = {}
     failed_folders = set[Path]()

@@ -52,8 +52,11 @@ def kitti_duration(jobs: list[Job], durations: Durations, detects: bool = False)
 def kitti_seconds(jobs: list[Job], durations: Durations) -> float | None:
     """Estimated seconds of methods and seeds on all of KITTI's sequences 00-10; None if a kind is unknown.
 
-    jobs : their runs; those on the first sequence count. durations : of runs on images of the same size, with
-    as many processes at the same time. Short runs take longer per frame, since each one writes its files.
+    Short runs take longer per frame, since each one writes its files.
+
+    jobs : runs of these methods and seeds, on one sequence or more. Those on the first sequence tell the
+        kinds of runs, since the others repeat them.
+    durations : of runs on images of the same size, with as many processes at the same time.
     """
     frames = _frames_of_kitti().values()
     matching, running = _kinds_of(jobs)
@@ -64,7 +67,7 @@ def kitti_seconds(jobs: list[Job], durations: Durations) -> float | None:
 
 
 def _kinds_of(jobs: list[Job]) -> tuple[list[Hashable], list[Hashable]]:
-    """The kinds of the front ends of jobs, each once, and of the runs on the first sequence of the jobs."""
+    """The kinds of work on a sequence: of the front ends, each once, and of the runs, once for each seed."""
     matching = dict.fromkeys(matching_task(job).kind for job in jobs)
     running = [running_task(job).kind for job in jobs if job.sequence.name == jobs[0].sequence.name]
     return list(matching), running

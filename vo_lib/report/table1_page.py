@@ -73,9 +73,9 @@ FIGURE_4_SEQUENCES = (f"{KITTI}02", f"{KITTI}07")
 REMARKS = (
     "The paper calls its numbers RMSE of 11 sequences. The numbers are means; Avg is the mean of ten rows.",
     "The paper's VISO2 average is shown as printed, 2.43 / 1.106; the mean of its rows is 2.10 / 1.247.",
-    "The RE of the paper's other three columns is shown as printed. All these values are multiples of 1/180: "
-    f"radians were probably converted with {PAPERS_FACTOR:.1f} instead of {RIGHT_FACTOR:.1f}, so the RE is "
-    "about 3 % too low.",
+    "The RE of the paper's other three columns is shown as printed. For each sequence it is a multiple of "
+    f"1/180: radians were probably converted with {PAPERS_FACTOR:.1f} instead of {RIGHT_FACTOR:.1f}, so it "
+    "is about 3 % too low.",
     "The paper names MESVO_F but does not describe it. In our interpretation, MESVO_F is RANSAC: no prior, "
     "and the candidate with the most inliers wins.",
 )

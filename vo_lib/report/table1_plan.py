@@ -63,7 +63,7 @@ def plan_cells(
 
     methods : names by variant.
     sequences : names.
-    opened : the sequence of a name for a configuration.
+    opened : gives the sequence of a name for a configuration.
 
     Raises `DataError` if a name is there twice.
     """
@@ -105,7 +105,7 @@ def jobs_of(cells: Iterable[_HasJobs]) -> list[Job]:
 def job_folder(
     folder: Path, variant: str, sequence: str, method: str, seed: int, changes: Changes = ()
 ) -> Path:
-    """The folder of a run, inside the folder of the table; `changes` : those of the method's preset."""
+    """The folder of a run, inside the folder of the table; `changes` : those of the preset that it uses."""
     place = folder / RUNS / variant / slug(sequence) / method
     if changes:
         place /= settings_folder(changes)

@@ -84,7 +84,9 @@ FILM_MARK = bytes([VOID, 0x80 | len(WRITER)]) + WRITER
 
 @contextmanager
 def webm_file(path: Path, width: int, height: int, fps: int) -> Iterator[PictureEncoder]:
-    """A film for pictures of a size; the complete file appears at the end of the context, if it has any.
+    """A film for pictures of a size, `fps` frames per second, to which the caller adds pictures.
+
+    The complete file appears at the end of the context; without a picture, there is none.
 
     Raises `DataError` if the film cannot be written.
     """
@@ -191,7 +193,7 @@ class WebmWriter:
         )
         # Sizes, the duration and the place of the index are known at the end: until then they are zero.
         self._segment_place = file.tell()
-        self._write_segment_head(0)
+        self._write_segment_size(0)
         self._content_place = file.tell()  # the places of parts are counted from here
         self._tracks = _element(
             TRACKS,
@@ -206,7 +208,7 @@ class WebmWriter:
                 _element(VIDEO, _number(PIXEL_WIDTH, width), _number(PIXEL_HEIGHT, height)),
             ),
         )
-        file.write(self._head(0))
+        file.write(self._parts_before_frames(0))
 
     def add(self, frame: bytes) -> None:
         """Add a VP8 frame."""
@@ -241,21 +243,21 @@ class WebmWriter:
         self._file.write(FILM_MARK)
         size = self._file.tell() - self._content_place
         self._file.seek(self._segment_place)
-        self._write_segment_head(size)
-        self._file.write(self._head(cues_place))
+        self._write_segment_size(size)
+        self._file.write(self._parts_before_frames(cues_place))
 
     def _time_ms(self, number: int) -> int:
         """The time at which a frame begins, milliseconds from the start of the film."""
         return round(1000 * number / self._fps)
 
-    def _write_segment_head(self, size: int) -> None:
+    def _write_segment_size(self, size: int) -> None:
         """Write the beginning of the element that has all others, with the size of its content in bytes."""
         self._file.write(SEGMENT_OF_FILE.to_bytes(4, "big") + _size(size, 8))
 
-    def _head(self, cues_place: int) -> bytes:
+    def _parts_before_frames(self, cues_place: int) -> bytes:
         """The places of the parts, information on the file, and the track.
 
-        Its length is always the same, so it can be written again over the first one.
+        Their length is always the same, so they can be written again over the first ones.
         """
         info = _element(
             INFO,
