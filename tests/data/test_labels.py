@@ -61,8 +61,8 @@ def test_small_excesses_are_clipped(tmp_path: Path) -> None:
         ("2 120 200 60 40", "values in 0..1"),
         ("2 0.2 0.5 0.2 0.6 0.9 3", "omit the number of the track$"),  # as Ultralytics writes it
         ("2 0.2 0.5 0.2 0.6 0.9 117", "omit the number of the track$"),
-        ("2 0.2 0.5 0.2 0.6 0.9 1", r"omit the number of the track; a triangle ends with 1\.0"),
-        ("2 0.2 0.5 0.2 0.6 0.9 0", r"omit the number of the track; a triangle ends with 0\.0"),
+        ("2 0.2 0.5 0.2 0.6 0.9 1", r"the track; if this is a triangle, write its last number as 1\.0$"),
+        ("2 0.2 0.5 0.2 0.6 0.9 0", r"the track; if this is a triangle, write its last number as 0\.0$"),
         ("2 0.02 0.5 0.2 0.6 0.9 1", "omit the number of the track"),  # not clipped at the border
         ("2 20 50 20 60 90 3", "values in 0..1"),
         ("2 0.2 0.5 0.2 0.6 0.9 3.5", "values in 0..1"),

@@ -1,4 +1,18 @@
-"""Class names: COCO's numbers, the names of vehicles, the choice of the classes that count (chapter 5)."""
+"""Class names: COCO's numbers, the names of vehicles, the choice of the classes that count (chapter 5).
+
+A class has up to three numbers. These are those of a detector with the classes van, car and person:
+
+| number | van | car | person |
+|---|---|---|---|
+| the model's own | 0 | 1 | 2 |
+| in label files, by `label_numbers` | 80 | 2 | 0 |
+| of its kind, in `ClassChoice.kinds` | 2 | 2 | 0 |
+
+In label files, a class has COCO's number if that is free, and otherwise 80, the count of COCO's classes, plus
+its own. The kind is COCO's class with this name, or the vehicle of COCO that the class resembles most. Boxes
+that count have the number of their kind: here, van and car are both cars. Labels of other programs have one
+number in place of the first two.
+"""
 
 from __future__ import annotations
 
@@ -161,11 +175,11 @@ class ClassNames:
 
     Attributes
     ----------
-    names : name by number; empty if there are only numbers.
+    names : name by number, in label files or of a model; empty if there are only numbers.
     source : the file with the names, or the model, for messages.
-    written : numbers of the classes whose boxes a detector wrote; None for all.
-    of_model : if a detector wrote the folder, the number in `names` of each class of the model, in the
-        model's order; a number that a person types is then the model's.
+    written : numbers, as in `names`, of the classes whose boxes a detector wrote; None for all.
+    of_model : if a detector wrote the folder, the number in `names` of each class of the model, in the order
+        of the model's own numbers; a number that a person types is then the model's own.
     """
 
     names: Mapping[int, str] = field(default_factory=dict)

@@ -25,11 +25,13 @@ MAX_UNCLIPPED = 0.1  # share of the image by which a box that nobody clipped may
 KITTI_FIELDS = (15, 16)  # of a line of KITTI's object labels, without and with a score
 KEYPOINT_SIZES = (2, 3)  # numbers of a keypoint: x, y, and perhaps whether or how surely it is visible
 MAX_VISIBILITY = 2.0  # the largest such third number
-# A row's second pair is a size in a box with keypoints, a point near the others in a polygon. How far it lies
-# outside the others, in units of their extent:
-MAY_BE_SIZE = 0.25  # above this, it may be a size
-IS_SIZE = 1.0  # above this, it is one
-TRIANGLE_POINTS = 3  # too few to tell
+UNSEEN_KEYPOINT = (0.0, 0.0)  # how pose models write x, y of a keypoint that they do not see
+# "class cx cy w h x y …" of a box with keypoints and "class x1 y1 x2 y2 x3 y3 …" of a polygon look alike. The
+# second pair of numbers tells: in a polygon it is a point near the others, in a box it is the size, which is
+# seldom near them. `_is_size` measures how far it is outside the other points, in units of their extent.
+MAY_BE_SIZE = 0.25  # beyond this distance, the pair may be a size
+IS_SIZE = 1.0  # beyond this one, it is a size
+TRIANGLE_POINTS = 3  # with so few points it never is for certain: a long triangle has a corner that far away
 SMALLEST_AREA = 1e-6  # of a rotated box, as a share of the image
 MAX_GAP = 2e-3  # shares of the image, between the fourth corner of a rotated box and its place by the others
 
@@ -114,8 +116,10 @@ def _read_row(line: str, path: str | Path, line_number: int) -> _Row:
             line_number,
         )
     numbers = _numbers(words)
-    if len(words) == POLYGON_FIELDS and words[-1].isdecimal() and _ends_with_track(numbers):
-        triangle = "" if numbers[-1] > 1 else f"; a triangle ends with {numbers[-1]}"
+    if len(words) == POLYGON_FIELDS and words[-1].isdecimal() and _may_end_with_track(numbers):
+        triangle = ""
+        if numbers[-1] <= 1:  # a triangle may end so at the image border; as 1.0, it is no track
+            triangle = f"; if this is a triangle, write its last number as {numbers[-1]}"
         raise DataError(
             "expected class cx cy w h [score], found 7 fields, the last of which is a whole number: omit "
             f"the number of the track{triangle}",
@@ -134,10 +138,11 @@ def _read_row(line: str, path: str | Path, line_number: int) -> _Row:
     return _Row(class_id, values[:4], score, polygon=False, may_be_keypoints=False)
 
 
-def _ends_with_track(numbers: list[float]) -> bool:
+def _may_end_with_track(numbers: list[float]) -> bool:
     """Whether the last of 7 numbers, a whole one, may be that of a track, behind the score of a box.
 
-    With 0 or 1, which a triangle at the image border may end with, only the box tells.
+    A tracker writes `class cx cy w h score track`. But a triangle at the image border may end with 0 or 1, so
+    these are tracks only behind a box in the image.
     """
     if not _are_class_and_shares(numbers[:-1]):
         return False
@@ -175,8 +180,7 @@ def _refuse_kitti(words: list[str], path: str | Path, line_number: int) -> None:
 def _have_keypoints(values: list[float]) -> _Answer:
     """Whether a row's numbers behind the class are a box and keypoints in it, perhaps followed by a score.
 
-    Of a polygon, too, the first two points may look like a box around the others; but then the second point
-    lies near them, which is rarely true for the size of a box.
+    Of a polygon, too, the first two points may look like a box around the others; `_is_size` tells then.
     """
     if not values or not _is_box_in_image(values[:4]):  # without values, a word is no number
         return _Answer.NO
@@ -204,22 +208,28 @@ def _are_keypoints(values: list[float], rest: list[float], size: int) -> _Answer
 
 
 def _is_size(points: list[tuple[float, float]]) -> _Answer:
-    """Whether the second of the pairs of numbers is the size of a box, not a point of a polygon."""
+    """Whether the second of the pairs of numbers is the size of a box, not a point of a polygon.
+
+    For example, the box `0.70 0.60 0.10 0.20` has keypoints at (0.68, 0.55) and (0.72, 0.65). Its centre and
+    keypoints have x from 0.68 to 0.72 and y from 0.55 to 0.65, so their extent is 0.10. The pair (0.10, 0.20)
+    is 0.58 to the left of them, almost six extents, so it is a size. But the polygon (0.6, 0.5), (0.8, 0.5),
+    (0.9, 0.6), (0.8, 0.7), (0.6, 0.7) has its second point among the others, so it is no size.
+    """
     if len(points) == 4 and _is_parallelogram(np.array(points)):
         return _Answer.NO  # a rotated box
     second_x, second_y = points[1]
-    others = [point for point in (points[0], *points[2:]) if point != (0.0, 0.0)]
-    xs = [point[0] for point in others]
-    ys = [point[1] for point in others]
+    others = [point for point in (points[0], *points[2:]) if point != UNSEEN_KEYPOINT]
+    xs = [x for x, _ in others]
+    ys = [y for _, y in others]
     left = min(xs)
     right = max(xs)
     top = min(ys)
     bottom = max(ys)
-    outside = max(left - second_x, second_x - right, top - second_y, second_y - bottom)
-    extent = max(right - left, bottom - top)
-    if outside > IS_SIZE * extent and len(points) > TRIANGLE_POINTS:
+    distance_outside = max(left - second_x, second_x - right, top - second_y, second_y - bottom)
+    extent = max(right - left, bottom - top)  # the longer side of the box around the other points
+    if distance_outside > IS_SIZE * extent and len(points) > TRIANGLE_POINTS:
         return _Answer.YES
-    if outside > MAY_BE_SIZE * extent:
+    if distance_outside > MAY_BE_SIZE * extent:
         return _Answer.MAYBE
     return _Answer.NO
 
@@ -251,14 +261,14 @@ def _are_in_box(box: list[float], points: Iterable[tuple[float, float]]) -> bool
     centre_x, centre_y, width, height = box
     half_width = width / 2 + MAX_OUTSIDE
     half_height = height / 2 + MAX_OUTSIDE
-    count = 0
+    seen = 0
     for x, y in points:
-        if x == 0 and y == 0:  # how pose models write a keypoint that they do not see
+        if (x, y) == UNSEEN_KEYPOINT:
             continue
         if abs(x - centre_x) > half_width or abs(y - centre_y) > half_height:
             return False
-        count += 1
-    return count > 0
+        seen += 1
+    return seen > 0
 
 
 def _bounding_box(values: list[float]) -> list[float]:

@@ -44,17 +44,16 @@ def coverage_remarks(sequence: Sequence) -> list[str]:
         return []
     missing = missing_labels(sequence)
     stems = label_stems(sequence.labels)
-    frames = list(sequence.frames)
-    # Labels of a part may be those of the whole sequence. With as many label files as frames in the part, all
-    # of them should belong to these frames.
-    if len(stems) != len(sequence):
-        frames = list_frames(sequence.folder)
-    surplus = sorted(stems - set(frames))
+    # The sequence may be a part of the frames in its folder, and the labels may be those of all these frames.
+    # But as many label files as frames in the part are probably meant for this part.
+    may_be_labels_of_whole_sequence = len(stems) != len(sequence)
+    labelled_frames = list_frames(sequence.folder) if may_be_labels_of_whole_sequence else sequence.frames
+    surplus = stems.difference(labelled_frames)
     remarks = []
     if missing:
         remarks.append(f"{len(missing)} of {len(sequence)} images have no label file, which means no vehicle")
     if surplus:
-        files = listed(f"{stem}.txt" for stem in surplus)
+        files = listed(f"{stem}.txt" for stem in sorted(surplus))
         remark = f"{files}: no image of the sequence has this name"
         if missing:
             remark += f", and {missing[0]}.png has no label file: are the names shifted?"

@@ -53,25 +53,40 @@ _UNCERTAINTY_WORDS = {"cov", "covariance", "std", "sigma", "var", "error"}
 _OTHER_WORDS = _VELOCITY_WORDS | _SENSOR_WORDS | _UNCERTAINTY_WORDS
 EUROC_OTHER = ("v_", "b_")  # velocities and biases in EuRoC's files
 _ANGLE_WORDS = {"roll", "pitch", "yaw", "euler", "heading", "rotvec", "rx", "ry", "rz"}
-# Entries of a matrix, r11, rot_00 or T00, and of a quaternion whose order is not said, q0; by their words.
+# Entries of a matrix, r11, rot_00 or T00, and of a quaternion whose order is not said, q0. The pattern is for
+# the words of a name, "r 11".
 _NUMBERED_ENTRY = re.compile(r"(r|rot|t|m|q) ?\d ?\d?")
 # A word with the axis at its end: qx, quatw, tx or posz.
 _WORD_WITH_AXIS = re.compile(
     r"(?:q|quat|quaternion|orientation|ori|rotation|rot)(?P<quaternion_axis>[xyzw])"
     r"|(?:t|p|pos|position|trans|translation|loc|location)(?P<position_axis>[xyz])"
 )
-# Words of names such as t_cw_x, Tcw, qw_cw, w2c or cam_from_world: the world seen from camera, body or IMU.
+# Names of poses from the world to the camera (c), the body (b) or the IMU (i), which are refused. The pattern
+# is for the words of a name, such as "t cw x" for t_cw_x and "w 2 c" for w2c.
 _PART = r"(?:t|p|q|r|rot|rotation|trans|translation|pos|position|pose|quat|quaternion|orientation|ori)"
 _WORLD_TO_CAMERA = re.compile(
-    rf"\b{_PART} ?[cbi] ?w\b|\b(?:q[xyzw]|[tp]?[xyz]) [cbi]w\b"
-    r"|\b(?:world|w|map) ?(?:to|2) ?(?:cam|camera|c|body|b|imu|i|sensor)\b"
-    r"|\b(?:cam|camera|body|imu|sensor) (?:\d )?(?:from )?world\b|\bextrinsics?\b|\bview ?matrix\b"
+    rf"\b{_PART} ?[cbi] ?w\b"  # t_cw_x, Tcw, q_bw_w
+    r"|\b(?:q[xyzw]|[tp]?[xyz]) [cbi]w\b"  # qw_cw, tx_cw, x_iw
+    r"|\b(?:world|w|map) ?(?:to|2) ?(?:cam|camera|c|body|b|imu|i|sensor)\b"  # world_to_cam_x, w2c, map2body
+    r"|\b(?:cam|camera|body|imu|sensor) (?:\d )?(?:from )?world\b"  # cam_from_world, cam0_from_world
+    r"|\bextrinsics?\b"  # extrinsic_tx
+    r"|\bview ?matrix\b"  # view_matrix, viewMatrix
 )
-_STATED_WORLD_TO_CAMERA = re.compile(r"\b(?:world (?:to|2) (?:the )?cam(?:era)?|w 2 c|t ?cw)\b")
-_CAMERA_TO_WORLD = re.compile(r"\b(?:cam(?:era)? (?:to|2) (?:the )?world|c 2 w|t ?wc)\b")
+# The same said anywhere in the header. It does not count if the header also names the other direction, as in
+# "camera to world, not world to camera".
+_STATED_WORLD_TO_CAMERA = re.compile(
+    r"\b(?:world (?:to|2) (?:the )?cam(?:era)?"  # poses from world to camera
+    r"|w 2 c"  # w2c
+    r"|t ?cw)\b"  # T_cw or Tcw
+)
+_CAMERA_TO_WORLD = re.compile(
+    r"\b(?:cam(?:era)? (?:to|2) (?:the )?world"  # poses from camera to world
+    r"|c 2 w"  # c2w
+    r"|t ?wc)\b"  # T_wc or Twc
+)
 _AXES = set("xyzw")
-_COMMENT = re.compile(r"\s*[\"']?\s*[#%]+")
-_UNIT = re.compile(r"[\[(]([^\])]*)[\])]")
+_COMMENT = re.compile(r"\s*[\"']?\s*[#%]+")  # the beginning of a comment, as in # t x y z or "% t x y z"
+_UNIT = re.compile(r"[\[(]([^\])]*)[\])]")  # a unit in brackets, as in time [ns] or x (m)
 
 
 class Column(NamedTuple):
@@ -182,7 +197,7 @@ def read_columns(line: str, line_number: int, path: str | Path, separator: str |
     missing = [name for name in (*POSITION, *QUATERNION) if name not in candidates]
     if missing:
         raise DataError(_incomplete(columns, missing), path, line_number)
-    chosen = _one_path(candidates, path, line_number)
+    chosen = _one_trajectory(candidates, path, line_number)
     time = _time_columns(columns, path, line_number)
     return PoseColumns(
         line=line_number,
@@ -202,7 +217,7 @@ def _columns(line: str, separator: str | None) -> list[Column]:
     if separator is not None:
         with suppress(csv.Error):
             cells = split_cells(text, separator)
-    if len(cells) < len(POSITION) + len(QUATERNION):
+    if len(cells) < len(POSITION) + len(QUATERNION):  # too few: the header has other separators than the rows
         # A unit belongs to the name before it: "timestamp [ns] tx".
         cells = re.sub(r"\s+(?=[\[(])", "", text).replace(",", " ").replace(";", " ").split()
     columns = []
@@ -279,29 +294,28 @@ def _incomplete(columns: list[Column], missing: list[str]) -> str:
     return f"the header does not name {' '.join(missing)}: expected columns such as {example}"
 
 
-def _one_path(candidates: dict[str, list[Column]], path: str | Path, line_number: int) -> dict[str, Column]:
-    """The column for each part of the pose; `DataError` if the header names several paths.
+def _one_trajectory(
+    candidates: dict[str, list[Column]], path: str | Path, line_number: int
+) -> dict[str, Column]:
+    """The column for each part of the pose; `DataError` if the header names several trajectories.
 
     candidates : the columns that may be a part, by part.
     """
     if all(len(columns) == 1 for columns in candidates.values()):
         return {role: columns[0] for role, columns in candidates.items()}
-    # Columns of one path have the same words beside those for the part, such as `odom` or `ecef`.
-    paths: dict[tuple[str, ...], dict[str, Column]] = {}
+    # Columns of one trajectory have the same words beside those for the part, such as `odom` or `ecef`.
+    trajectories: dict[tuple[str, ...], dict[str, Column]] = {}
     for role, columns in candidates.items():
         for column in columns:
-            words_of_path = _words_of_path(column)
-            if words_of_path not in paths:
-                paths[words_of_path] = {}
-            one_path = paths[words_of_path]
-            if role in one_path:
+            trajectory = trajectories.setdefault(_words_of_trajectory(column), {})
+            if role in trajectory:
                 raise DataError(f"the header names {column.name} twice", path, line_number)
-            one_path[role] = column
+            trajectory[role] = column
     # Positions from the centre of the Earth stand beside positions in the world of the drive.
     complete_local = [
-        one_path
-        for words, one_path in paths.items()
-        if len(one_path) == len(candidates) and "ecef" not in words
+        trajectory
+        for words, trajectory in trajectories.items()
+        if len(trajectory) == len(candidates) and "ecef" not in words
     ]
     if len(complete_local) != 1:
         two = " and ".join(column.name for column in candidates["x"][:2])
@@ -309,7 +323,7 @@ def _one_path(candidates: dict[str, list[Column]], path: str | Path, line_number
     return complete_local[0]
 
 
-def _words_of_path(column: Column) -> tuple[str, ...]:
+def _words_of_trajectory(column: Column) -> tuple[str, ...]:
     """The words of a name without its axis and its kind, such as ("odom",) of odom.pose.position.x."""
     kinds = _POSITION_WORDS | _QUATERNION_WORDS | _AXES
     return tuple(word for word in column.words if word not in kinds and not _WORD_WITH_AXIS.fullmatch(word))

@@ -3,9 +3,7 @@
 A label folder contains `000000.txt` …; `detector.json`, with the model's SHA-256, the settings, and the names
 and numbers of the classes; and `images.sha256`, with the hash of the image of each label.
 
-A class has three numbers, which often agree: the model's own; the one in label files, which is COCO's if that
-is free and the class is in COCO or resembles a vehicle there, else 80 or more (`label_numbers`); and that of
-its kind, COCO's number of such a vehicle, which the boxes that count have (`ClassChoice.select`).
+A class has a number of the model's own, one in label files, and one of its kind; see `data/class_names.py`.
 """
 
 from __future__ import annotations
