@@ -107,7 +107,7 @@ FAULTS: dict[str, tuple[Callable[[Path], object], str]] = {
     "skew": (edit("calib.txt", lambda t: t.replace("0 240", "55 240")), r"line 1: P0: expected f 0 cx"),
     "baseline in mm": (
         edit("calib.txt", lambda t: t.replace("-150", "-161100")),
-        r"calib\.txt, line 2: P1: the baseline .* is 537 m, expected more than 0 and at most 10 m",
+        r"calib\.txt, line 2: P1: the baseline .* is 537 m, expected 0.01 mm to 10 m",
     ),
     "centre outside": (
         edit("calib.txt", lambda t: t.replace("240.0", "90000")),
