@@ -55,12 +55,13 @@ def test_front_ends_are_compared_on_real_drives(table: Path) -> None:
 
 
 def test_lines_have_both_front_ends_side_by_side(table: Path) -> None:
-    *_, clean, dark, seeds, star, runs, time = front_end_lines(table).splitlines()
+    *_, clean, dark, seeds, star, rule, runs, time = front_end_lines(table).splitlines()
     assert clean.split() == ["kitti/00", "1.50", "1.40", "0.10", "1.00", "1.25*", "0.00", "0.0", "0.0"]
     # TE of the dark drive changes by 1.0, more than 2 √(0.1² + 0.2²).
     assert dark.split()[2:] == ["2.00", "3.00*", "0.10", "1.00", "0.50*", "0.00", "0.0", "12.5"]
     assert seeds.startswith("Means over 2 seeds")
     assert "one run would show" in star
+    assert "difference between two runs" in rule
     assert runs.endswith("on the first 40 frames of kitti/00:")
     assert time == "40.0 ms a frame with the kit's front end, 48.5 ms with the paper's."
     assert max(map(len, front_end_lines().splitlines())) <= 90

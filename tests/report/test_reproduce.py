@@ -244,8 +244,8 @@ def test_result_compares_means_with_and_without_removal() -> None:
     entries = [replace(entry_of("kitti/00", 500, pairs[m], m), labels=True) for m in pairs]
     (text,) = sentences_on_proposal([group_of(*entries)])
     assert (
-        "changes TE from 3.019 to 2.818 % (which one run would not show: within two standard deviations over "
-        "the seeds or 2 %)"
+        "changes TE from 3.019 to 2.818 % (which one run would not show: within two standard deviations of "
+        "the difference between two runs, or 2 %)"
     ) in text
     pairs = {"solution_selection": [3.1], "feature_selection": [2.9]}
     entries = [replace(entry_of("kitti/00", 500, pairs[m], m), labels=True) for m in pairs]

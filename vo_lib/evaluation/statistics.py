@@ -2,8 +2,10 @@
 
 Two questions are asked of a change, and they have different answers:
 
-- *Would one run show it?* A run has one seed. The change counts if it exceeds two standard deviations over
-  the seeds, and 2 % of the error: `one_run_shows`. Tables and reports answer this question.
+- *Would one run show it?* A run has one seed. Two runs, one before and one after the change, differ by chance
+  too, with the standard deviation √(s² + s'²), if s and s' are those over the seeds before and after. The
+  change counts if it exceeds two of these, and 2 % of the error: `one_run_shows`. Tables and reports answer
+  this question.
 - *Is the mean change chance?* The mean over n seeds is more certain than one run, by √n. The change is paired
   over the seeds, and its mean has a confidence interval: `paired_change`. `sign_flip_share` answers the same
   question for changes that need not be normal, only symmetric about 0 if they are chance.
@@ -26,14 +28,14 @@ from numpy.typing import ArrayLike
 
 from ..geometry.types import Array
 
-# A change of an error would show in one run if it exceeds this number of standard deviations over the seeds,
-# and this share of the error. `NO_CHANGE` and `COUNTED` say so in reports.
+# One run would show a change of an error that exceeds this number of standard deviations of the difference
+# between two runs, and this share of the error. `NO_CHANGE` and `COUNTED` say so in reports.
 SPREADS = 2.0
 SHARE = 0.02
-NO_CHANGE = f"within two standard deviations over the seeds or {100 * SHARE:.0f} %"
+NO_CHANGE = f"within two standard deviations of the difference between two runs, or {100 * SHARE:.0f} %"
 COUNTED = (
-    "A change counts if one run would show it: if it exceeds two standard deviations over the seeds and "
-    f"{100 * SHARE:.0f} %."
+    f"A change counts if one run would show it: if it exceeds {100 * SHARE:.0f} %, and two standard "
+    "deviations of the difference between two runs, one before and one after the change."
 )
 CONFIDENCE = 0.95  # of the intervals
 POWER = 0.8  # probability with which a test should find a change that is there
@@ -61,9 +63,9 @@ def mean_and_deviation(values: ArrayLike) -> tuple[float, float]:
 
 
 def change_limit(error: float, *deviations: float) -> float:
-    """Limit above which one run would show a change of an error.
+    """Limit above which one run would show a change of an error: max(2 √(s² + s'²), 2 % of the error).
 
-    deviations : standard deviations over the seeds, those of the error before and after the change. With one
+    deviations : standard deviations over the seeds, s of the error before and s' after the change. With one
         seed they are NaN, and so is the limit.
     """
     if any(math.isnan(deviation) for deviation in deviations):

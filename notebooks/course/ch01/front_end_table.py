@@ -125,7 +125,8 @@ def front_end_lines(path: Path = ABLATION) -> str:
     measured = times(path)
     lines += [
         f"Means over {seeds} seeds; ±: standard deviation of the difference over the seeds.",
-        f"{SHOWN}: one run would show the difference. It exceeds two standard deviations, and 2 %.",
+        f"{SHOWN}: one run would show the difference. It exceeds 2 %, and two standard deviations of the",
+        "difference between two runs with different seeds, which is larger than ±.",
         f"Processor time, in runs of their own on the first {TIMED_FRAMES} frames of {measured.drive}:",
         f"{measured.kit:.1f} ms a frame with the kit's front end, {measured.paper:.1f} ms with the paper's.",
     ]
