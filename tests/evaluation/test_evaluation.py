@@ -13,7 +13,7 @@ from made_entries import straight
 
 from vo_lib.data.poses import read_kitti_poses
 from vo_lib.errors import DataError
-from vo_lib.evaluation.ate_rpe import Alignment, absolute_error, align, relative_error
+from vo_lib.evaluation.ate_rpe import Alignment, Delta, absolute_error, align, relative_error
 from vo_lib.evaluation.conventions import orientations_disagree, quaternions_disagree
 from vo_lib.evaluation.kitti_errors import (
     KITTI_BIN_MINIMUM,
@@ -208,8 +208,10 @@ def test_rpe_is_the_drift_per_frame() -> None:
     np.testing.assert_allclose(rpe.translation, np.full(10, 0.5))
     np.testing.assert_allclose(rpe.rotation, np.full(10, 0.02))
     assert rpe.to_dict()["rotation"]["rmse_deg"] == pytest.approx(math.degrees(0.02))
-    assert relative_error(truth, estimate, 5).rotation.tolist() == pytest.approx([0.1, 0.1])
-    assert relative_error(truth, estimate, 11).to_dict()["translation"]["rmse_m"] is None
+    assert relative_error(truth, estimate, Delta(5)).rotation.tolist() == pytest.approx([0.1, 0.1])
+    assert relative_error(truth, estimate, Delta(11)).to_dict()["translation"]["rmse_m"] is None
+    with pytest.raises(ValueError, match="in metres needs the path"):
+        relative_error(truth, estimate, Delta(5.0, "m"))
 
 
 def test_invalid_evaluations_are_refused() -> None:
@@ -244,7 +246,7 @@ def test_ate_and_rpe_equal_those_of_evo(seed: int) -> None:
         np.testing.assert_allclose(absolute_error(truth, estimate, alignment).distance, ape.error, atol=1e-8)
     pair = (trajectory.PosePath3D(poses_se3=list(truth)), trajectory.PosePath3D(poses_se3=list(estimate)))
     for delta in (1, 7):
-        ours = relative_error(truth, estimate, delta)
+        ours = relative_error(truth, estimate, Delta(delta))
         for relation, errors in (
             (metrics.PoseRelation.translation_part, ours.translation),
             (metrics.PoseRelation.rotation_angle_rad, ours.rotation),
@@ -253,7 +255,7 @@ def test_ate_and_rpe_equal_those_of_evo(seed: int) -> None:
             rpe.process_data(pair)
             np.testing.assert_allclose(errors, rpe.error, atol=1e-8)
     for delta_m in (0.1, 2.5):
-        ours = relative_error(truth, estimate, delta_m, trajectory_distances(truth))
+        ours = relative_error(truth, estimate, Delta(delta_m, "m"), trajectory_distances(truth))
         rpe = metrics.RPE(
             metrics.PoseRelation.translation_part,
             delta=delta_m,
@@ -318,11 +320,11 @@ def test_key_frames_count_in_frames_of_the_truth() -> None:
     assert key_frames.te == pytest.approx(all_frames.te, rel=0.01)
     for delta in (10, 30):
         dense, sparse = (
-            relative_error(truth, poses, delta, frames=chosen)
+            relative_error(truth, poses, Delta(delta), frames=chosen)
             for poses, chosen in ((estimate, None), (estimate[frames], frames))
         )
         np.testing.assert_array_equal(sparse.translation, dense.translation)
-    assert len(relative_error(truth, estimate[frames], 1, frames=frames).translation) == 0
+    assert len(relative_error(truth, estimate[frames], frames=frames).translation) == 0
     result = evaluate(truth, {"orb": estimate[frames]}, frames=frames)
     (path,) = result.paths
     assert (path.frames, result.frame_step, result.whole_truth, result.as_kitti) == (120, 10, False, False)
@@ -334,7 +336,9 @@ def test_pairs_of_irregular_frames_are_delta_apart() -> None:
     truth = straight(13)
     estimate = straight(13, 1.5)[frames]
     # From 0 to 3, then from the next frame that has a partner: 9 to 12.
-    np.testing.assert_allclose(relative_error(truth, estimate, 3, frames=frames).translation, [1.5, 1.5])
+    np.testing.assert_allclose(
+        relative_error(truth, estimate, Delta(3), frames=frames).translation, [1.5, 1.5]
+    )
     # Starts at the frames 0 and 10, of which the second is missing; the frame 12 takes its place.
     errors = kitti_errors(straight(40), straight(40)[frames], (3.0,), 10, frames=frames)
     assert list(zip(errors.first.tolist(), errors.last.tolist(), strict=True)) == [(0, 4)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -22,6 +23,7 @@ from vo_lib.geometry.motion import (
     rotation_from_vector,
     skew,
     transform,
+    vector_from_rotation,
 )
 from vo_lib.geometry.types import Array
 
@@ -80,6 +82,12 @@ def test_decomposition_contains_the_motion(w: Array, t: Array) -> None:
     rotations, direction = decompose_essential(essential_from_motion(R, t))
     assert min(float(rotation_angle(R.T @ Ri)) for Ri in rotations) < 1e-7
     np.testing.assert_allclose(np.abs(direction @ t) / length, 1.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 5e-5, 2e-4, 0.3, 3.1])
+def test_a_rotation_has_the_vector_from_which_it_was_made(angle: float) -> None:
+    w = angle * np.array([[0.6, -0.48, 0.64], [0.0, 0.0, -1.0]])
+    np.testing.assert_allclose(vector_from_rotation(rotation_from_vector(w)), w, rtol=1e-9, atol=1e-15)
 
 
 def test_essential_angle_ignores_sign_and_scale() -> None:

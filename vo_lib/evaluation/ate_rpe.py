@@ -47,7 +47,7 @@ class AbsoluteError:
 
 
 class Delta(NamedTuple):
-    """Interval of the relative error, in frames or in metres along the true path."""
+    """Interval of the relative error: its size in the unit "frames", or "m" along the true path."""
 
     size: float = 1
     unit: str = "frames"
@@ -55,7 +55,10 @@ class Delta(NamedTuple):
     @property
     def words(self) -> str:
         """Text for the note of a table."""
-        return "from frame to frame" if self == Delta() else f"over {self.size:g} {self.unit}"
+        return "from frame to frame" if self == ONE_FRAME else f"over {self.size:g} {self.unit}"
+
+
+ONE_FRAME = Delta()
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,31 +146,37 @@ def absolute_error(truth: Array, estimate: Array, alignment: Alignment = Alignme
 def relative_error(
     truth: Array,
     estimate: Array,
-    delta: float = 1,
+    delta: Delta = ONE_FRAME,
     path: Array | None = None,
     frames: Index | None = None,
 ) -> RelativeError:
-    """RPE over the frames 0 to delta, delta to 2·delta, … (evo's default pairs), without an alignment.
+    """RPE over consecutive intervals, each a pair of poses, without an alignment.
+
+    For an interval of n frames, the pairs are the frames 0 and n, n and 2n, … (evo's default). For metres, a
+    pair ends at the first pose at least so far ahead along the true path, and the next pair starts at this
+    pose (evo: `--pairs_from_reference`).
 
     Parameters
     ----------
     truth : (N, 4, 4) poses. estimate : (M, 4, 4) poses.
-    delta : interval of a pair, in frames of the truth or, with `path`, in metres.
-    path : (N,) metres from the first true pose to each pose. A pair then ends at the first pose at least
-        `delta` ahead, and the next pair starts at this pose (evo: `--pairs_from_reference`).
+    path : (N,) metres from the first true pose to each pose; only an interval in metres needs it.
     frames : (M,) increasing numbers of the true poses to which the estimated poses belong; None: all. Both
         frames of a pair have an estimate.
+
+    Raises
+    ------
+    ValueError : an interval in metres without `path`.
     """
     frames = frames_of_truth(truth, estimate, frames)
-    if path is None:
-        interval = Delta(delta, "frames")
-        starts, ends = _pairs_by_frames(frames, int(delta))
+    if delta.unit == "frames":
+        starts, ends = _pairs_by_frames(frames, int(delta.size))
+    elif path is None:
+        raise ValueError("an interval in metres needs the path")
     else:
-        interval = Delta(delta, "m")
-        starts, ends = pairs_by_length(path[frames], delta)
+        starts, ends = pairs_by_length(path[frames], delta.size)
     error = motion_error(truth[frames], estimate, starts, ends)
     translation = np.linalg.norm(error[:, :3, 3], axis=1)
-    return RelativeError(interval, translation, rotation_angle(error[:, :3, :3]))
+    return RelativeError(delta, translation, rotation_angle(error[:, :3, :3]))
 
 
 def _pairs_by_frames(frames: Index, delta: int) -> tuple[Index, Index]:

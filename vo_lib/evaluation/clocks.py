@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..geometry.motion import rotation_angle
+from ..geometry.motion import rotation_angle, rotation_from_vector, vector_from_rotation
 from ..geometry.types import Array, BoolArray, Index
 
 # Largest number of samples of the longer path in the coarse search, and of the intervals of the fine search.
@@ -21,11 +21,11 @@ MIN_SAMPLES = 30  # smallest number of samples that both paths have at a lag
 MIN_OVERLAP = 0.5  # and their smallest share of the samples of the shorter path
 ROUNDING_S = 0.01  # by which an interval may reach beyond the other path
 ABOUT_EQUAL = 0.02  # difference of correlations
-# A lag is clear if the turns agree well, if they leave this many times less unexplained than without it, and
-# if that is no accident of few samples: n log(ratio) is twice the logarithm of the ratio of the likelihoods.
-CLEAR_AGREEMENT = 0.8
-CLEAR_RATIO = 1.5
-CLEAR_EVIDENCE = 30.0
+# A lag between two clocks is clear if the turns agree well with it and much better than without it, and if
+# this is no accident of few samples.
+CLEAR_AGREEMENT = 0.8  # smallest correlation with the lag
+CLEAR_RATIO = 1.5  # smallest ratio of the shares of variance that are unexplained without and with the lag
+CLEAR_EVIDENCE = 30.0  # smallest n log(ratio) for n samples: twice the logarithm of the likelihood ratio
 # Turns over a longer time, in which the noise of single frames hardly counts, tell whether two paths are of
 # one drive at all.
 NO_AGREEMENT = 0.5
@@ -65,7 +65,7 @@ class TurnAgreement(NamedTuple):
 
     @property
     def is_another_drive(self) -> bool:
-        """Whether the turns agree at no lag."""
+        """Whether the turns do not agree, whatever the lag."""
         return self.as_given < NO_AGREEMENT and self.with_lag < CLEAR_AGREEMENT
 
 
@@ -73,7 +73,7 @@ def turn_agreement(times: Array, poses: Array, others: Array, other_poses: Array
     """How well the turns of a path agree with another's, as they are and with the best lag.
 
     A coarse search over all lags, in steps that may be longer than a frame, is followed by a fine one around
-    its result and around no lag.
+    its result and around lag 0.
 
     Parameters
     ----------
@@ -220,13 +220,8 @@ class _AtFullRate:
         share = np.clip((times - known[before]) / (known[before + 1] - known[before]), 0.0, 1.0)
         rotations = self.dense_rotations[before]
         turn = np.swapaxes(rotations, 1, 2) @ self.dense_rotations[before + 1]
-        angle = rotation_angle(turn)
-        # The antisymmetric part of a rotation is sin(angle) times the matrix K of the cross product with its
-        # axis; Rodrigues' formula gives the rotation by a share of the angle.
-        sine = np.maximum(np.sin(angle), 1e-12)[:, None, None]
-        K = (turn - np.swapaxes(turn, 1, 2)) / (2 * sine)
-        part = (share * angle)[:, None, None]
-        return np.asarray(rotations @ (np.eye(3) + np.sin(part) * K + (1 - np.cos(part)) * (K @ K)))
+        part_of_turn = rotation_from_vector(share[:, None] * vector_from_rotation(turn))
+        return np.asarray(rotations @ part_of_turn)
 
 
 def slow_turn_agreement(

@@ -1,11 +1,16 @@
 """Whether two paths differ by a convention of their files, and not only by errors.
 
-A file of poses does not say all of its conventions. The poses may have the axes of another sensor, a mirrored
-axis or quaternions in another order, or they may be inverted; then the errors are large though the odometry
-is good. To find such a case, the true path is cut into parts, and each part is compared in two ways: by its
-rotation, and by its displacement as seen from the pose at which it begins.
+A file of poses does not say all of its conventions. If the poses are read by another convention than the one
+in which they were written, the errors are large though the odometry is good. Each case has a function:
 
-All poses are `T_w_c`, (N, 4, 4), metres.
+- `orientations_disagree`: the orientations are those of another sensor, with other axes;
+- `quaternions_disagree`: the four numbers of the quaternions stand in another order;
+- `inverses_agree`: the poses lead from the world to the camera;
+- `mirrored_axis`: one axis points the other way.
+
+Each cuts the true path into parts, and compares every part with the estimate by its rotation, or by its
+displacement as seen from the pose at which it begins, or by both. Both paths are given as they were read, as
+poses `T_w_c`, (N, 4, 4), metres.
 """
 
 from __future__ import annotations

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..geometry.types import Array, Index
 from .ate_rpe import (
+    ONE_FRAME,
     AbsoluteError,
     Alignment,
     Delta,
@@ -28,8 +29,6 @@ from .kitti_errors import (
     kitti_errors,
     trajectory_distances,
 )
-
-ONE_FRAME = Delta()
 
 
 @dataclass(frozen=True)
@@ -84,7 +83,7 @@ class Evaluation:
     Attributes
     ----------
     paths : the errors of each path.
-    measure : the sub-sequences of TE and RE.
+    measure : how TE and RE are measured: the lengths and the starts of their sub-sequences.
     whole_truth : whether the truth is that of a whole sequence, and every true pose is compared.
     frame_step : usual number of frames of the truth from one compared pose to the next.
     """
@@ -135,7 +134,7 @@ def evaluate(
 
     Parameters
     ----------
-    measure : the sub-sequences of TE and RE.
+    measure : how TE and RE are measured: the lengths and the starts of their sub-sequences.
     times : (N,) seconds, for speeds, or None.
     alignment : of the ATE. delta : interval of the RPE.
     frames : (M,) increasing numbers of the true poses to which the poses of all estimates belong, or None for
@@ -160,9 +159,7 @@ def evaluate(
                 length_ratio=_length_ratio(true_poses, estimate),
                 kitti=kitti_errors(truth, estimate, measure.lengths, measure.step, times, compared),
                 ate=absolute_error(true_poses, estimate, alignment),
-                rpe=relative_error(
-                    truth, estimate, delta.size, distances if delta.unit == "m" else None, compared
-                ),
+                rpe=relative_error(truth, estimate, delta, distances, compared),
                 other_orientations=orientations_disagree(true_poses, estimate),
                 other_quaternions=quaternions_disagree(true_poses, estimate),
                 inverted=inverses_agree(true_poses, estimate),

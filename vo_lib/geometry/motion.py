@@ -12,6 +12,7 @@ import numpy as np
 from .types import Array
 
 DEVIATION_OVER_MEDIAN = 1.4826  # standard deviation over median absolute deviation of normal noise
+SMALL_ANGLE_RAD = 1e-4  # below this angle, series replace quotients that are nearly 0 / 0
 
 
 def skew(v: Array) -> Array:
@@ -53,6 +54,19 @@ def rotation_angle(R: Array) -> Array:
     twice_sine = np.linalg.norm(axis, axis=-1)
     twice_cosine = np.trace(R, axis1=-2, axis2=-1) - 1.0
     return np.asarray(np.arctan2(twice_sine, twice_cosine))
+
+
+def vector_from_rotation(R: Array) -> Array:
+    """Rotation vectors (..., 3), radians, of rotation matrices (..., 3, 3) with angles of less than π.
+
+    The inverse of `rotation_from_vector`: R - Rᵀ has 2 sin θ times the axis.
+    """
+    angle = rotation_angle(R)[..., None]
+    difference = R - np.swapaxes(R, -1, -2)
+    axis = np.stack([difference[..., 2, 1], difference[..., 0, 2], difference[..., 1, 0]], axis=-1)
+    small = angle < SMALL_ANGLE_RAD
+    safe = np.where(small, 1.0, angle)
+    return np.asarray(axis * np.where(small, 0.5 + angle**2 / 12.0, safe / (2.0 * np.sin(safe))))
 
 
 def nearest_rotation(M: Array) -> Array:

@@ -9,10 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .motion import rotation_angle, rotation_from_vector, skew
+from .motion import SMALL_ANGLE_RAD, rotation_angle, rotation_from_vector, skew, vector_from_rotation
 from .types import Array
-
-SMALL_ANGLE_RAD = 1e-4  # below this angle, series replace quotients that are nearly 0 / 0
 
 
 def twist_from_motion(T: Array) -> Array:
@@ -21,13 +19,11 @@ def twist_from_motion(T: Array) -> Array:
     v = V⁻¹ t with V⁻¹ = I - W / 2 + c W², and c = (1 - θ / (2 tan(θ / 2))) / θ².
     """
     R = T[..., :3, :3]
-    angle = rotation_angle(R)[..., None]
-    difference = R - np.swapaxes(R, -1, -2)
-    axis = np.stack([difference[..., 2, 1], difference[..., 0, 2], difference[..., 1, 0]], axis=-1)
+    angle = rotation_angle(R)[..., None, None]
     small = angle < SMALL_ANGLE_RAD
     safe = np.where(small, 1.0, angle)
-    w = axis * np.where(small, 0.5 + angle**2 / 12.0, safe / (2.0 * np.sin(safe)))
-    c = np.where(small, 1.0 / 12.0, (1.0 - safe / (2.0 * np.tan(safe / 2.0))) / safe**2)[..., None]
+    c = np.where(small, 1.0 / 12.0, (1.0 - safe / (2.0 * np.tan(safe / 2.0))) / safe**2)
+    w = vector_from_rotation(R)
     W = skew(w)
     v = (np.eye(3) - 0.5 * W + c * (W @ W)) @ T[..., :3, 3, None]
     return np.concatenate([w, v[..., 0]], axis=-1)

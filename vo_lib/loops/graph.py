@@ -29,14 +29,14 @@ SERIES = ((1, 0.5), (2, 1 / 12), (4, -1 / 720), (6, 1 / 30240))
 
 @dataclass(frozen=True, eq=False)
 class Edges(Rows):
-    """N measured motions between poses.
+    """M measured motions between poses.
 
     Attributes
     ----------
-    first_place, second_place : (N,) indices of the poses.
-    motion : (N, 4, 4) pose of the second camera relative to the first.
-    sigma : (N, 2) standard deviations of the rotation, radians, and of the translation, metres.
-    is_loop : (N,) mask of the edges with a robust weight.
+    first_place, second_place : (M,) indices of the poses.
+    motion : (M, 4, 4) pose of the second camera relative to the first.
+    sigma : (M, 2) standard deviations of the rotation, radians, and of the translation, metres.
+    is_loop : (M,) mask of the edges with a robust weight.
     """
 
     first_place: IntArray
@@ -47,9 +47,12 @@ class Edges(Rows):
 
 
 def linearised(poses: Array, edges: Edges) -> tuple[Array, Array, Array]:
-    """Residuals (N, 6) of edges in standard deviations, and derivatives (N, 6, 6) by first and second twist.
+    """Residuals (M, 6) of edges in standard deviations, and derivatives (M, 6, 6) by first and second twist.
 
-    The twist δ of a pose changes the pose in the camera's frame: T_w_c exp(δ).
+    The twist δ of a pose changes the pose in the camera's frame: T_w_c exp(δ). With B = T_i⁻¹ T_j, the twist
+    of pose j makes B exp(δ) of it, and that of pose i makes exp(-δ) B = B exp(-adjoint(B⁻¹) δ).
+
+    poses : (N, 4, 4) T_w_c.
     """
     between = inverse(poses[edges.first_place]) @ poses[edges.second_place]
     r = twist_from_motion(inverse(edges.motion) @ between)
@@ -69,16 +72,21 @@ def optimise(
         The first steps have a larger scale: before the drift is corrected, true loops have large residuals.
     tolerance : largest move of a pose in the last step, radians and metres.
 
-    Returns the poses and, for each edge (M,), the residual in standard deviations and the weight in [0, 1].
+    Returns the poses (N, 4, 4), and of each edge the residual (M,) in standard deviations and the weight (M,)
+    in [0, 1].
     """
     poses = poses.copy()
     largest_move = np.inf
     for step in range(MAX_STEPS + 1):
         r, by_first, by_second = linearised(poses, edges)
         residual = np.linalg.norm(r, axis=1)
-        current_scale = max(scale, NARROWING**step * float(residual[edges.is_loop].max(initial=0.0)))
+        largest_of_loops = float(residual[edges.is_loop].max(initial=0.0))
+        current_scale = max(scale, NARROWING**step * largest_of_loops)
         weight = np.where(edges.is_loop, 1.0 / (1.0 + (residual / current_scale) ** 2), 1.0)
-        if step == MAX_STEPS or (current_scale == scale and largest_move < tolerance):
+        is_final_scale = current_scale == scale
+        converged = is_final_scale and largest_move < tolerance
+        # The last round is without a step, so that residuals and weights are those of the final poses.
+        if converged or step == MAX_STEPS:
             break
         delta = gauss_newton_step(len(poses), edges, r, by_first, by_second, weight)
         largest_turn = np.abs(delta[:, :3]).max()
@@ -113,9 +121,9 @@ class LoopClosure:
     Attributes
     ----------
     poses : (N, 4, 4) T_w_c of all frames, the first unchanged.
-    loops : the M closed loops.
-    weight : (M,) weight of each loop in the pose graph, from 0 to 1.
-    gap_m : (M,) metres between the second visit's position in `poses` and its position by the loop's motion.
+    loops : the L closed loops.
+    weight : (L,) weight of each loop in the pose graph, from 0 to 1.
+    gap_m : (L,) metres between the second visit's position in `poses` and its position by the loop's motion.
     """
 
     poses: Array
