@@ -50,7 +50,7 @@ from .readers import (
 STRIDE_SETS = ((16, 32), (8, 16), (4, 8, 16, 32, 64), (8, 16, 32, 64), (4, 8, 16, 32), STRIDES)
 ANCHORS = 3  # boxes a cell in networks with anchors: YOLOv5 and v7
 MAX_SELECTED = 3000  # a network that selects its boxes gives at most this many
-MAX_COLUMNS = 1000  # of a table with a row for each box
+MAX_COLUMNS = 1000  # of a table with a row for each selected box
 FOLLOWS_GRID = 0.8  # correlation of the boxes' centres with their cells, from which they are decoded
 LARGEST_RAW = 7.0  # size in YOLOX's output before decoding, a logarithm: e⁷ strides are wider than any image
 ORDERED = 0.9  # share of the boxes whose first corner is left above the second, if they are corners
@@ -143,9 +143,12 @@ def _from_table(
             height=height,
         )
         return _from_grid(grid)
-    batched = values.ndim > 2
-    if len(table) <= MAX_SELECTED and not (batched and table.shape[1] > MAX_COLUMNS):
-        return _from_selected(outputs, index, np.asarray(table, np.float64), masks, batched, metadata)
+    # Selected boxes are [1, K, columns], or [K, columns] for all images of a batch together.
+    has_batch_axis = values.ndim > 2
+    has_box_per_column = has_batch_axis and table.shape[1] > MAX_COLUMNS  # [1, columns, N], so not selected
+    if len(table) <= MAX_SELECTED and not has_box_per_column:
+        rows = np.asarray(table, np.float64)
+        return _from_selected(outputs, index, rows, masks, has_batch_axis, metadata)
     cells = yolox_cells(width, height)
     words = f"its rows fit no grid of cells; expected {cells} or {ANCHORS * cells} for {width}×{height} px"
     raise _refusal(outputs, words)
@@ -265,13 +268,23 @@ def _has_objectness_by_names(grid: _Grid, class_count: int) -> bool:
 
 
 def _from_selected(
-    outputs: Sequence[Output], index: int, rows: Array, masks: int, batched: bool, metadata: Metadata
+    outputs: Sequence[Output],
+    index: int,
+    rows: Array,
+    masks: int,
+    has_batch_axis: bool,
+    metadata: Metadata,
 ) -> OutputLayout:
-    """The layout of a table with a row for each box that the network selected; there may be no row."""
+    """The layout of a table with a row for each box that the network selected; there may be no row.
+
+    index : number of the output with the table. rows : (K, columns) the table.
+    masks : number of mask coefficients, the last columns.
+    has_batch_axis : whether the output is [1, K, columns]; otherwise a column may be the number of the image.
+    """
     class_count = None if metadata.names is None else len(metadata.names)
-    used = rows[np.any(rows != 0, axis=1)]
+    used = rows[np.any(rows != 0, axis=1)]  # some networks fill up the table with rows of zeros
     columns = rows.shape[1]
-    if columns == 7 and not batched and np.all(rows[:, 0] == 0):
+    if columns == 7 and not has_batch_axis and np.all(rows[:, 0] == 0):  # all of image 0
         label_last = "flat" in outputs[index].name  # YOLO-NAS
         reader = LabelColumn(
             index,
@@ -307,7 +320,12 @@ def _from_class_columns(index: int, class_count: int) -> OutputLayout:
 def _from_score_and_label(
     outputs: Sequence[Output], index: int, used: Array, masks: int, metadata: Metadata
 ) -> OutputLayout:
-    """The layout of selected boxes with a score and a class number each; `used` are the rows with values."""
+    """The layout of selected boxes of six columns: four numbers of the box, its score, its class number.
+
+    RT-DETR with two classes has six columns, too: four numbers of the box, and the score of each class.
+
+    used : (K, 6 + masks) the rows with values. masks : number of mask coefficients, the last columns.
+    """
     class_count = None if metadata.names is None else len(metadata.names)
     if metadata.one_to_one or _may_have_score_in(4, used, label=5):
         score = 4
@@ -316,17 +334,18 @@ def _from_score_and_label(
         score = 5
         label = 4
     else:
-        rows = _with_score(used, [4, 5])
-        two_classes = masks == 0 and class_count in (None, 2) and is_share(rows[:, 4:6]).all()
-        if not two_classes or not _are_shares(rows):
+        objects = _with_score(used, [4, 5])
+        may_have_two_classes = masks == 0 and class_count in (None, 2)
+        are_scores = bool(is_share(objects[:, 4:6]).all())
+        if not may_have_two_classes or not are_scores or not _are_shares(objects):
             raise _refusal(outputs, "expected the columns x0, y0, x1, y1, score, class")
         return _from_class_columns(index, 2)
-    rows = _with_score(used, [score])
+    objects = _with_score(used, [score])
     # The metadata go first: a network without training may give corners in any order.
-    has_corners = not metadata.transformer and (metadata.one_to_one or _are_corners(rows[:, :4]))
+    has_corners = not metadata.transformer and (metadata.one_to_one or _are_corners(objects[:, :4]))
     form: BoxForm = "corners" if has_corners else "centre"
     reader = LabelColumn(index, form, box=0, score=score, label=label, either=False, class_count=class_count)
-    if form == "centre" and (metadata.transformer or _are_shares(rows)):
+    if form == "centre" and (metadata.transformer or _are_shares(objects)):
         return OutputLayout("rtdetr", reader, class_count, "stretched", one_to_one=True)
     return OutputLayout("end2end", reader, class_count, one_to_one=True)
 
@@ -361,41 +380,44 @@ def _from_separate(
     boxes, boxes_first = _boxes_output(outputs, tables)
     table = table_of(outputs[boxes].values)
     rows = np.asarray(table.T if boxes_first else table, np.float64)
-    others = [index for index in tables if index != boxes]
-    number = _number_output(outputs, others)
-    others = [index for index in others if index != number]
-    lists = [index for index in others if outputs[index].values.size == len(rows)]  # one value for each box
-    wide = [index for index in others if index not in lists]
-    class_count = None if metadata.names is None else len(metadata.names)
     if rows.shape[1] == 5:
         words = (
             "boxes with scores and a list of classes, as of MMDetection, whose networks expect images with "
             "their mean taken out"
         )
         raise _refusal(outputs, words)
+    # What the other outputs are: the count of the boxes, lists with a value for each box, or tables.
+    others = [index for index in tables if index != boxes]
+    count_output = _count_output(outputs, others)
+    others = [index for index in others if index != count_output]
+    lists = [index for index in others if outputs[index].values.size == len(rows)]
+    score_tables = [index for index in others if index not in lists]
+    class_count = None if metadata.names is None else len(metadata.names)
     scores_first = False
     labels: int | None = None
     name = "boxes-scores"
-    if len(wide) == 1 and not lists and number is None:
-        scores = wide[0]
+    if len(score_tables) == 1 and not lists and count_output is None:
+        scores = score_tables[0]
         scores_first, class_count = _score_table(outputs, scores, len(rows))
-    elif not wide and len(lists) == 2:
+    elif not score_tables and len(lists) == 2:
         scores, labels = _scores_and_labels(outputs, lists[0], lists[1])
         name = "boxes-scores-classes"
-    elif not wide and len(lists) == 1 and class_count in (None, 1):
+    elif not score_tables and len(lists) == 1 and class_count in (None, 1):
         scores = lists[0]
         class_count = 1
     else:
         words = "expected one output of boxes and one of scores, or boxes, scores and classes"
         raise _refusal(outputs, words)
     form: BoxForm = "corners" if _are_corners(rows[:, :4]) else "centre"
-    reader = SeparateOutputs(boxes, scores, labels, number, boxes_first, scores_first, form, class_count)
+    reader = SeparateOutputs(
+        boxes, scores, labels, count_output, boxes_first, scores_first, form, class_count
+    )
     on_grid = len(rows) in _grids_by_rows(width, height)
     return OutputLayout(name, reader, class_count, one_to_one=not on_grid)
 
 
-def _number_output(outputs: Sequence[Output], others: Sequence[int]) -> int | None:
-    """The one of `others`, numbers of outputs, that is the count of the boxes; None if there is none."""
+def _count_output(outputs: Sequence[Output], others: Sequence[int]) -> int | None:
+    """The one of `others`, numbers of outputs, that has the count of the boxes; None if there is none."""
     for index in others:
         if outputs[index].values.size == 1 and "num" in outputs[index].name.lower():
             return index

@@ -119,8 +119,10 @@ class SeparateOutputs:
 
     Attributes
     ----------
-    boxes, scores, labels, number : numbers of the outputs. Without `labels`, the scores are a table with a
-        column for each class. The output `number` is the count of the rows that are boxes; None: all.
+    boxes, scores : numbers of the outputs with the boxes and with their scores.
+    labels : number of the output with the class of each box; None if the scores are a table with a column for
+        each class.
+    count_output : number of the output that says how many of the rows, the first ones, are boxes; None: all.
     boxes_first, scores_first : whether the table is (columns, N), otherwise (N, columns).
     form : what the numbers of a box are; see `BoxForm`.
     class_count : number of classes, None if unknown.
@@ -129,7 +131,7 @@ class SeparateOutputs:
     boxes: int
     scores: int
     labels: int | None
-    number: int | None
+    count_output: int | None
     boxes_first: bool
     scores_first: bool
     form: BoxForm
@@ -140,14 +142,15 @@ class SeparateOutputs:
         table = table_of(outputs[self.boxes])
         rows = (table.T if self.boxes_first else table).astype(np.float64)
         count = len(rows)
-        if self.number is not None:
-            count = min(int(outputs[self.number].ravel()[0]), count)
+        if self.count_output is not None:
+            count = min(int(outputs[self.count_output].ravel()[0]), count)
         corners = corners_of(rows[:count, :4], self.form, width, height)
         if self.labels is None:
-            score_table = table_of(outputs[self.scores])
-            if score_table.size == len(rows):  # one class, in a row or in a column
-                score_table = score_table.reshape(-1, 1)
-            scores = (score_table.T if self.scores_first else score_table).astype(np.float64)
+            scores = table_of(outputs[self.scores]).astype(np.float64)
+            if scores.size == len(rows):  # one class: a list, a row or a column
+                scores = scores.reshape(-1, 1)
+            elif self.scores_first:
+                scores = scores.T
             return ScoredBoxes(corners, scores[:count])
         score = outputs[self.scores].ravel().astype(np.float64)
         label = outputs[self.labels].ravel().astype(np.float64)

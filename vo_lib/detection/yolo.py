@@ -35,8 +35,9 @@ USUAL_INPUT_PX = 640  # longer side of the training images of most models
 # boxes that a network selects.
 TEST_WIDTH = 320
 TEST_HEIGHT = 192
-# Width and height of an original image in both orders: they show which one RT-DETR expects first.
-TEST_SIZES = ((1000, 100), (100, 1000))
+# Sides of an original image, pixels. Given to RT-DETR in both orders, they show which it takes for the width.
+LONG_SIDE = 1000
+SHORT_SIDE = 100
 INPUT_TYPES = {
     "tensor(float)": np.float32,
     "tensor(float16)": np.float16,
@@ -308,19 +309,20 @@ class YoloDetector:
     def _expects_height_first(self) -> bool:
         """Whether a network with the input of sizes expects the height of the image first, not the width.
 
-        Its boxes are in pixels of the original image, so their x grow with the number that it takes for the
-        width.
+        Its boxes are in pixels of the original image. So it takes for the width the number, first or second,
+        with which their x are larger.
         """
+        x_if_first_is_long = self._largest_x((LONG_SIDE, SHORT_SIDE))
+        x_if_second_is_long = self._largest_x((SHORT_SIDE, LONG_SIDE))
+        return x_if_second_is_long > x_if_first_is_long
+
+    def _largest_x(self, original_size: tuple[int, int]) -> float:
+        """The largest |x| of the boxes in a black image, for these two numbers in the input of sizes."""
         width = self._width or self._default_size
         height = self._height or self._default_size
-        black = np.zeros((1, 3, height, width), self._type)
-        largest_x = []
-        for original_width, original_height in TEST_SIZES:
-            outputs = self._run(black, (original_width, original_height))
-            corners, _ = self._output_layout.reader.read(outputs, original_width, original_height)
-            largest_x.append(np.abs(corners[:, [0, 2]]).max(initial=0.0))
-        wide, high = largest_x
-        return bool(wide < high)
+        outputs = self._run(np.zeros((1, 3, height, width), self._type), original_size)
+        corners, _ = self._output_layout.reader.read(outputs, *original_size)
+        return float(np.abs(corners[:, [0, 2]]).max(initial=0.0))
 
 
 def _open_session(path: Path, threads: int, provider: str) -> Any:
