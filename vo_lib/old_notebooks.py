@@ -15,8 +15,10 @@ from typing import Any
 
 FIRST_NOTEBOOK = "00_start_here.ipynb"  # a file of every folder of the course
 NOTEBOOK = ".ipynb"
-NEW = ".new"  # before that, in the name of the current version beside a notebook that its reader has changed
-PACKAGES = ("course", "vo_lib")  # names of these packages are explained
+# A notebook NAME.ipynb that its reader has changed stays. Beside it, the current version is NAME.new.ipynb
+# or, if that was changed as well, NAME.new.new.ipynb.
+NEW = ".new"
+PACKAGES = ("course", "vo_lib")  # the kit's; only for their names is there an explanation
 
 
 def watch_notebook() -> None:
@@ -73,18 +75,19 @@ def _is_ours(module: str) -> bool:
 
 
 def _current_versions_of(notebook: str) -> list[str]:
-    """The current version of a notebook beside it, if there is one."""
+    """The current version of a notebook beside it, if there is one: that with the most `NEW` in its name."""
     old = notebook.removesuffix(NOTEBOOK)
-    stem = old
-    while Path(f"{stem}{NEW}{NOTEBOOK}").is_file():  # a new version that was changed has a newer one
-        stem += NEW
-    return [] if stem == old else [f"{stem}{NOTEBOOK}"]
+    newest = old
+    while Path(f"{newest}{NEW}{NOTEBOOK}").is_file():
+        newest += NEW
+    return [] if newest == old else [f"{newest}{NOTEBOOK}"]
 
 
 def _current_versions() -> list[str]:
     """The current versions in this folder of all notebooks that their reader has changed."""
-    names = {path.name.removesuffix(NOTEBOOK) for path in Path().glob(f"*{NEW}{NOTEBOOK}")}
-    return sorted(f"{name}{NOTEBOOK}" for name in names if f"{name}{NEW}" not in names)
+    new_versions = {path.name.removesuffix(NOTEBOOK) for path in Path().glob(f"*{NEW}{NOTEBOOK}")}
+    current = [name for name in new_versions if f"{name}{NEW}" not in new_versions]
+    return sorted(f"{name}{NOTEBOOK}" for name in current)
 
 
 def _notebook(shell: Any) -> str:

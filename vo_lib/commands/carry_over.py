@@ -111,13 +111,42 @@ class Answer:
 
     @property
     def is_kept_as_comment(self) -> bool:
-        """Whether an answer without an exercise in the new notebook is kept there.
+        """Whether the new notebook keeps the answer as a comment if it lacks the exercise.
 
-        A variable is not if the notebook uses the result of its check: that call may be another than a check.
+        It does not keep a variable in a call such as `x = ch03.solve(E)`: since the result is used, this is
+        probably no check.
         """
         if self.is_function or self.checked_by is None:
             return True
         return self.checked_by.node is None or isinstance(self.checked_by.node, ast.Expr)
+
+
+@dataclass(frozen=True)
+class _OldNotebook:
+    """What an old notebook has of its student.
+
+    cells : the statements of each code cell.
+    answers : those that are not open any more.
+    added_functions : texts of the functions that the student added, by name.
+    changed_functions : texts of the functions that are different in the new notebook, by name.
+    """
+
+    cells: list[list[Statement]]
+    answers: list[Answer]
+    added_functions: dict[str, str]
+    changed_functions: dict[str, str]
+
+
+class _Filled(NamedTuple):
+    """The exercises of a cell to which the student has an answer.
+
+    as_code, as_comments : names of the answers that were written into the cell.
+    found : the statements of all answers, also of those to exercises that a later version answers itself.
+    """
+
+    as_code: list[str]
+    as_comments: list[str]
+    found: list[Statement]
 
 
 def carry_over(old: bytes, new: bytes) -> Carried:
@@ -133,43 +162,55 @@ def carry_over(old: bytes, new: bytes) -> Carried:
         new_cells = [_statements(_source(raw)) for raw in raw_cells]
     except (ValueError, LookupError, TypeError, AttributeError):
         return Carried(new, [], [])
-    old_answers = [answer for answer in _answers(old_cells) if not answer.is_open]
-    added_functions, changed_functions = _own_functions(old_cells, new_cells)
-    as_code = list[str]()
-    as_comments = list[str]()
-    placed = list[Statement]()
-    for raw, cell in zip(raw_cells, new_cells, strict=True):
-        for number in range(len(_answers([cell]))):
-            task = _answers([_statements(_source(raw))])[number]  # an answer before may have moved its lines
-            answer = _answer_of(task, old_answers, old_cells)
-            if answer is None:
-                continue
-            placed.append(answer.statement)
-            if not task.is_open:
-                continue  # a later version of the notebook has an answer
-            same_arguments = _arguments(task.statement.node) == _arguments(answer.statement.node)
-            fits = same_arguments and answer.statement.node is not None
-            text = _with_answer(_source(raw), task, answer, added_functions, fits)
-            value = _value_of(answer.statement.node)
-            if isinstance(value, ast.Name) and value.id in changed_functions:
-                # The answer is a function of the notebook that the student changed.
-                text += f"\n{ANOTHER}\n{_comment(changed_functions[value.id])}"
-                as_comments.append(value.id)
-            raw["source"] = text.splitlines(keepends=True)
-            if fits:
-                as_code.append(task.name)
-            else:
-                as_comments.append(task.name)
+    answers = [answer for answer in _answers(old_cells) if not answer.is_open]
+    student = _OldNotebook(old_cells, answers, *_own_functions(old_cells, new_cells))
+    filled = [_fill_cell(raw, student) for raw in raw_cells]
+    found = [statement for cell in filled for statement in cell.found]
     left = [
         answer
-        for answer in old_answers
-        if answer.is_kept_as_comment and not any(answer.statement is statement for statement in placed)
+        for answer in answers
+        if answer.is_kept_as_comment and not any(answer.statement is statement for statement in found)
     ]
+    as_code = [name for cell in filled for name in cell.as_code]
+    as_comments = [name for cell in filled for name in cell.as_comments]
     as_comments += _append_left_answers(notebook, left)
     if not as_code and not as_comments:
         return Carried(new, [], [])
     content = (json.dumps(notebook, indent=1, ensure_ascii=False) + "\n").encode()
     return Carried(content, as_code, list(dict.fromkeys(as_comments)))
+
+
+def _fill_cell(raw: dict[str, Any], student: _OldNotebook) -> _Filled:
+    """Write the student's answers to the exercises of a cell into the cell, which is part of a notebook."""
+    filled = _Filled([], [], [])
+    for number in range(len(_answers_in(raw))):
+        # The cell is read anew for each exercise, because an answer to the one before has moved its lines.
+        exercise = _answers_in(raw)[number]
+        answer = _answer_to(exercise, student)
+        if answer is None:
+            continue
+        filled.found.append(answer.statement)
+        if not exercise.is_open:
+            continue  # a later version of the notebook has an answer
+        same_arguments = _arguments(exercise.statement.node) == _arguments(answer.statement.node)
+        fits = same_arguments and answer.statement.node is not None
+        text = _with_answer(_source(raw), exercise, answer, student.added_functions, fits)
+        value = _value_of(answer.statement.node)
+        if isinstance(value, ast.Name) and value.id in student.changed_functions:
+            # The answer is a function of the notebook that the student changed.
+            text += f"\n{ANOTHER}\n{_comment(student.changed_functions[value.id])}"
+            filled.as_comments.append(value.id)
+        raw["source"] = text.splitlines(keepends=True)
+        if fits:
+            filled.as_code.append(exercise.name)
+        else:
+            filled.as_comments.append(exercise.name)
+    return filled
+
+
+def _answers_in(raw: dict[str, Any]) -> list[Answer]:
+    """The answers of a single cell, as in the notebook's JSON."""
+    return _answers([_statements(_source(raw))])
 
 
 def _append_left_answers(notebook: dict[str, Any], left: list[Answer]) -> list[str]:
@@ -203,64 +244,77 @@ def _answers(cells: list[list[Statement]]) -> list[Answer]:
     return answers
 
 
-def _answer_of(task: Answer, old_answers: list[Answer], old_cells: list[list[Statement]]) -> Answer | None:
-    """The old answer to an exercise: that of its check, or a function of its name that no check gets.
+def _answer_to(exercise: Answer, student: _OldNotebook) -> Answer | None:
+    """The student's answer to an exercise: that of its check, or a function of its name that no check gets.
 
     Of several, the last one counts; one of the same name goes before a function of another name.
     """
-    of_check = [answer for answer in old_answers if answer.check == task.check]
-    same_name = [answer for answer in of_check if answer.name == task.name]
+    of_check = [answer for answer in student.answers if answer.check == exercise.check]
+    same_name = [answer for answer in of_check if answer.name == exercise.name]
     if same_name:
         return same_name[-1]
-    # A function has one task in a notebook, while a variable may be the answer to several.
-    if not task.is_function:
+    # A function answers one exercise of a notebook, while a variable may be the answer to several.
+    if not exercise.is_function:
         return None
     functions = [answer for answer in of_check if answer.is_function]
     if functions:
         return functions[-1]
-    for cell in reversed(old_cells):
+    for cell in reversed(student.cells):
         for statement in cell:
-            found = Answer(task.check, task.name, cell, statement)
-            if task.name in statement.defined and found.is_function and not found.is_open:
-                return found
+            answer = Answer(exercise.check, exercise.name, cell, statement)
+            if exercise.name in statement.defined and answer.is_function and not answer.is_open:
+                return answer
     return None
 
 
 def _with_answer(
-    source: str, task: Answer, answer: Answer, added_functions: dict[str, str], fits: bool
+    source: str, exercise: Answer, answer: Answer, added_functions: dict[str, str], fits: bool
 ) -> str:
     """The text of the new cell with the student's statements in place of the open answer.
 
     added_functions : texts of the functions that the student added anywhere in the old notebook, by name.
     fits : whether the answer can be code here; otherwise it stands below the open answer, as a comment.
     """
-    node = task.statement.node
+    node = exercise.statement.node
     if node is None or node.end_lineno is None:
         return source
     lines = source.splitlines()
-    given = {_without_comments(each.text, lines) for each in _statements(source)}
-    students = list[Statement]()
-    for each in answer.cell:
-        is_given = _without_comments(each.text, lines) in given
-        # The new cell has its check; but one statement may be answer and check, or no Python.
-        is_check_alone = each.check is not None and each.node is not None and each is not answer.statement
-        if not is_given and not is_check_alone:
-            students.append(each)
+    before = lines[: node.lineno - 1]
+    open_answer = lines[node.lineno - 1 : node.end_lineno]
+    after = lines[node.end_lineno :]
+    students = _statements_of_student(answer, source)
     texts = list[str]()
-    for each in students:
-        text = _without_comments(each.text, lines, is_first=each is answer.cell[0])
-        can_be_code = each.node is not None or each.is_magic
+    for statement in students:
+        text = _without_comments(statement.text, lines, is_first=statement is answer.cell[0])
+        can_be_code = statement.node is not None or statement.is_magic
         texts.append(_comment(text) if fits and not can_be_code else text)
-    used = _used([each.node for each in students])
+    used = _used([statement.node for statement in students])
     needed = [added_functions[name] for name in used if name in added_functions]
     needed = [text for text in needed if text not in texts]
-    renamed = [f"{task.name} = {answer.name}"] if answer.name != task.name else []
+    renamed = [f"{exercise.name} = {answer.name}"] if answer.name != exercise.name else []
     between = "\n\n\n" if isinstance(node, ast.FunctionDef) else "\n"
     written = between.join([*needed, *texts, *renamed])
     if fits:
-        return "\n".join([*lines[: node.lineno - 1], *written.splitlines(), *lines[node.end_lineno :]])
-    comment = [ANOTHER, *_comment(written).splitlines()]
-    return "\n".join([*lines[: node.end_lineno], *comment, *lines[node.end_lineno :]])
+        return "\n".join([*before, *written.splitlines(), *after])
+    return "\n".join([*before, *open_answer, ANOTHER, *_comment(written).splitlines(), *after])
+
+
+def _statements_of_student(answer: Answer, source: str) -> list[Statement]:
+    """The statements in the cell of an answer that the new cell, with this source, lacks.
+
+    The call of the check is not among them, since the new cell has its own. But a statement may be answer and
+    check at once, and a text that is no Python may have both; these stay.
+    """
+    lines = source.splitlines()
+    given = {_without_comments(statement.text, lines) for statement in _statements(source)}
+    students = list[Statement]()
+    for statement in answer.cell:
+        is_given = _without_comments(statement.text, lines) in given
+        is_python = statement.node is not None
+        is_only_check = statement.check is not None and is_python and statement is not answer.statement
+        if not is_given and not is_only_check:
+            students.append(statement)
+    return students
 
 
 def _cell_of(notebook: dict[str, Any], source: str) -> dict[str, Any]:

@@ -225,8 +225,9 @@ class TableMethods:
     """What --variant, --methods and --config say on the methods of a table; None is left to the command.
 
     changes : settings of --config that differ from the preset of its method; all methods get them.
-    must_be_used : names of those that at least one method has to use, as with --set: all of them. But of a
-        file that is as a run wrote it, none, if its method is in the table: such a run can be repeated.
+    must_be_used : names of those changes that are refused, like a value of --set, if no method uses them. If
+        the file is as a run wrote it, and the method of that run is in the table, there are none: what a run
+        has written down can always be repeated.
     """
 
     variant: str | None

@@ -70,16 +70,23 @@ class OneLineParser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print the message in one line, with the nearest option, and exit."""
-        options = self._option_string_actions
         unknown = self._unknown_option()
-        near = ""
-        if unknown:
-            near = did_you_mean(unknown, options) or self.get_default("others") or ""
-        hint = f"; {near.rstrip()}" if near else self._comma_hint(message)
-        page = SETTINGS_PAGE if "." in unknown and SETTINGS_PAGE in options else "--help"
+        hint = self._hint_on(unknown) if unknown else ""
+        if not hint:
+            hint = self._comma_hint(message)
+        is_setting = "." in unknown  # such as --selection.sets
+        page = SETTINGS_PAGE if is_setting and SETTINGS_PAGE in self._option_string_actions else "--help"
         text = one_line(message, self._words)
         line = f"{self.prog}: error: {text}{hint} (see {self.prog} {page})"
         self.exit(2, f"{as_shown(line, sys.stderr)}\n")
+
+    def _hint_on(self, unknown: str) -> str:
+        """What an unknown option probably is: the nearest option, or what the command says of unknown ones.
+
+        A command sets that sentence by `set_defaults(hint_on_unknown=…)`; "" without one.
+        """
+        hint = did_you_mean(unknown, self._option_string_actions) or self.get_default("hint_on_unknown")
+        return f"; {hint.rstrip()}" if hint else ""
 
     def _unknown_option(self) -> str:
         """The first option that the parser does not have, such as "--seed"; "" if there is none."""

@@ -71,7 +71,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     only.add_argument("--hand-in", nargs="?", const="", metavar="ZIP", help=text)
     parser.add_argument("--teacher", action="store_true", help="copy solutions and teaching notes, too")
     parser.add_argument("jupyter", nargs="*", metavar="-- OPTION", help="options for JupyterLab")
-    parser.set_defaults(command=_lab, others="JupyterLab's options follow --")
+    parser.set_defaults(command=_lab, hint_on_unknown="JupyterLab's options follow --")
 
 
 def _lab(options: argparse.Namespace) -> int:
@@ -184,11 +184,11 @@ def copy_course(source: Path, target: Path, teacher: bool) -> None:
         original = path.read_bytes()
         content = original if teacher else TEACHERS_LINK.sub(rb"\1 (`vo lab --teacher`)", original)
         digest = _digest(content)
-        unchanged = (digest, _digest(original))  # of a file as this version has it, for students or teachers
-        place, changed = _free_place(target, name, copied, unchanged)
+        this_version = (digest, _digest(original))  # as this kit has the file, for students or for teachers
+        place, changed = _free_place(target, name, copied, this_version)
         if changed:
-            if copied.get(name) in unchanged:
-                continue  # this version was written beside it before
+            if copied.get(name) in this_version:
+                continue  # an earlier call has written it beside the reader's file
             answers = ""
             if path.suffix == NOTEBOOK:
                 content, answers = _with_answers(changed, content)
@@ -206,20 +206,20 @@ def copy_course(source: Path, target: Path, teacher: bool) -> None:
 
 
 def _free_place(
-    target: Path, name: str, copied: dict[str, Any], unchanged: tuple[str, ...]
+    target: Path, name: str, copied: dict[str, Any], this_version: tuple[str, ...]
 ) -> tuple[str, list[bytes]]:
     """The first name for a file that has no changes of the reader, and the contents of those before it.
 
     It is `name` or, if the reader has changed that file, the name with `NEW`, and so on.
 
-    copied : the digests of copied files by name; unchanged : digests of the file without changes.
+    copied : the digests of copied files by name; this_version : those of the file as this kit has it.
     """
     suffix = Path(name).suffix
     changed = list[bytes]()
     place = name
     while (target / place).exists():
         content = read_bytes(target / place)
-        if _digest(content) in (copied.get(place), *unchanged):
+        if _digest(content) in (copied.get(place), *this_version):
             break
         changed.append(content)
         place = f"{place.removesuffix(suffix)}{NEW}{suffix}"

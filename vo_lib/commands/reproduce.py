@@ -88,7 +88,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     text = "draw a film of feature_selection on each sequence, with the first seed, for the report"
     option("--films", action="store_true", help=text)
     close_loops.add_loops(parser)
-    parser.set_defaults(command=reproduce, others="--set NAME=VALUE changes a threshold")
+    parser.set_defaults(command=reproduce, hint_on_unknown="--set NAME=VALUE changes a threshold")
 
 
 @dataclass(frozen=True)

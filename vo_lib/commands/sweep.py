@@ -62,7 +62,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     vehicle_boxes.add_detector(parser, " in sequences whose images do not all have labels")
     common.add_many(parser)
     option("--out", default="runs/sweep", metavar="DIR", help="folder for the results; default %(default)s")
-    parser.set_defaults(command=_sweep, others="--set gives the values of a threshold")
+    parser.set_defaults(command=_sweep, hint_on_unknown="--set gives the values of a threshold")
 
 
 @dataclass(frozen=True)
