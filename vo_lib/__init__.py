@@ -5,11 +5,10 @@
 >>> result.poses  # (N, 4, 4) poses of the left camera  # doctest: +SKIP
 
 Where to begin: `paper` is the paper's method, about 2,400 lines; `paper/odometry.py` names the seven steps of
-a frame. Three things are ours: a standstill gives the identity, a frame without a motion repeats the last
-one, and `contradicts_stereo` only flags a frame. A run of a method as published imports
-about 7,800 lines in all: beside `paper`, these are `geometry`, the images and boxes of `data`, the settings,
-and the loop of `runs/drive.py` over the frames. All else serves that core and can stay unread: the additions
-of variant `kit`, `detection`, `evaluation`, `report`, `loops` and `commands`.
+a frame, and three additions that are not in the paper. A run of a method as published imports about 7,800
+lines in all: beside `paper`, these are `geometry`, the images and boxes of `data`, the settings, and the loop
+of `runs/drive.py` over the frames. All else serves that core and can stay unread: the additions of variant
+`kit`, `detection`, `evaluation`, `report`, `loops` and `commands`.
 """
 
 import os

@@ -1,0 +1,11 @@
+"""Errors of estimated paths, and what they prove (chapters 6 and 7).
+
+Read `path_errors` first: its `evaluate` computes all errors of a path. Behind it are
+
+- `kitti_errors`: TE and RE, the errors of KITTI's benchmark;
+- `ate_rpe`: ATE, RPE and the alignment of paths;
+- `conventions`: whether two files differ by a convention, and not only by errors.
+
+Beside it are `path_facts`, what paths say without ground truth; `clocks`, whether two paths have times of one
+clock; and `statistics`, means over seeds.
+"""

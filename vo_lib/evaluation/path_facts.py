@@ -17,12 +17,12 @@ from .ate_rpe import Alignment, align, rmse
 from .kitti_errors import trajectory_distances
 
 MIN_MOVING_SHARE = 0.1  # a step counts as motion if it is longer than this share of a usual step
-# Of the directions (unit vectors) in which a path moves:
-ONE_DIRECTION = 0.3  # length of their mean from which on they have one direction in common
-ONE_LINE = 0.6  # share of their squares along a line from which on they have this line in common
+# Of the directions (unit vectors) in which a path moves from pose to pose, in the axes of each pose:
+ONE_DIRECTION = 0.3  # smallest length of their mean, if it is a direction that they have in common
+ONE_LINE = 0.6  # smallest share of their squares along a line, if it is one that they have in common
 CAMERA_CONE_DEG = 45.0  # a camera that drives forward moves nearer than this to its z axis
-FORWARD = 0.9  # their mean z component from which on a path clearly moves along +z
-NOT_FORWARD = 0.5  # and below which it clearly does not
+FORWARD = 0.9  # smallest mean z component of a path that clearly moves along +z
+NOT_FORWARD = 0.5  # largest mean z component of a path that clearly does not
 # Of leaps:
 MAX_SPEED = 100.0  # m/s; no vehicle of a test drive is faster
 MAX_STEP = 10.0  # metres from pose to pose without times: that speed at ten frames a second

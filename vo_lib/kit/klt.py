@@ -113,7 +113,7 @@ class KltMatcher:
         found = NO_MATCHES
         if self._previous is not None:
             before, features = self._previous
-            search = self._search(before, pair, features, self._motion)
+            search = self._best_search(before, pair, features, self._motion)
             found = search.found
             self._motion = search.motion
         matches = found.matches
@@ -126,7 +126,7 @@ class KltMatcher:
         self._previous = (pair, self._add_corners(pair, kept))
         return matches
 
-    def _search(
+    def _best_search(
         self, before: PreparedPair, pair: PreparedPair, features: _Features, last: Array | None
     ) -> _Search:
         """The matches of the previous pair's features in the next pair, and the motion between the pairs.

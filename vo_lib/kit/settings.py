@@ -59,15 +59,15 @@ class KitMatchingConfig(StereoLimits):
         "parts of the front end that are turned off, to measure what they do; without tracking, the paper's "
         "matcher is used",
         choices=(
-            "tracking",
-            "prediction",
-            "second-search",
-            "equal-exposure",
-            "stereo-warp",
-            "motion-warp",
-            "stereo-fit",
-            "motion-fit",
-            "brightness",
+            "tracking",  # all of it
+            "prediction",  # of positions, by the last motion
+            "second-search",  # after a predicted search that failed
+            "equal-exposure",  # of the images of the second search
+            "stereo-warp",  # of windows from the left to the right image
+            "motion-warp",  # of windows from the previous to the current image
+            "stereo-fit",  # sub-pixel refinement from the left to the right image
+            "motion-fit",  # sub-pixel refinement from the previous to the current image
+            "brightness",  # equal in the two windows that are compared
         ),
     )
 
@@ -95,7 +95,7 @@ class MovingConfig(Checked):
     without: tuple[str, ...] = setting(
         (),
         "parts of the test that are turned off, to measure what they do",
-        choices=("moving-mean",),
+        choices=("moving-mean",),  # the mean of the features that do not agree with the background
         when=MOVING_RULE,
     )
 
@@ -215,13 +215,13 @@ class CalibrationConfig(Checked):
         "parts that are turned off, to measure what they do: groups of errors that are held at zero, the "
         "measurement of row differences, or the shrinking of the estimate",
         choices=(
-            "field",
-            "field-shape",
-            "undistortion",
-            "focal-length",
-            "lens",
-            "rows",
-            "shrinking",
+            "field",  # of disparities and rows
+            "field-shape",  # all of the field but its two constants
+            "undistortion",  # the field's terms that no fault of the rig explains
+            "focal-length",  # different in the two cameras
+            "lens",  # equal in the two cameras
+            "rows",  # the measurement of row differences
+            "shrinking",  # of the estimate
         ),
     )
 

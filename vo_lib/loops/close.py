@@ -1,4 +1,4 @@
-"""The closing of a finished run's loops, with the files that show it."""
+"""Which runs may share the loops of a sequence, and the files of a path with closed loops."""
 
 from __future__ import annotations
 

@@ -253,6 +253,7 @@ def eliminate(cubics: Array) -> Array:
 def hidden_variable_matrix(rows: Array, z: Array, w: Array) -> Array:
     """Matrices C (6, 6, …) of the six rows (6, 16, …) at given (z, w): C (x², y², xy, x, y, 1)ᵀ = 0.
 
+    The variables z and w are hidden in the coefficients, as in the technique of this name for resultants.
     The 16 coefficients of a row are those of `MONOMIALS` without the first four, and C sums up those that
     belong to the same power of x and y.
     """
