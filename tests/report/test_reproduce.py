@@ -32,6 +32,7 @@ from vo_lib.report.table1 import (
     AVERAGE,
     PAPER_METHODS,
     PAPER_ROWS,
+    PROPOSAL,
     Entry,
     Group,
     Reproduction,
@@ -39,7 +40,7 @@ from vo_lib.report.table1 import (
     read_paper_table,
     table_records,
 )
-from vo_lib.report.table1_page import UNIT_NOTE, layout_tables, sentences_on_proposal
+from vo_lib.report.table1_page import UNIT_NOTE, layout_tables, sentences_on_proposal, tables_by_settings
 from vo_lib.report.table1_plan import Cell, jobs_of, plan_cells
 
 
@@ -213,6 +214,40 @@ def test_only_whole_sequences_have_printed_numbers(
     }
 
 
+def test_a_method_that_failed_on_a_sequence_has_no_average_of_the_paper() -> None:
+    """Its mean is over fewer sequences, says so, and is compared with nothing."""
+    methods = ("solution_selection", PROPOSAL)
+    runs = [(name, method) for name in PAPER_ROWS[1:] for method in methods]
+    entries = [entry_of(f"kitti/{n}", EXPECTED_FRAMES[n], [1.0, 1.2], method) for n, method in runs]
+    entries = [replace(entry, labels=True) for entry in entries]
+    (sentence,) = sentences_on_proposal([group_of(*entries)])
+    assert sentence.startswith("Mean of 10 sequences")
+    failed = next(entry for entry in entries if (entry.sequence, entry.method) == ("kitti/04", PROPOSAL))
+    rest = [entry for entry in entries if entry is not failed]
+    rows = {
+        (record["sequence"], record["method"]): record["paper_te_percent"]
+        for record in table_records([group_of(*rest)], table_of_twos())
+        if not record["sequence"].startswith("kitti/")
+    }
+    assert rows == {
+        (AVERAGE, "solution_selection"): 2.0,
+        ("mean of 9", PROPOSAL): None,
+        ("pooled", "solution_selection"): None,
+        ("pooled of 9", PROPOSAL): None,
+    }
+    assert sentences_on_proposal([group_of(*rest)]) == []
+    # The settings of blocks beside each other: only the mean over fewer sequences says so.
+    changed = [replace(entry, settings="selection.sets=50") for entry in rest]
+    (table,) = tables_by_settings(group_entries([*entries, *changed]))
+    assert [row[0] for row in table.rows] == [
+        "solution_selection, presets",
+        "solution_selection, selection.sets=50",
+        "feature_selection, presets",
+        "feature_selection, selection.sets=50 (mean of 9)",
+    ]
+    assert table.notes == ["Means over 10 sequences of equal weight."]
+
+
 def test_table_head_names_parts() -> None:
     (head,) = layout(group_of(*(entry_of(f"kitti/{n}", 271, [1.0]) for n in ("04", "07"))))[0].head
     assert head.endswith("not comparable with whole sequences: kitti/07 (271 of 1101 frames).")
@@ -264,7 +299,7 @@ def test_a_path_without_sub_sequences_has_a_sentence_and_no_row() -> None:
     short, long = entry_of("a", 5, [1.0], measure=KITTI_PROTOCOL), entry_of("b", 300, [1.0])
     assert layout(group_of(short)) == []
     assert [row[0] for row in layout(group_of(short, long))[0].rows] == [
-        "mean of 2 viso2",
+        "mean of 1 viso2",  # the other path has no errors that a mean could contain
         "b viso2",
         "pooled viso2",
     ]

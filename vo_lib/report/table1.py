@@ -231,12 +231,6 @@ class Group:
         return list(dict.fromkeys(method for _, method in self.entries))
 
     @property
-    def is_papers(self) -> bool:
-        """Whether the group has complete runs of the paper's ten sequences, so the means are comparable."""
-        complete = {entry.sequence for entry in self.entries.values() if entry.is_whole}
-        return {f"{KITTI}{row}" for row in PAPER_ROWS[1:]} <= complete
-
-    @property
     def measure_words(self) -> str:
         """The sub-sequences as text, with "as KITTI" if that is true of every sequence."""
         return self.measure.words_with(all(entry.as_kitti for entry in self.entries.values()))
@@ -245,13 +239,22 @@ class Group:
         """Entries of a method, in the order of the sequences."""
         return [entry for (_, name), entry in self.entries.items() if name == method]
 
+    def averaged_entries(self, method: str) -> list[Entry]:
+        """Entries in the mean of a method: those on averaged sequences that have a sub-sequence.
+
+        They may be fewer than the averaged sequences, since a run may have failed.
+        """
+        entries = self.of_method(method)
+        return [entry for entry in entries if entry.sequence in self.averaged and entry.subsequences > 0]
+
+    def is_papers(self, method: str) -> bool:
+        """Whether the mean of a method is that of the paper's Avg: over ten complete sequences."""
+        complete = {entry.sequence for entry in self.averaged_entries(method) if entry.is_whole}
+        return complete == {f"{KITTI}{row}" for row in SUB_SEQUENCES}
+
     def mean(self, method: str) -> Array:
-        """Unweighted mean of TE and RE over the averaged sequences, for each seed, (2, S)."""
-        entries = [entry for entry in self.of_method(method) if entry.sequence in self.averaged]
-        means = []
-        for errors_of_seed in _by_seed(entries):
-            errors = te_and_re(on_sequence for on_sequence in errors_of_seed if len(on_sequence))
-            means.append(errors.mean(axis=1) if errors.size else np.full(2, np.nan))
+        """Unweighted mean of TE and RE over the `averaged_entries`, for each seed that all have, (2, S)."""
+        means = [te_and_re(errors).mean(axis=1) for errors in _by_seed(self.averaged_entries(method))]
         return np.reshape(means, (-1, 2)).T
 
     def pooled(self, method: str) -> Array:
@@ -477,7 +480,8 @@ def table_records(groups: list[Group], paper: PaperTable) -> list[dict[str, Any]
     """Table 1 as a record per row and method, in the order of the rows; None for a missing number.
 
     Rows of a group: the mean (the paper's Avg, if all ten sequences are complete), each sequence (01 last),
-    and the mean over all sub-sequences. Only complete sequences are compared with the paper's numbers.
+    and the mean over all sub-sequences. Only complete sequences are compared with the paper's numbers. The
+    rows of a method whose runs failed on a sequence say of how many sequences they are.
     """
     return [record for group in groups for record in group_records(group, paper)]
 
@@ -486,10 +490,13 @@ def group_records(group: Group, paper: PaperTable) -> list[dict[str, Any]]:
     """The records of one group, as in `table_records`."""
     records = []
     if len(group.averaged) > 1:
-        row = AVERAGE if group.is_papers else f"mean of {len(group.averaged)}"
         for method in group.methods:
-            averaged = [entry for entry in group.of_method(method) if entry.sequence in group.averaged]
-            printed = paper.value(AVERAGE, method) if group.is_papers else NOT_PRINTED
+            averaged = group.averaged_entries(method)
+            if not averaged:
+                continue
+            is_papers = group.is_papers(method)
+            row = AVERAGE if is_papers else f"mean of {len(averaged)}"
+            printed = paper.value(AVERAGE, method) if is_papers else NOT_PRINTED
             records.append(_record(group, row, method, group.mean(method), averaged, printed))
     highway = f"{KITTI}{LEFT_OUT}"
     highway_last = sorted(group.entries.values(), key=lambda entry: entry.sequence == highway)
@@ -500,7 +507,8 @@ def group_records(group: Group, paper: PaperTable) -> list[dict[str, Any]]:
     if len(group.sequences) > 1:
         for method in group.methods:
             pooled = group.of_method(method)
-            records.append(_record(group, POOLED, method, group.pooled(method), pooled, NOT_PRINTED))
+            row = POOLED if len(pooled) == len(group.sequences) else f"{POOLED} of {len(pooled)}"
+            records.append(_record(group, row, method, group.pooled(method), pooled, NOT_PRINTED))
     return records
 
 

@@ -140,6 +140,7 @@ def tables_by_settings(groups: list[Group]) -> list[ReportTable]:
 def _table_by_settings(groups: list[Group]) -> ReportTable:
     """The mean errors of each method with the settings of each group; the groups differ only in settings."""
     first = groups[0]
+    most = max(len(group.averaged_entries(method)) for group in groups for method in group.methods)
     rows = []
     for method in first.methods:
         for group in groups:
@@ -147,12 +148,15 @@ def _table_by_settings(groups: list[Group]) -> ReportTable:
             if np.isfinite([mean for mean, _ in errors]).all():
                 is_used = not any(entry.unused for entry in group.of_method(method))
                 label = _method_with_settings(method, group.settings, is_used)
+                count = len(group.averaged_entries(method))
+                if count < most:  # a run failed on the others
+                    label += f" (mean of {count})"
                 rows.append([label, *(plus_minus(mean, deviation) for mean, deviation in errors)])
     title = f"{_sequences_words(first)}, {VARIANT_WORDS[first.variant]}: each method by its settings"
     units = [unit for unit, _ in ERROR_KINDS.values()]
     notes = []
-    if len(first.averaged) > 1:
-        notes.append(f"Means over {len(first.averaged)} sequences of equal weight.")
+    if most > 1:
+        notes.append(f"Means over {most} sequences of equal weight.")
     return ReportTable(title, ["method, settings", *units], rows, notes)
 
 
@@ -324,14 +328,20 @@ def sentences_on_proposal(groups: list[Group]) -> list[str]:
     """
     sentences = []
     for group in groups:
-        others = list(CLAIMS) if group.is_papers else list(CLAIMS)[:1]
+        others = list(CLAIMS) if group.is_papers(PROPOSAL) else list(CLAIMS)[:1]
         for other in others:
             sentences += _comparison(group, other)
     return sentences
 
 
 def _comparison(group: Group, other: str) -> list[str]:
-    """A sentence on the mean errors of the proposal and of another method; none without boxes or errors."""
+    """A sentence on the mean errors of the proposal and of another method.
+
+    There is none without boxes or errors, nor if the means are over different sequences, since a run failed.
+    """
+    averaged = [entry.sequence for entry in group.averaged_entries(PROPOSAL)]
+    if averaged != [entry.sequence for entry in group.averaged_entries(other)]:
+        return []
     errors_of_other = group.mean(other)
     errors_of_proposal = group.mean(PROPOSAL)
     for errors in (errors_of_other, errors_of_proposal):
@@ -341,16 +351,15 @@ def _comparison(group: Group, other: str) -> list[str]:
         return []
     changes = []
     for place, (error, _) in enumerate(ERROR_KINDS.values()):
-        claim = CLAIMS[other][place] if group.is_papers else None
+        claim = CLAIMS[other][place] if group.is_papers(PROPOSAL) else None
         changes.append(_change(error, errors_of_other[place], errors_of_proposal[place], claim))
     words = " and ".join(change for change in changes if change) or "changes neither TE nor RE"
-    averaged = group.averaged
     where = averaged[0] if len(averaged) == 1 else f"Mean of {len(averaged)} sequences"
     sentence = (
         f"{where}, {block_words(group.variant, group.settings)}: {PROPOSAL}, which removes the features in "
         f"vehicle boxes, {words} compared with {other}"
     )
-    count = sum(entry.subsequences for entry in group.of_method(PROPOSAL) if entry.sequence in averaged)
+    count = sum(entry.subsequences for entry in group.averaged_entries(PROPOSAL))
     if count < FEW_SUBSEQUENCES:
         sentence += f", from {subsequences_text(count)}"
     seeds = min(errors_of_other.shape[1], errors_of_proposal.shape[1])
