@@ -35,6 +35,7 @@ def import_records() -> dict[Path, Path | None]:
 
 
 def _folder_of(record: Path) -> Path | None:
+    """The folder that a record names, if it still has a sequence."""
     try:
         folder = Path(read_text(record))
         exists = folder.is_absolute() and has_images(folder)

@@ -20,6 +20,7 @@ from .label_names import is_file_of_names
 MAX_CLASS_ID = 10**6  # no data set has more classes; a larger number belongs to another column
 SLACK = 1e-3  # values outside 0..1 by at most this are rounding errors of other programs, and are clipped
 POLYGON_FIELDS = 7  # number of fields of the shortest polygon: the class and three points
+TRACK_FIELDS = 7  # of a tracker's line: the class, the box, its score, and the number of the track
 MAX_OUTSIDE = 0.01  # share of the image; a box that reaches further out of it may be corners read as a centre
 MAX_UNCLIPPED = 0.1  # share of the image by which a box that nobody clipped may reach out of it
 KITTI_FIELDS = (15, 16)  # of a line of KITTI's object labels, without and with a score
@@ -116,16 +117,7 @@ def _read_row(line: str, path: str | Path, line_number: int) -> _Row:
             line_number,
         )
     numbers = _numbers(words)
-    if len(words) == POLYGON_FIELDS and words[-1].isdecimal() and _may_end_with_track(numbers):
-        triangle = ""
-        if numbers[-1] <= 1:  # a triangle may end so at the image border; as 1.0, it is no track
-            triangle = f"; if this is a triangle, write its last number as {numbers[-1]}"
-        raise DataError(
-            "expected class cx cy w h [score], found 7 fields, the last of which is a whole number: omit "
-            f"the number of the track{triangle}",
-            path,
-            line_number,
-        )
+    _refuse_track(words, numbers, path, line_number)
     if not _are_class_and_shares(numbers):
         start = line.strip()[:60]
         raise DataError(f"expected a class number and values in 0..1, found {start!r}", path, line_number)
@@ -138,11 +130,28 @@ def _read_row(line: str, path: str | Path, line_number: int) -> _Row:
     return _Row(class_id, values[:4], score, polygon=False, may_be_keypoints=False)
 
 
+def _refuse_track(words: list[str], numbers: list[float], path: str | Path, line_number: int) -> None:
+    """Raise `DataError` for a tracker's line, `class cx cy w h score track`.
+
+    numbers : those of its words.
+    """
+    if len(words) != TRACK_FIELDS or not words[-1].isdecimal() or not _may_end_with_track(numbers):
+        return
+    triangle = ""
+    if numbers[-1] <= 1:  # a triangle may end so at the image border; written as 1.0, it is no track
+        triangle = f"; if this is a triangle, write its last number as {numbers[-1]}"
+    raise DataError(
+        "expected class cx cy w h [score], found 7 fields, the last of which is a whole number: omit "
+        f"the number of the track{triangle}",
+        path,
+        line_number,
+    )
+
+
 def _may_end_with_track(numbers: list[float]) -> bool:
     """Whether the last of 7 numbers, a whole one, may be that of a track, behind the score of a box.
 
-    A tracker writes `class cx cy w h score track`. But a triangle at the image border may end with 0 or 1, so
-    these are tracks only behind a box in the image.
+    A triangle at the image border may end with 0 or 1, so these are tracks only behind a box in the image.
     """
     if not _are_class_and_shares(numbers[:-1]):
         return False

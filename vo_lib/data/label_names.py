@@ -51,10 +51,10 @@ def read_class_names(folder: Path) -> ClassNames:
     record = folder / DETECTOR_RECORD
     if record.exists():
         return _names_of_detector(record)
-    start = Path(os.path.abspath(folder))
-    for place in [start, *start.parents][:LEVELS]:
+    label_folder = Path(os.path.abspath(folder))
+    for place in [label_folder, *label_folder.parents][:LEVELS]:
         names_by_file: dict[Path, dict[int, str]] = {}
-        for path in _files_of_names(place, start):
+        for path in _files_of_names(place, label_folder):
             names = _read_names(path)
             if names:
                 names_by_file[path] = names
@@ -65,7 +65,7 @@ def read_class_names(folder: Path) -> ClassNames:
             if names != names_by_file[first]:
                 raise DataError(
                     f"has other class names than {first.name} beside it: correct one, or write the names of "
-                    f"these labels into {start / LISTS[0]}",
+                    f"these labels into {label_folder / LISTS[0]}",
                     path,
                 )
         return ClassNames(names_by_file[first], str(first))

@@ -16,7 +16,7 @@ CHUNK_BYTES = 12  # of a chunk without content
 # Places in the content of the first chunk, IHDR.
 DEPTH_AT = 8  # number of bits of a value
 COLOUR_TYPE_AT = 9
-DEPTH_IN_FILE_AT = len(SIGNATURE) + 8 + DEPTH_AT
+DEPTH_IN_FILE_AT = len(SIGNATURE) + 8 + DEPTH_AT  # 8 bytes are the length and the kind of IHDR
 PALETTE_TYPE = 3  # colour type of an image whose pixels are indices into a palette
 MAX_INDEX_BITS = 8
 

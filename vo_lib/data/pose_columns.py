@@ -139,9 +139,10 @@ class PoseColumns:
 
 
 def find_header(lines: Sequence[str]) -> int | None:
-    """Number, from 1, of the line that names the columns of a pose: a comment, or the first line without #.
+    """Number, from 1, of the line that names the columns of a pose; None if a convention must decide.
 
-    Of several such lines, the last counts. None if no line names columns, so that a convention must decide.
+    This may be one of the comments at the beginning of a file, or the first line that is no comment. Of
+    several such lines, the last counts.
     """
     header = None
     for line_number, line in enumerate(lines, start=1):
@@ -255,6 +256,7 @@ def _role(column: Column) -> str | None:
         if with_axis["quaternion_axis"]:
             return f"q{with_axis['quaternion_axis']}"
         return with_axis["position_axis"]
+    # The axis may also be a word of its own, the last one: orientation.w, pos_x or x.
     axes = [word for word in words if word in _AXES]
     if len(axes) != 1 or words[-1] != axes[0]:
         return None

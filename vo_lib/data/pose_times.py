@@ -1,4 +1,7 @@
-"""Times of poses: plausible intervals, the likely unit, and the reason why the times of two files differ."""
+"""Times of poses: plausible intervals, the likely unit, and the reason why the times of two files differ.
+
+A unit is given by its length in seconds: 1 for seconds, 1e-9 for nanoseconds.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ from .pose_columns import HEADER_EXAMPLE
 FRAME_INTERVALS_S = (1e-3, 10.0)  # plausible; intervals in nanoseconds or milliseconds are outside
 ROUNDING = 0.01  # times since 1970 in seconds have steps of 2e-7 s, so an interval of 1 ms is not exact
 USUAL_INTERVAL_S = 0.1
-# Units of times other than seconds, by their length in seconds.
+# The units other than seconds.
 UNIT_NAMES = {1e-3: "milliseconds", 1e-6: "microseconds", 1e-9: "nanoseconds"}
 UNIT_SYMBOLS = {1e-3: "ms", 1e-6: "us", 1e-9: "ns"}
 UNIT_DIVISORS = {1e-3: "1e3", 1e-6: "1e6", 1e-9: "1e9"}  # to seconds, as text
@@ -128,11 +131,13 @@ def time_mismatch(times: Array, true_times: Array, truth_name: str, tolerance: f
     theirs = f"those of {truth_name}"
     own_unit = _unit_of(times)
     true_unit = _unit_of(true_times)
-    if own_unit == true_unit == 1.0:
+    both_may_be_seconds = own_unit == 1.0 and true_unit == 1.0
+    if both_may_be_seconds:
         # A file whose own interval is impossible says nothing about the unit of the other file.
         faults = [fault for fault in (interval_fault(times), interval_fault(true_times, theirs)) if fault]
         if faults:
             return "; ".join([problem, *faults])
+        # Is one file's path in the time of the other, if its numbers have another unit?
         own_unit = _common_unit(times, true_times) or 1.0
         true_unit = _common_unit(true_times, times) or 1.0
     reason = _unit_words(own_unit, "its times", as_column=True)

@@ -49,7 +49,8 @@ _WHOLE_NUMBER = re.compile(r"\s*\d+(\.0*)?\s*,")  # the time in nanoseconds at t
 _DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+(?:[eE][-+]?\d+)?\s*")
 # Time and pose; with the velocity, as VINS writes them; with velocity and biases, as EuRoC does.
 EUROC_COLUMNS = (8, 11, 17)
-# Large enough for files with three digits, small enough to detect rows in another format.
+# Largest deviation of an entry of R Rᵀ from the identity, and of a quaternion's length from 1: large enough
+# for files with three digits, small enough to detect rows in another format.
 ROTATION_TOLERANCE = 1e-2
 TIME_TOLERANCE_S = 0.01  # largest time difference between corresponding poses
 MAX_COORDINATE_M = 1e9  # a larger coordinate is not a position on Earth and overflows in later computations

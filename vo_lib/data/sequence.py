@@ -246,7 +246,7 @@ def require_frames(start: int, stop: int, count: int, name: str) -> None:
 
 
 def at_pixels(picture: NDArray[Any], uv: Array) -> NDArray[Any]:
-    """Values (N,) of a picture (H, W) at the pixels nearest to uv (N, 2), for NaN at pixel 0."""
+    """Values (N,) of a picture (H, W) at the pixels nearest to uv (N, 2) and inside; NaN counts as 0."""
     height, width = picture.shape
     inside = np.clip(np.nan_to_num(uv), 0, [width - 1, height - 1])
     column, row = np.rint(inside).astype(np.intp).T

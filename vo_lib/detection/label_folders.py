@@ -231,6 +231,7 @@ def write_label_folder(
         if not is_own:
             _replace_labels(folder, sequence)
         _write_record(folder, record, detector, class_mask)
+        # Images that this detector has seen in another folder are copied, the others are detected.
         labels_elsewhere = _labels_by_image(others)
         copied = [frame for frame in missing if digests[frame] in labels_elsewhere]
         new = [frame for frame in missing if digests[frame] not in labels_elsewhere]

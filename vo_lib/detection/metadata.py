@@ -1,4 +1,4 @@
-"""What an ONNX file says about its network: class names, task, image size, the kind of head.
+"""What an ONNX file says about its network: class names, task, image size, kind of head (its last layers).
 
 Ultralytics writes these entries as Python text; other programs write JSON, or nothing at all.
 """

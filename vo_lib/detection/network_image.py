@@ -1,6 +1,7 @@
 """The input image of a YOLO network: its size, an image's letterbox in it, and the cells of its grids.
 
-As in YOLO, the origin of the network's image is the outer corner of its first pixel.
+An image is scaled until it fits into the network's image, and a grey border fills the rest: its letterbox. As
+in YOLO, the origin of the network's image is the outer corner of its first pixel.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 
 from ..geometry.types import Array, Image
 
-BORDER_GREY = 114  # the border value in the training of both families
+BORDER_GREY = 114  # of the border in the training of YOLOX and of Ultralytics' networks
 STRIDES = (8, 16, 32)  # cell sizes of YOLOX, pixels, in the order of its output
 INPUT_STRIDE_PX = STRIDES[-1]  # the sides of a network's image are multiples of this
 MAX_SQUEEZE = 0.1  # a side that is longer than a multiple by at most this, in strides, is scaled down

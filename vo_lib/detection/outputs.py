@@ -12,8 +12,10 @@
 | YOLO-NAS, PP-YOLOE, YOLOv4, … | [1, N, 4] and [1, N, C] | one output for the boxes, one for the scores |
 | RT-DETR, D-FINE; YOLO-NAS, TensorRT's form | [1, K, 4], [1, K], [1, K] | boxes, scores, classes |
 
-N is the number of cells in the network's grids, C the number of classes, and K the number of boxes that the
-network has selected itself. RT-DETR's boxes are shares of the image; those of other networks may be, too. A
+Most networks divide their image into square cells, in several grids with cells of different sizes (strides),
+and give a box for each cell, or three, with anchors. N is the number of all cells, C the number of classes,
+and K the number of boxes that the network has selected itself. Objectness is the probability that a box has
+an object of any class. RT-DETR's boxes are shares of the image; those of other networks may be, too. A
 segmentation model has further columns, the coefficients of its masks, and a second output with as many maps.
 """
 
@@ -127,6 +129,7 @@ def _from_table(
     masks = _mask_count(outputs)
     if metadata.names is not None and 4 + len(metadata.names) in table.shape:
         masks = 0  # a detection model; its maps are of no concern here
+    # The number of boxes that a network selects may happen to be that of the cells of a grid.
     selects_boxes = metadata.one_to_one or metadata.transformer
     columns_first = table.shape[1] in boxes_a_cell_by_rows
     if columns_first or (len(table) in boxes_a_cell_by_rows and not selects_boxes):

@@ -1,4 +1,7 @@
-"""Non-maximum suppression: one box for each object."""
+"""Non-maximum suppression: of the boxes of one object, only that with the highest score stays.
+
+Two boxes are of one object if their IoU, their common area over the area of both together, exceeds a limit.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ import numpy as np
 from ..geometry.boxes import Boxes, no_boxes
 from ..geometry.types import Array, BoolArray, Index
 
-ONE_OBJECT_IOU = 0.9  # boxes with a larger overlap are one object, whatever their classes
+ONE_OBJECT_IOU = 0.9  # boxes with a larger IoU are of one object, whatever their classes
 MAX_SUPPRESSED_BOXES = 3000  # largest number of boxes in the suppression, the best first
 
 
@@ -32,7 +35,7 @@ def best_boxes(
     Parameters
     ----------
     corners : (N, 4) x0, y0, x1, y1, pixels. scores : (N, C); the `class_id` of a box is the column.
-    least_score : smallest score of a box. largest_iou : of two boxes of one class.
+    least_score : smallest score of a box. largest_iou : largest IoU of two boxes of one class.
     class_mask : mask of the wanted classes, by column; classes beyond its end are not wanted. By default all.
     one_to_one : the network already gives each object one box, so only `ONE_OBJECT_IOU` counts.
     """

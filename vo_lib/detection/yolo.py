@@ -52,7 +52,7 @@ TENSORRT = re.compile(r"TRT\b|_TRT|EfficientNMS|BatchedNMS")
 
 @dataclass(frozen=True, eq=False)
 class NetworkOutput:
-    """Boxes and scores of all cells of a network, before the selection of boxes.
+    """All boxes that a network gives for an image, and their scores, before the selection of boxes.
 
     Attributes
     ----------
