@@ -17,6 +17,7 @@ are kept. A second call with the same --runs computes only the missing runs.
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import time
 from pathlib import Path
@@ -158,38 +159,48 @@ def run_all(
 ) -> list[Row]:
     """The rows of the table; only runs that are not in their folders are computed."""
     ideas = [*WHOLE, *chosen]
-    jobs = {}
-    for sequence in drives:
-        for idea in ideas:
-            for seed in range(seeds):
-                path = run_folder_of(idea, sequence, folder) / f"seed_{seed}"
-                job = Job(sequence, idea.method, idea.config(seed), path)
-                jobs[sequence.name, idea, seed] = job
+    jobs = []
+    for sequence, idea, seed in itertools.product(drives, ideas, range(seeds)):
+        path = _folder_of_seed(idea, sequence, seed, folder)
+        jobs.append(Job(sequence, idea.method, idea.config(seed), path))
     with reporting(f"{len(jobs)} runs") as report:
-        outcomes = run_jobs(list(jobs.values()), parse_jobs(options.jobs, len(jobs)), report, options.cache)
+        outcomes = run_jobs(jobs, parse_jobs(options.jobs, len(jobs)), report, options.cache)
     failed = [f"{outcome.job.folder}: {outcome.error}" for outcome in outcomes if outcome.error]
     if failed:
         raise DataError(failed[0])
     timed_drive = drives[0]
     with reporting("measuring the time") as report:
         ms = times_without(timed_drive, ideas, folder, report)
-    ms_of_whole = {idea.method: ms[idea] for idea in WHOLE}
     rows = []
     for sequence in drives:
-        results_of_whole: dict[str, Array] = {}  # with all ideas, by method; `ideas` begins with these
+        results = {}
         for idea in ideas:
-            runs = [read_run(jobs[sequence.name, idea, seed].folder, sequence) for seed in range(seeds)]
-            results = np.array([results_of(each) for each in runs])
-            own_ms = np.nan
-            if idea in WHOLE:
-                results_of_whole[idea.method] = results
-                if sequence is timed_drive:
-                    own_ms = ms[idea]
-                rows.append(row_of(idea, sequence.name, results, None, own_ms))
-            else:
-                if sequence is timed_drive:
-                    own_ms = ms[idea] - ms_of_whole[idea.method]
-                rows.append(row_of(idea, sequence.name, results, results_of_whole[idea.method], own_ms))
+            paths = [_folder_of_seed(idea, sequence, seed, folder) for seed in range(seeds)]
+            results[idea] = np.array([results_of(read_run(path, sequence)) for path in paths])
+        rows += _rows_of_drive(sequence.name, results, ms if sequence is timed_drive else {})
+    return rows
+
+
+def _folder_of_seed(idea: Idea, sequence: Sequence, seed: int, folder: Path) -> Path:
+    """The folder of the run of an idea on a drive with one seed."""
+    return run_folder_of(idea, sequence, folder) / f"seed_{seed}"
+
+
+def _rows_of_drive(drive_name: str, results: dict[Idea, Array], ms: dict[Idea, float]) -> list[Row]:
+    """The rows of a drive: results with all ideas, or their changes without an idea.
+
+    results : (S, 5) over the seeds, by idea, among them those of `WHOLE`.
+    ms : processor times by idea; empty for a drive on which none was measured.
+    """
+    whole_of_method = {idea.method: idea for idea in WHOLE}
+    rows = []
+    for idea, own in results.items():
+        own_ms = ms.get(idea, np.nan)
+        if idea in WHOLE:
+            rows.append(row_of(idea, drive_name, own, None, own_ms))
+        else:
+            whole = whole_of_method[idea.method]
+            rows.append(row_of(idea, drive_name, own, results[whole], own_ms - ms.get(whole, np.nan)))
     return rows
 
 

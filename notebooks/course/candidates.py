@@ -20,7 +20,7 @@ from vo_lib.paper.selection import (
 from vo_lib.paper.settings import SelectionConfig
 
 from .frames import Points
-from .simulation.drives import Pair
+from .simulation.drives import SimulatedPoints
 
 
 def sets_of_five(x_c: Array, seed: int | list[int], sets: int, side_by_side: bool = False) -> Index:
@@ -35,7 +35,7 @@ def sets_of_five(x_c: Array, seed: int | list[int], sets: int, side_by_side: boo
     return np.argsort(away, axis=1)[:, :5]
 
 
-def candidates_of(points: Points | Pair, sets: int, draw: int) -> Candidates:
+def candidates_of(points: Points | SimulatedPoints, sets: int, draw: int) -> Candidates:
     """All solutions of random five-point sets of a frame; `DataError` if there are none."""
     chosen = sets_of_five(points.x_c, [5, draw], sets)
     candidates = five_point(points.x_p[chosen], points.x_c[chosen])
@@ -65,7 +65,7 @@ def winner_of(
 
 
 def motion_of(
-    E: Array, points: Points | Pair, config: SelectionConfig, focal: float
+    E: Array, points: Points | SimulatedPoints, config: SelectionConfig, focal: float
 ) -> tuple[Array, Array, BoolArray]:
     """From a winner E (3, 3): R_cp (3, 3), the essential vector (9,) to store, and the inlier mask (N,)."""
     x_p = points.x_p
@@ -79,7 +79,7 @@ def motion_of(
     return R, essential_vector(E), inliers
 
 
-def consensus_rotation(points: Points | Pair, rng: np.random.Generator, focal: float) -> Array:
+def consensus_rotation(points: Points | SimulatedPoints, rng: np.random.Generator, focal: float) -> Array:
     """Refined R_cp (3, 3) of the candidate with the smallest error over all matches of a frame."""
     config = KitSelectionConfig()
     sets = sample_sets(rng, len(points.x_p), config.sets)

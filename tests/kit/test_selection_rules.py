@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from course.ch03.comparisons import selection_errors
-from course.simulation.drives import CAMERA, Scene, drive, frames_of
+from course.simulation.drives import CAMERA, Scene, drive, points_by_frame
 from course.simulation.tracks import TrackConfig, simulate_tracks
 from vo_lib import settings
 from vo_lib.config import preset
@@ -42,13 +42,15 @@ def medians(
 
 @pytest.mark.parametrize(("ratio", "dropped"), [(DEFAULT_RATIO, True), (10.0, False)])
 def test_prior_with_only_a_bad_candidate_is_dropped(ratio: float, dropped: bool) -> None:
-    (pair,) = frames_of(Scene(TRACKS), 1, 4)
-    sets = sample_sets(np.random.default_rng(0), len(pair.x_p), 1)
-    E, set_index = five_point(pair.x_p[sets], pair.x_c[sets])
+    (points,) = points_by_frame(Scene(TRACKS), 1, 4)
+    sets = sample_sets(np.random.default_rng(0), len(points.x_p), 1)
+    E, set_index = five_point(points.x_p[sets], points.x_c[sets])
     config = KitSelectionConfig(top_k=1, prior_rejection_ratio=ratio, threshold=1.0)
-    scores = truncated_errors(E, pair.x_p, pair.x_c, config.threshold / CAMERA.f)
+    scores = truncated_errors(E, points.x_p, points.x_c, config.threshold / CAMERA.f)
     best, worst = int(np.argmin(scores)), int(np.argmax(scores))
-    winner = choose_candidate(E, set_index, pair.x_p, pair.x_c, essential_vector(E[worst]), config, CAMERA.f)
+    winner = choose_candidate(
+        E, set_index, points.x_p, points.x_c, essential_vector(E[worst]), config, CAMERA.f
+    )
     assert winner == (best if dropped else worst, dropped)
 
 

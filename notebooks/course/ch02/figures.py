@@ -39,9 +39,9 @@ from .puzzle import Puzzle
 
 # Share of the polynomial's largest value; larger values are compressed.
 COMPRESSED = 1e-3
+TOP = 1.1 * float(np.arcsinh(1 / COMPRESSED))  # of the chart, a little above the largest value after that
 FIVE_COLOUR = "#F0E442"  # of the five matches in a picture
 LEAST_REACH = 1.8  # of a view from above, in lengths of t: a camera and its arrow are within it
-TOP = 1.1 * float(np.arcsinh(1 / COMPRESSED))
 
 
 def epipolar_line(E: Array, x_p: Array, camera: StereoCamera) -> Array:

@@ -14,7 +14,7 @@ from vo_lib.paper.settings import SelectionConfig
 from ..candidates import candidates_of, motion_of, winner_of
 from ..frames import Points
 from ..rotation_errors import angle_between
-from ..simulation.drives import CAMERA, Scene, frames_of
+from ..simulation.drives import CAMERA, Scene, points_by_frame
 
 SETS = 200  # of five matches for each simulated frame
 
@@ -33,16 +33,16 @@ def selection_errors(
     e_prev: dict[str, Array | None] = dict.fromkeys(selections)
     errors: dict[str, list[float]] = {name: [] for name in selections}
     thresholds = {config.threshold for config in selections.values()}
-    for number, pair in enumerate(frames_of(scene, frames, seed)):
-        candidates = candidates_of(pair, SETS, 1000 * seed + number)
+    for number, points in enumerate(points_by_frame(scene, frames, seed)):
+        candidates = candidates_of(points, SETS, 1000 * seed + number)
         truncated = {}
         for threshold in thresholds:
             limit = threshold / CAMERA.f
-            truncated[threshold] = truncated_errors(candidates.E, pair.x_p, pair.x_c, limit)
+            truncated[threshold] = truncated_errors(candidates.E, points.x_p, points.x_c, limit)
         for name, config in selections.items():
             winner, _ = winner_of(candidates, truncated[config.threshold], e_prev[name], config)
-            R_cp, e_prev[name], _ = motion_of(candidates.E[winner], pair, config, CAMERA.f)
-            errors[name].append(angle_between(R_cp, pair.R_cp))
+            R_cp, e_prev[name], _ = motion_of(candidates.E[winner], points, config, CAMERA.f)
+            errors[name].append(angle_between(R_cp, points.R_cp))
     return {name: np.array(values) for name, values in errors.items()}
 
 

@@ -24,7 +24,7 @@ ALIKE = 0.02  # largest relative difference of curves that look the same
 
 
 @dataclass(frozen=True, eq=False)
-class Field:
+class ScoredCandidates:
     """All candidates of a frame with their angles and errors.
 
     Attributes
@@ -133,28 +133,28 @@ def sets_figure(wrong: Array, needed: dict[int, Array], here: float) -> Figure:
     return made
 
 
-def field_figure(field: Field, result: float | None = None, height: int = 260) -> Figure:
+def candidates_figure(scored: ScoredCandidates, result: float | None = None, height: int = 260) -> Figure:
     """Image error of each candidate by angle to the previous vector and, with truth, by rotation error.
 
     A mark on the right shows `result`, the error of the frame's final rotation, degrees.
     """
-    with_truth = bool(np.isfinite(field.rotation_error).any())
+    with_truth = bool(np.isfinite(scored.rotation_error).any())
     made, axes = figure(height, 2 if with_truth else 1)
     by_angle = axes[0]
     named = axes[-1]  # one legend is enough
-    nearest = "every solution" if field.kept.all() else "nearest k of a set"
-    charts = [(by_angle, field.angle)]
+    nearest = "every solution" if scored.kept.all() else "nearest k of a set"
+    charts = [(by_angle, scored.angle)]
     if with_truth:
-        charts.append((named, np.clip(field.rotation_error, LEAST, MOST)))
+        charts.append((named, np.clip(scored.rotation_error, LEAST, MOST)))
     for axis, x in charts:
         for chosen, colour, marker, size, words in (
-            (~field.kept, PALE, ".", 4.5, "left out"),
-            (field.kept, GOOD, ".", 4.5, nearest),
-            (field.consensus, DARK, "o", 9, "winner, consensus"),
-            (field.selected, BAD, "o", 5.5, "winner, selection"),
+            (~scored.kept, PALE, ".", 4.5, "left out"),
+            (scored.kept, GOOD, ".", 4.5, nearest),
+            (scored.consensus, DARK, "o", 9, "winner, consensus"),
+            (scored.selected, BAD, "o", 5.5, "winner, selection"),
         ):
             places = np.atleast_1d(x[chosen])  # of all these candidates, or of the winner
-            errors = np.atleast_1d(field.image_error[chosen])
+            errors = np.atleast_1d(scored.image_error[chosen])
             label = words if axis is named else ""
             is_winner = marker == "o"  # a winner at the edge is shown whole
             axis.plot(

@@ -23,7 +23,7 @@ from ..memory import Memory
 from ..panel import Control, Drawing, Fact, Panel, State
 from ..rotation_errors import angle_between, reference_rotation, rotation_errors
 from ..simulation.mismatches import shifts
-from .figures import Field, features_picture, field_figure
+from .figures import ScoredCandidates, candidates_figure, features_picture
 
 CHART_HEIGHT = 252
 PRIOR_SETS = 200  # for the essential vector of the previous frame
@@ -122,21 +122,21 @@ def previous_vector(sequence: Sequence, frame: int, config: MethodConfig) -> Arr
         points = frame_points(sequence, frame - 1, config)
         focal = sequence.camera.f
         candidates = candidates_of(points, selection.sets, 0)
-        field = field_of(candidates, points, None, None, selection, focal)
-        return motion_of(candidates.E[field.selected], points, selection, focal)[1]
+        scored = scored_candidates(candidates, points, None, None, selection, focal)
+        return motion_of(candidates.E[scored.selected], points, selection, focal)[1]
 
     key = (*key_of(sequence, frame - 1), config.features, config.matching, config.buckets, selection)
     return _priors.get(key, estimate)
 
 
-def field_of(
+def scored_candidates(
     candidates: Candidates,
     points: Points,
     e_prev: Array | None,
     R_true: Array | None,
     config: SelectionConfig,
     focal: float,
-) -> Field:
+) -> ScoredCandidates:
     """Angles, errors and winners of a frame's candidates; without a true rotation, the rotation errors are NaN."""
     nothing = np.full(len(candidates.E), np.nan)
     angle = nothing if e_prev is None else np.degrees(essential_angle(essential_vector(candidates.E), e_prev))
@@ -144,7 +144,7 @@ def field_of(
     consensus, _ = winner_of(candidates, errors, None, config)
     selected, dropped = winner_of(candidates, errors, e_prev, config)
     wrong = nothing if R_true is None else rotation_errors(candidates.E, R_true)
-    return Field(
+    return ScoredCandidates(
         angle, errors, wrong, candidates_near_prior(*candidates, e_prev, config), consensus, selected, dropped
     )
 
@@ -180,9 +180,9 @@ class SelectionPanel(Panel):
         key = (*key_of(sequence, state.frame), state.config.variant, selection.sets, state.view)
         candidates = _candidates.get(key, lambda: candidates_of(points, selection.sets, state.view.draw))
         e_prev = previous_vector(sequence, state.frame, state.config)
-        field = field_of(candidates, points, e_prev, R_true, selection, camera.f)
-        R, _, inliers = motion_of(candidates.E[field.selected], points, selection, camera.f)
-        R_consensus, _, _ = motion_of(candidates.E[field.consensus], points, selection, camera.f)
+        scored = scored_candidates(candidates, points, e_prev, R_true, selection, camera.f)
+        R, _, inliers = motion_of(candidates.E[scored.selected], points, selection, camera.f)
+        R_consensus, _, _ = motion_of(candidates.E[scored.consensus], points, selection, camera.f)
         error = angle_between(R, R_true)
 
         words = f"frame {state.frame}: the winner's inliers blue, outliers orange, disturbed matches in rings"
@@ -190,24 +190,24 @@ class SelectionPanel(Panel):
         start = pixels(points.x_p, camera)
         end = pixels(points.x_c, camera)
         picture = features_picture(image, start, end, inliers, words, touched)
-        chart = field_figure(field, error, CHART_HEIGHT)
+        chart = candidates_figure(scored, error, CHART_HEIGHT)
 
-        same = "also" if field.selected == field.consensus else "not"
+        same = "also" if scored.selected == scored.consensus else "not"
         sentence = (
-            f"Of {len(candidates.E)} solutions of {selection.sets} sets, {np.count_nonzero(field.kept)} may "
+            f"Of {len(candidates.E)} solutions of {selection.sets} sets, {np.count_nonzero(scored.kept)} may "
             f"compete. The winner is {same} the winner of consensus."
         )
         if e_prev is None:
             sentence += " The first pair has no previous essential vector."
         if R_true is None:
             sentence += " The sequence has no ground truth."
-        if field.dropped:
+        if scored.dropped:
             sentence += " The prior was dropped: its best solution scored clearly worse."
         facts = (
             Fact("error by selection", error, "°", 3),
             Fact("error by consensus", angle_between(R_consensus, R_true), "°", 3),
             Fact("between the two", angle_between(R, R_consensus), "°", 3),
-            Fact("angle to the previous vector", float(field.angle[field.selected]), "°", 2),
+            Fact("angle to the previous vector", float(scored.angle[scored.selected]), "°", 2),
             Fact("inliers", int(np.count_nonzero(inliers))),
             Fact("disturbed", int(np.count_nonzero(touched))),
         )

@@ -25,7 +25,7 @@ from ..panel import Control, Drawing, Fact, Panel, State
 from ..rotation_errors import reference_rotation
 from ..simulation.mismatches import shifts
 from .figures import MILLI, ellipse_chart, residuals_chart
-from .weightings import METHOD, WEIGHTINGS, alone, solve_by
+from .weightings import METHOD, WEIGHTINGS, Solution, alone, solve_by
 
 CHART_HEIGHT = 224
 GROUPS = 10  # of features that are solved separately
@@ -100,7 +100,7 @@ def covariance(
     """
     group = np.arange(len(matches)) % GROUPS
     solved = [solve_by(weighting, camera, matches[group == g], R_cp, config) for g in range(GROUPS)]
-    t = np.array([each[0] for each in solved if each is not None]).reshape(-1, 3)
+    t = np.array([each.t_cp for each in solved if each is not None]).reshape(-1, 3)
     return np.zeros((3, 3)) if len(t) < 2 else np.asarray(np.cov(t.T) / len(t))
 
 
@@ -161,7 +161,7 @@ class TranslationPanel(Panel):
         used = int(np.count_nonzero(np.isfinite(residual)))
         return Drawing([picture, chart], sentence, self._facts(state, what, t - t_ref, C, used))
 
-    def _solved(self, state: State, matches: StereoMatches, R: Array) -> tuple[Array, Array, Array]:
+    def _solved(self, state: State, matches: StereoMatches, R: Array) -> Solution:
         """The result of `solve_by` for the controls; `DataError` without one."""
         camera = state.sequence.camera
         solved = solve_by(state.view.weighting, camera, matches, R, state.config.translation)

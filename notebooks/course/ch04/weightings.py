@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from course.simulation.tracks import TrackConfig, simulate_tracks
@@ -17,7 +19,7 @@ from vo_lib.paper import translation as paper
 from vo_lib.paper.settings import TranslationConfig, TranslationLimits
 
 from ..candidates import consensus_rotation
-from ..simulation.drives import CAMERA, drive, pair_of
+from ..simulation.drives import CAMERA, drive, points_of
 
 # How the rows of all features are combined: by the configuration's own method, or in a plain way.
 METHOD = "the method's own"
@@ -101,21 +103,31 @@ def bias_and_deviation(answers: Array, t_true: Array) -> tuple[float, float]:
     return mean_and_deviation(length_errors(answers, t_true))
 
 
+class Solution(NamedTuple):
+    """A translation t_cp (3,), metres, and what each of the N features contributes.
+
+    Attributes
+    ----------
+    residuals : (N,) norms over the eight rows of a feature, pixels; infinite beyond the largest depth.
+    weights : (N,) without the division by depth; NaN for a feature that is not used.
+    """
+
+    t_cp: Array
+    residuals: Array
+    weights: Array
+
+
 def solve_by(
     weighting: str, camera: StereoCamera, matches: StereoMatches, R_cp: Array, config: TranslationLimits
-) -> tuple[Array, Array, Array] | None:
-    """The translation t_cp (3,) of a weighting, metres, with residuals and weights; None without a solution.
-
-    The residuals (N,) are norms over the eight rows of a feature, pixels (infinite beyond the largest depth).
-    The weights (N,) do not include the division by depth; the weight of an unused feature is NaN.
-    """
+) -> Solution | None:
+    """The translation by a weighting; None without a solution."""
     if weighting == METHOD and isinstance(config, KitTranslationConfig):
         solved = robust_translation(camera, matches, R_cp, config)
         if solved is None:
             return None
         t, residual = solved
         weight = np.where(np.isfinite(residual), weights_by_residual(residual, config.scale), np.nan)
-        return t, residual, weight
+        return Solution(t, residual, weight)
     # All other weightings are those of variant `published`, or plain ones.
     depth = camera.triangulate(matches.prev_left, matches.prev_right)[:, 2]
     used = np.flatnonzero(depth <= config.max_depth)
@@ -142,7 +154,7 @@ def solve_by(
     weights = np.full(len(matches), np.nan)
     residuals[used] = camera.f * np.linalg.norm(d - M @ t, axis=1) / depth[used]
     weights[used] = weight
-    return np.asarray(t), residuals, weights
+    return Solution(np.asarray(t), residuals, weights)
 
 
 def weighting_errors(tracks: TrackConfig, frames: int, seed: int) -> dict[str, Array]:
@@ -151,13 +163,12 @@ def weighting_errors(tracks: TrackConfig, frames: int, seed: int) -> dict[str, A
     errors: dict[str, list[float]] = {name: [] for name in names}
     for frame in simulate_tracks(drive(frames), CAMERA, tracks, seed):
         rng = np.random.default_rng([seed, frame.frame])
-        R_cp = consensus_rotation(pair_of(frame), rng, CAMERA.f)
+        R_cp = consensus_rotation(points_of(frame), rng, CAMERA.f)
         for name in names:
             config = KitTranslationConfig() if name == ROBUST else TranslationConfig()
             weighting = METHOD if name in (PUBLISHED, ROBUST) else name
             solved = solve_by(weighting, CAMERA, frame.matches, R_cp, config)
             if solved is None:
                 raise DataError("a frame of these tracks gives no translation: use more points")
-            t_cp, _, _ = solved
-            errors[name].append(1e3 * float(np.linalg.norm(t_cp - frame.T_cp[:3, 3])))
+            errors[name].append(1e3 * float(np.linalg.norm(solved.t_cp - frame.T_cp[:3, 3])))
     return {name: np.array(values) for name, values in errors.items()}

@@ -45,18 +45,21 @@ def step_errors(sequence: Sequence, poses: Array) -> tuple[Array, Array]:
     return np.degrees(errors.rotation), 1e3 * errors.translation
 
 
+def _mean_errors(sequence: Sequence, poses: Array) -> tuple[float, float, float]:
+    """Mean rotation error of a step, degrees; its mean translation error, mm; distance from the true end, cm."""
+    turns, steps = step_errors(sequence, poses)
+    off = 100 * float(np.linalg.norm(poses[-1, :3, 3] - true_path(sequence)[-1]))
+    return float(turns.mean()), float(steps.mean()), off
+
+
 def claim_lines(sequence: Sequence, *seeds: Mapping[str, Array]) -> str:
     """A line for each run: mean errors of a step, and the distance of the end of the path from the true end.
 
     For several seeds, the line has the mean and the standard deviation over the seeds: what one run may show.
     """
     lines = []
-    end = true_path(sequence)[-1]
     for name in seeds[0]:
-        rows = []
-        for runs in seeds:
-            turns, steps = step_errors(sequence, runs[name])
-            rows.append((turns.mean(), steps.mean(), 100 * np.linalg.norm(runs[name][-1, :3, 3] - end)))
+        rows = [_mean_errors(sequence, runs[name]) for runs in seeds]
         turn, step, off = np.mean(rows, axis=0)
         lines.append(f"{name:13}: error per step {turn:.4f}° and {step:5.2f} mm, at the end {off:5.2f} cm")
         if len(seeds) > 1:
@@ -129,14 +132,11 @@ def errors_by_seed(
     sequence: Sequence, seeds: list[dict[str, Array]]
 ) -> list[tuple[str, str, dict[str, Array]]]:
     """Mean errors of a step and the error of the end: name, unit, and the values over the seeds by run."""
-    end = true_path(sequence)[-1]
     kinds = (("rotation", "°"), ("translation", "mm"), ("end", "cm"))
     values: dict[str, list[tuple[float, float, float]]] = defaultdict(list)
     for runs in seeds:
         for name, poses in runs.items():
-            turns, steps = step_errors(sequence, poses)
-            off = 100 * float(np.linalg.norm(poses[-1, :3, 3] - end))
-            values[name].append((float(turns.mean()), float(steps.mean()), off))
+            values[name].append(_mean_errors(sequence, poses))
     tables = {name: np.array(rows) for name, rows in values.items()}  # (seeds, kinds)
     errors = []
     for n, (kind, unit) in enumerate(kinds):

@@ -110,16 +110,20 @@ def cells_picture(
         x0, y0, x1, y1 = np.rint(box).astype(int).tolist()
         cv2.rectangle(drawn, (x0, y0), (x1, y1), WHITE, 2, cv2.LINE_AA)
     if cell is not None and sides is not None:
-        u = (cell[1] + 0.5) * step
-        v = (cell[0] + 0.5) * step
-        left, top, right, bottom = (sides * scale).tolist()
-        upper_left = (round(u - left), round(v - top))
-        lower_right = (round(u + right), round(v + bottom))
-        cv2.rectangle(drawn, upper_left, lower_right, bgr(GOOD), 2, cv2.LINE_AA)
-        middle = (round(u), round(v))
-        for x, y in ((u - left, v), (u, v - top), (u + right, v), (u, v + bottom)):
-            cv2.arrowedLine(drawn, middle, (round(x), round(y)), bgr(GOOD), 2, cv2.LINE_AA)
+        row, column = cell
+        _draw_sides(drawn, (column + 0.5) * step, (row + 0.5) * step, sides * scale)
     return caption(drawn, words)
+
+
+def _draw_sides(picture: Image, u: float, v: float, sides: Array) -> None:
+    """Draw a box with arrows from (u, v) to its left, upper, right and lower side, `sides` (4,) pixels away."""
+    left, top, right, bottom = sides.tolist()
+    upper_left = (round(u - left), round(v - top))
+    lower_right = (round(u + right), round(v + bottom))
+    cv2.rectangle(picture, upper_left, lower_right, bgr(GOOD), 2, cv2.LINE_AA)
+    middle = (round(u), round(v))
+    for x, y in ((u - left, v), (u, v - top), (u + right, v), (u, v + bottom)):
+        cv2.arrowedLine(picture, middle, (round(x), round(y)), bgr(GOOD), 2, cv2.LINE_AA)
 
 
 def windows_picture(windows: Sequence[tuple[Array, Array]], words: str) -> Image:

@@ -144,7 +144,9 @@ class LorryPanel(Panel):
         frame = state.frame
         config = state.config
         given = [empty_matches(), frame_matches(sequence, frame, config)]
-        (_, box_p), (matches, box_c) = with_lorry(sequence.camera, given, state.view)
+        before, now = list(with_lorry(sequence.camera, given, state.view))
+        _, box_p = before
+        matches, box_c = now
         lorry = matches.id < 0
         motions = {}
         for method in ("feature_selection", "solution_selection"):

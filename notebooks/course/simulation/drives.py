@@ -21,8 +21,8 @@ from .tracks import SimulatedFrame, TrackConfig, simulate_tracks
 CAMERA = StereoCamera(f=718.856, cx=607.19, cy=185.22, baseline=0.537, width=1241, height=376)
 
 
-class Pair(NamedTuple):
-    """Matches of a frame and its true rotation: x_p, x_c (N, 2) normalised, X_p (N, 3) metres, R_cp."""
+class SimulatedPoints(NamedTuple):
+    """Matches of a simulated frame: x_p, x_c (N, 2) normalised, X_p (N, 3) metres; and R_cp (3, 3), which is true."""
 
     x_p: Array
     x_c: Array
@@ -56,23 +56,23 @@ def path_of(scene: str) -> Array:
     return make_drive(config, make_route(config)).poses
 
 
-def frames_of(scene: Scene, frames: int, seed: int) -> Iterator[Pair]:
-    """Matches of a scene, frame by frame."""
+def points_by_frame(scene: Scene, frames: int, seed: int) -> Iterator[SimulatedPoints]:
+    """The matches of a scene, frame by frame."""
     if scene.plane:
         rng = np.random.default_rng(seed)
         count = scene.tracks.points
         noise = scene.tracks.noise
         problems = random_problems(rng, frames, count, "planar_forward", noise_px=noise)
-        yield from map(Pair, problems.x_p, problems.x_c, problems.X_p, problems.R_cp)
+        yield from map(SimulatedPoints, problems.x_p, problems.x_c, problems.X_p, problems.R_cp)
         return
-    yield from map(pair_of, simulate_tracks(drive(frames), CAMERA, scene.tracks, seed))
+    yield from map(points_of, simulate_tracks(drive(frames), CAMERA, scene.tracks, seed))
 
 
-def pair_of(frame: SimulatedFrame) -> Pair:
+def points_of(frame: SimulatedFrame) -> SimulatedPoints:
     """The matches of a simulated frame that have a depth."""
     X_p = CAMERA.triangulate(frame.matches.prev_left, frame.matches.prev_right)
     has_depth = np.isfinite(X_p[:, 2])
     matches = frame.matches[has_depth]
     x_p = CAMERA.normalise(matches.prev_left)
     x_c = CAMERA.normalise(matches.cur_left)
-    return Pair(x_p, x_c, X_p[has_depth], frame.T_cp[:3, :3])
+    return SimulatedPoints(x_p, x_c, X_p[has_depth], frame.T_cp[:3, :3])
