@@ -79,7 +79,7 @@ def run(options: argparse.Namespace) -> int:
         names = list(EXPECTED_FRAMES)
     else:
         raise DataError("choose --sequences, such as 07,04 or 00-21, or --raw 2011_09_26_drive_0013")
-    options.jobs = parse_whole("--jobs", options.jobs, most=MAX_CONNECTIONS)
+    jobs = parse_whole("--jobs", options.jobs, most=MAX_CONNECTIONS)
     if not options.host.startswith(("http://", "https://")):
         raise DataError(f"--host {options.host!r}: expected an address with http:// or https://")
     if options.link is not None:
@@ -91,7 +91,7 @@ def run(options: argparse.Namespace) -> int:
     named_by_user = options.sequences is not None or options.raw is not None
     if linked and named_by_user:
         raise DataError("is a link to another folder; nothing is written", root / "sequences" / linked[0])
-    return fetch_missing(root, set(names) - set(linked), options)
+    return fetch_missing(root, set(names) - set(linked), jobs, options)
 
 
 def archives_of(sequences: set[str], options: argparse.Namespace) -> tuple[list[str], Targets]:
@@ -107,8 +107,11 @@ def archives_of(sequences: set[str], options: argparse.Namespace) -> tuple[list[
     return sources, targets
 
 
-def fetch_missing(root: Path, sequences: set[str], options: argparse.Namespace) -> int:
-    """Determine the missing files, print their size, ask for confirmation, and write the files."""
+def fetch_missing(root: Path, sequences: set[str], jobs: int, options: argparse.Namespace) -> int:
+    """Determine the missing files, print their size, ask for confirmation, and write the files.
+
+    jobs : number of parallel downloads.
+    """
     sources, targets = archives_of(sequences, options)
     with Archives() as archives:
         with reporting("reading the archives' directories") as report:
@@ -130,7 +133,7 @@ def fetch_missing(root: Path, sequences: set[str], options: argparse.Namespace) 
                 (folder / PART).unlink(missing_ok=True)
         if todo:
             with reporting("unpacking" if options.from_zip else "downloading", in_bytes=True) as report:
-                fetch(archives, todo, root, options.jobs, report)
+                fetch(archives, todo, root, jobs, report)
     if options.raw is not None:
         for folder in marks:
             note = write_drive_tables(folder)

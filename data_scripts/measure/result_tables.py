@@ -138,17 +138,25 @@ def result_tables(
     sequences: list[Sequence], runs: dict[Key, list[Run]], systems: Mapping[str, Cells]
 ) -> list[ReportTable]:
     """All tables of the page: methods of both variants, other systems, box rules, self-calibration."""
+    rules, removed = _cells_of_rules(sequences, runs)
+    learning, axes, doubts = _cells_of_calibration(sequences, runs)
+    return page_tables(systems, rules, removed, learning, axes, doubts)
+
+
+def _shown_measures(sequence: Sequence) -> list[tuple[str, SubsequenceProtocol]]:
+    """The measures in the tables of box rules and of the calibration: of a drawn scene, only the last one."""
+    measures = _measures(sequence)
+    return measures[-1:] if sequence.name.startswith(SYNTHETIC) else measures
+
+
+def _cells_of_rules(
+    sequences: list[Sequence], runs: dict[Key, list[Run]]
+) -> tuple[dict[str, dict[str, Cell]], dict[str, dict[str, float | None]]]:
+    """The errors with each box rule, and the share of features that the rule removes, %, by row and rule."""
     rules: dict[str, dict[str, Cell]] = {}
     removed: dict[str, dict[str, float | None]] = {}
-    learning: dict[str, dict[str, Cell]] = {}
-    axes: dict[str, dict[str, float | None]] = {}
-    doubts: list[str] = []  # about the fitted axes
     for sequence in sequences:
-        drawn = sequence.name.startswith(SYNTHETIC)
-        measures = _measures(sequence)
-        if drawn:
-            measures = measures[-1:]
-        first_label, first_measure = measures[0]
+        first_label, first_measure = _shown_measures(sequence)[0]
         for method in METHODS_WITH_RULES:
             row = f"{first_label}, {method}"
             runs_of_rules = _runs_of_rules(sequence, method, runs)
@@ -157,10 +165,25 @@ def result_tables(
                 rule: None if each is None else 100 * each[0].removed_share
                 for rule, each in runs_of_rules.items()
             }
+    return rules, removed
+
+
+def _cells_of_calibration(
+    sequences: list[Sequence], runs: dict[Key, list[Run]]
+) -> tuple[dict[str, dict[str, Cell]], dict[str, dict[str, float | None]], list[str]]:
+    """The errors without and with the learnt calibration, and the fitted axes, by row and column.
+
+    The third result is sentences on doubts about the fitted axes.
+    """
+    learning: dict[str, dict[str, Cell]] = {}
+    axes: dict[str, dict[str, float | None]] = {}
+    doubts: list[str] = []
+    for sequence in sequences:
+        drawn = sequence.name.startswith(SYNTHETIC)
         method = _method_with_calibration(sequence)
         learnt = runs[sequence.name, "kit", method]
         off = runs[sequence.name, "kit", f"{method} off"]
-        for label, measure in measures:
+        for label, measure in _shown_measures(sequence):
             row = f"{label}, {method}"
             learning[row] = {"off": _cell(off, measure), "learnt": _cell(learnt, measure)}
             axes[row] = {"length %, learnt": _length(sequence, learnt)}
@@ -171,7 +194,7 @@ def result_tables(
                     doubts += new_doubts
                 columns = [f"TE %, {name}", f"pitch °, {name}", f"yaw °, {name}"]
                 axes[row] |= dict(zip(columns, values, strict=True))
-    return page_tables(systems, rules, removed, learning, axes, doubts)
+    return learning, axes, doubts
 
 
 def _runs_of_rules(

@@ -68,7 +68,7 @@ class StartPanel(Panel):
     def _clicked(self, change: Any) -> None:
         """Move the point to a place "x,y" of the picture, shares of its width and height."""
         camera = self.state().sequence.camera
-        x, y = map(float, change["new"].split(","))
+        x, y = [float(share) for share in change["new"].split(",")]
         scale = min(WIDTH / camera.width, PHOTO_HEIGHT / camera.height)
         u = 0.5 + (x - 0.5) * WIDTH / (scale * camera.width)
         v = 0.5 + (y * self.height - PHOTO_HEIGHT / 2) / (scale * camera.height)

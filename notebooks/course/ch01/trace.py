@@ -82,17 +82,20 @@ def trace(sequence: Sequence, frame: int, config: MethodConfig) -> Trace:
     passed = [each.id for each in (*results, chosen)]  # numbers of the features that pass each step
     lost = empty_matches()
     if isinstance(config, PublishedConfig):
+        # What the front end remembers of the previous pair: its features, and the numbers of the left ones.
         previous = before._previous
         ids = before._id
         number = ids[previous.to_right >= 0]
         radius = config.matching.search_radius
         loops = _loops.get((*key, radius), lambda: close_loop(previous, pair, radius))
-        in_loops = ids[loops[0]]
+        prev_left, *_ = loops  # the features of closed loops, as indices in each image
+        in_loops = ids[prev_left]
         fates = (OPEN, *fates)
         passed = [in_loops, *passed]
         lost = whole_pixels(previous, pair, *loops)[~np.isin(in_loops, results[0].id)]
     else:
-        number = before._previous[1].id
+        _, features = before._previous  # the previous pair and its features, as above
+        number = features.id
     steps_passed = np.cumprod([np.isin(number, each) for each in passed], axis=0).sum(axis=0)
     fate = np.array(fates)[steps_passed]
     order = np.argsort(number)
