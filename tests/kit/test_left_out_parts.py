@@ -91,7 +91,7 @@ def test_without_tracking_the_papers_matcher_has_the_kits_limits() -> None:
     matcher = make_front_end(CAMERA, config)
     assert isinstance(matcher, LoopMatcher)
     assert matcher.config.max_disparity == 48
-    assert matcher.features.border == 20
+    assert matcher.feature_config.border == 20
     assert isinstance(make_front_end(CAMERA, small(matching__without=("prediction",))), KltMatcher)
 
 

@@ -53,7 +53,8 @@ def refine_stereo(
     windows are similar, and the feature is on a surface that fills its neighbourhood, not on an outline.
     """
     surface = fit_surface(coarse, left, left[:, 0] - right[:, 0])
-    # NaN (unknown surface) fails the comparison. The refinement can still reduce the difference by the limit.
+    # NaN (unknown surface) fails the comparison. The refinement may still change the disparity by
+    # MAX_REFINEMENT_PX, so more is allowed here than after it.
     ok = np.abs(left[:, 0] - right[:, 0] - surface.disparity) <= config.surface_tolerance + MAX_REFINEMENT_PX
     ok &= surface.share >= config.surface_share
     positions = right

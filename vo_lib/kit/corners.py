@@ -60,7 +60,7 @@ def detect_corners(strength: NDArray[np.float32], config: KitFeatureConfig) -> t
 
 def in_empty_cells(uv: Array, occupants: Array, cell: int) -> BoolArray:
     """Mask (N,) of corners `uv` (N, 2) in square cells, `cell` pixels wide, without `occupants` (M, 2)."""
-    # Numbered together, since the numbers of squares depend on the widest row.
+    # Numbered together, since the numbers of squares depend on the rightmost pixel.
     numbers = square_numbers(np.rint(np.concatenate([uv, occupants])), cell)
     own = numbers[: len(uv)]
     occupied = numbers[len(uv) :]

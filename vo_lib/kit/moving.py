@@ -156,7 +156,7 @@ def box_steps(
     ----------
     owner : (N,) box of each of the N points, or -1.
     variance : variance of a matched position, pixels².
-    moving_mean : whether the second of the two means takes part.
+    moving_mean : whether the second of the two means takes part in the competition.
     """
     static_error = points.squared_error(np.zeros(3)) / variance
     owned = (owner >= 0) & np.isfinite(static_error)

@@ -30,8 +30,8 @@ SURFACE_RESIDUAL_PX = 0.75
 FIRST_SURFACE_RESIDUAL_PX = 3.0
 # Smallest share of pixels on the plane for an estimate of its slope.
 MIN_KNOWN_SHARE = 0.3
-# Added to the diagonal of the normal matrix of a plane (disparity, two slopes): the slopes of a square with
-# few known pixels stay small.
+# Added to the normal matrix of a plane (disparity, two slopes), as xx, yy, zz, xy, xz, yz: so the slopes of a
+# square with few known pixels stay small.
 PLANE_DAMPING = np.array([1e-3, 4.0, 4.0, 0.0, 0.0, 0.0])
 
 

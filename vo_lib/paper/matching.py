@@ -59,7 +59,7 @@ class LoopMatcher:
     """
 
     def __init__(self, features: FeatureConfig, matching: MatchingConfig):
-        self.features = features
+        self.feature_config = features
         self.config = matching
         # The previous pair, and the age and number of each of its left features.
         self._previous: DescribedPair | None = None
@@ -69,7 +69,7 @@ class LoopMatcher:
 
     def prepare(self, pair: tuple[Image, Image]) -> DescribedPair:
         """Features of a left and a right image; may be called before `step`, in other threads."""
-        return describe_pair(pair, self.features, self.config)
+        return describe_pair(pair, self.feature_config, self.config)
 
     def step(self, pair: DescribedPair) -> StereoMatches:
         """Matches between the previous pair and `pair`; empty for the first pair."""

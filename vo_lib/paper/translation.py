@@ -106,6 +106,27 @@ def earlier_rows(camera: StereoCamera, matches: StereoMatches, before: PairBefor
     return A.reshape(n, 4, 3), c.reshape(n, 4)
 
 
+def all_rows(
+    camera: StereoCamera, matches: StereoMatches, R_cp: Array, before: PairBefore | None
+) -> tuple[Array, Array, Array, BoolArray]:
+    """The system A Q + B t = c of every feature: `feature_rows` and, with a pair `before`, `earlier_rows`.
+
+    Returns
+    -------
+    A (N, K, 3), B (N, K, 3), c (N, K), with K = 8 rows or, with `before`, twelve; and a mask (N,) of the
+    features that were matched one frame earlier, so that their last four rows are not zero.
+    """
+    A, B, c = feature_rows(camera, matches, R_cp)
+    if before is None:
+        return A, B, c, np.zeros(len(matches), np.bool_)
+    A_before, c_before = earlier_rows(camera, matches, before)
+    seen_before = np.asarray(A_before.any(axis=(1, 2)))
+    A = np.concatenate([A, A_before], axis=1)
+    B = np.concatenate([B, np.zeros_like(A_before)], axis=1)
+    c = np.concatenate([c, c_before], axis=1)
+    return A, B, c, seen_before
+
+
 def eliminate_points(A: Array, B: Array, c: Array) -> tuple[Array, Array]:
     """The rows M t = d of every feature, without its point Q.
 
@@ -113,8 +134,7 @@ def eliminate_points(A: Array, B: Array, c: Array) -> tuple[Array, Array]:
 
     Parameters
     ----------
-    A, B : (N, K, 3); c : (N, K). The K rows of each feature: eight from `feature_rows`, or twelve if those of
-        `earlier_rows` follow.
+    A, B : (N, K, 3); c : (N, K). The rows of each feature, eight or twelve, from `all_rows`.
 
     Returns
     -------
@@ -170,14 +190,7 @@ def solve_translation(
     near = np.flatnonzero(depth <= config.max_depth)  # an undefined depth is NaN, which fails the comparison
     if len(near) == 0:
         return None
-    A, B, c = feature_rows(camera, matches[near], R_cp)
-    seen_before: BoolArray = np.zeros(len(near), np.bool_)
-    if before is not None:
-        A_before, c_before = earlier_rows(camera, matches[near], before)
-        seen_before = np.asarray(A_before.any(axis=(1, 2)))
-        A = np.concatenate([A, A_before], axis=1)
-        B = np.concatenate([B, np.zeros_like(A_before)], axis=1)
-        c = np.concatenate([c, c_before], axis=1)
+    A, B, c, seen_before = all_rows(camera, matches[near], R_cp, before)
     limit = residual_limit(config.agreement, seen_before)
     M, d = eliminate_points(A, B, c)
     # Divided by the depth, the rows are errors in the image.
