@@ -48,7 +48,10 @@ class DataError(Exception):
 
 
 def did_you_mean(name: str, names: Iterable[str]) -> str:
-    """A question for an error message, with the valid name nearest to `name`; "" if no name is near."""
+    """A question for an error message, with the valid name nearest to `name`; "" if no name is near.
+
+    A blank follows the question, for the words behind it.
+    """
     # Names are compared without what they all begin with, which would make short ones similar.
     words = {_PREFIX.sub("", valid).lower(): valid for valid in names}
     near = difflib.get_close_matches(_PREFIX.sub("", name).lower(), words, n=1)

@@ -62,7 +62,7 @@ def section(cls: type) -> Any:
 
 @dataclass(frozen=True)
 class Setting:
-    """One declared setting, as declared by `setting`.
+    """A setting with its name and its declaration.
 
     If the default is None, None is a valid value. If the default is a tuple, the value is a tuple.
 
@@ -70,6 +70,7 @@ class Setting:
     ----------
     name : dotted path, such as "selection.sets".
     kind : Python type of the value.
+    The others are the parameters of `setting`.
     """
 
     name: str

@@ -54,6 +54,7 @@ class CacheItem:
 
 def cache_items(cache: Path | None = None) -> list[CacheItem]:
     """Everything in a cache folder, by default the user's, that the kit wrote there."""
+    # In the user's cache, drawn scenes have a folder beside those of the others; elsewhere, they have none.
     scenes = cache_folder() if cache is None else cache
     root = cache_folder().parent if cache is None else cache
     items = [*_scenes(scenes), *_matches(cache), *_labels(root / "labels")]

@@ -76,7 +76,10 @@ def close_outcomes(outcomes: list[Outcome], config: LoopConfig) -> list[ReportTa
 
 
 def _errors_before_and_after(truth: Array, before: Array, closure: LoopClosure) -> list[float]:
-    """Numbers of loops and of sub-sequences, then ATE, TE and RE before and after; NaN for no error."""
+    """Numbers of loops and of sub-sequences, then ATE, TE and RE before the closing, and the same after it.
+
+    ATE in metres, TE in %, RE in deg/100 m; NaN for an error that is not defined.
+    """
     paths = {"before": before, "after": closure.poses}
     result = evaluate(truth, paths, suitable_protocol(truth))
     numbers: list[float] = [len(closure.loops), result.subsequences]

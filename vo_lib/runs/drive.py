@@ -84,7 +84,7 @@ class Frame:
     index : number of the frame in the sequence, from 0.
     matches : matches with the previous frame, outside the masks; frame 0 has none.
     boxes : boxes of the chosen classes in the left image.
-    ms : milliseconds of each stage that the frame has behind it, by its name.
+    ms : milliseconds of each stage before the odometry, by the stage's name.
     """
 
     index: int
@@ -336,7 +336,7 @@ _thread_limit = _ThreadLimit()  # one for the process, like the settings of both
 def single_threaded() -> Iterator[None]:
     """A context without threads of BLAS and OpenCV, which slow down work on small matrices and images.
 
-    The kit itself prepares frames in threads.
+    The kit's own threads, which prepare the next frames (`front_end.stereo_ahead`), go on.
     """
     _thread_limit.acquire()
     try:

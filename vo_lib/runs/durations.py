@@ -145,7 +145,7 @@ class Forecast:
         self._lock = threading.Lock()
 
     def done(self, task: Task, seconds: float | None) -> None:
-        """Count a task that is done; `seconds` : its duration, None if it did no work."""
+        """Count a task that is done; `seconds` : its duration, None if it failed."""
         with self._lock:
             if seconds is not None:
                 self._durations.add(task, seconds)

@@ -1,4 +1,7 @@
-"""How long matches and runs took that are kept from earlier calls, for estimates on the same processor."""
+"""How long it took to compute the matches and runs that are kept, for estimates of further ones.
+
+A time counts only on the processor on which it was measured.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +27,7 @@ def write_seconds(matches: CachedMatches, seconds: float) -> None:
 
 
 def seconds_of_matches(matches: CachedMatches) -> float | None:
-    """How long matches in the cache took; None if that is not known of this processor."""
+    """How long matches in the cache took, in seconds; None if that is not known of this processor."""
     path = matches.path.with_suffix(TIME_ENDING)
     try:
         data = read_mapping(path, EXPECTED) if path.exists() else {}
@@ -36,7 +39,10 @@ def seconds_of_matches(matches: CachedMatches) -> float | None:
 
 
 def seconds_of_run(folder: Path, frames: int) -> float | None:
-    """How long a finished run took after its matches; None if that is not known of this processor."""
+    """How long a finished run took, in seconds and without its matches; None if not known of this processor.
+
+    frames : number of frames of the run.
+    """
     data = read_config(folder)
     machine = _mapping_or_empty(data.get("machine_info"))
     if machine.get("processor") != processor_name():

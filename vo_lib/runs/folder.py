@@ -49,12 +49,13 @@ LOOPS = "loops.csv"
 LOOPS_POSES = "poses_loops.txt"
 RUN_FILES = (CONFIG, POSES, POSES_TUM, LOG, CALIBRATION, METRICS, PICTURE, LOOPS, LOOPS_POSES)
 
-# Fields of config.json beside the identity of the run: a digest that shows whether somebody has edited the
-# settings, and what the record of the detector says of it, if a detector made the boxes.
-SETTINGS_DIGEST = "settings_digest"
-DETECTOR_OF_BOXES = "detector_of_boxes"
-DETECTOR_INPUTS = ("model", "sha256", "provider", "settings", "classes")  # the fields of that record
-# The type of each value that is read back, and its name in messages. "frames", with two texts, is read apart.
+# Fields of config.json beside the identity of the run (`identity.run_identity`).
+SETTINGS_DIGEST = "settings_digest"  # shows whether somebody has edited the settings
+DETECTOR_OF_BOXES = (
+    "detector_of_boxes"  # these fields of the record of the detector that made the boxes, or null
+)
+DETECTOR_INPUTS = ("model", "sha256", "provider", "settings", "classes")
+# The type of each value that is read back, and its name in messages. `_are_two_texts` checks "frames".
 CONFIG_VALUES: dict[str, tuple[type, str]] = {
     "method": (str, "a text"),
     "variant": (str, "a text"),
@@ -299,7 +300,7 @@ def read_run(folder: Path, sequence: Sequence) -> Run:
         return _parse_run(folder, sequence)
     fault = ""
     try:
-        _parse_run(folder, sequence)
+        _parse_run(folder, sequence)  # may find the line at fault
     except DataError as error:
         fault = f" ({str(error).removeprefix(f'{folder}/')})"
     raise DataError(f"is missing or is not as the run wrote it: repeat the run{fault}", folder / changed[0])
@@ -325,7 +326,7 @@ def _parse_run(folder: Path, sequence: Sequence) -> Run:
         return Run(sequence, config, poses, motions)
     from ..kit.calibration import read_learnt_calibration
 
-    calibration = read_learnt_calibration(folder / CALIBRATION, math.inf)
+    calibration = read_learnt_calibration(folder / CALIBRATION, max_error=math.inf)  # as the run found it
     return Run(sequence, config, poses, motions, calibration)
 
 

@@ -20,8 +20,8 @@ from ..paper.settings import FeatureConfig, MatchingConfig, MethodConfig, Publis
 # Matches of a frame with the previous frame, and the milliseconds spent in each stage.
 TimedMatches = tuple[StereoMatches, dict[str, float]]
 Prepared = TypeVar("Prepared")  # what a front end makes of a single stereo pair
-# Exchanged cameras: 400 or more matches once exchanged back, an eighth of that or less before. The limits
-# keep a distance from both.
+# For `exchanged_cameras`. Where the cameras were exchanged, there were 400 or more matches once the images
+# were exchanged back, and before at most an eighth of that; both limits keep a distance from these numbers.
 MIN_EXCHANGED_MATCHES = 50
 EXCHANGED_RATIO = 4
 
@@ -46,7 +46,7 @@ def make_front_end(camera: StereoCamera, config: MethodConfig) -> FrontEnd:
         return LoopMatcher(config.features, config.matching)
     if not isinstance(config, KitConfig):
         raise TypeError(f"no variant has the settings {type(config).__name__}")
-    if "tracking" in config.matching.without:
+    if "tracking" in config.matching.without:  # the parts of the kit's front end that are turned off
         return _papers_matcher(config)
     from ..kit.klt import KltMatcher
 

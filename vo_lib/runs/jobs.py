@@ -44,8 +44,8 @@ if TYPE_CHECKING:
     from ..kit.calibration import Calibration
 
 MATCHING_FRAMES = 4  # the matches of a frame take as long as the back end takes for so many frames
-# Of the jobs. One of each kind is done first, for the estimate of the others; or, if these are more, one of
-# each family.
+# A job of each kind (`durations.Task`) is done before the others, whose time is then estimated. Where these
+# would be more than this share of the jobs, it is only a job of each family.
 MOST_FIRST_JOBS = 0.25
 SIZE_CLASSES = 4  # images of twice as many pixels are so many classes further on, see `_size_class`
 NAMED_INPUTS = 3  # of those that differ, a message names so many
@@ -220,6 +220,7 @@ def _has_other_detector(folder: Path, detector: dict[str, Any]) -> bool:
     record = stored[DETECTOR_OF_BOXES]
     if not isinstance(record, dict):
         return True  # labels of another origin, or no boxes at all
+    # The model's file may have another name now: its "sha256" is compared.
     return any(record.get(name) != value for name, value in detector.items() if name != "model")
 
 
@@ -285,32 +286,25 @@ def run_jobs(
         images_digest(sequence)  # hash here once; workers read the stored hashes
     # Of the jobs that share a front end, and so their matches, one stands for all.
     job_for_front_end = {_front_end(job): job for job in to_run}
+    unfilled = [job for job in job_for_front_end.values() if not _has_matches(job, cache)]
+    _add_kept_times(jobs, to_run, unfilled, cache, durations)
+    # The first jobs say how long the others will take.
+    first_runs = _first_jobs(to_run, running_task, workers)
+    with_first_matches = [*first_runs, *_first_jobs(unfilled, matching_task, workers)]
+    first_front_ends = {_front_end(job): job_for_front_end[_front_end(job)] for job in with_first_matches}
+    other_front_ends = {key: job for key, job in job_for_front_end.items() if key not in first_front_ends}
+    other_runs = [job for job in jobs if job not in first_runs]  # also finished ones: `_run` reads them back
     matching = _Stage(partial(_fill, cache=cache), matching_task, MATCHING_FRAMES)
     running = _Stage(partial(_run, cache=cache, fresh=fresh), running_task, 1)
     frames_done = _FramesDone(matching.cost(job_for_front_end.values()) + running.cost(jobs), progress)
-    unfilled = {}
-    for key, job in job_for_front_end.items():
-        if not CachedMatches(job.sequence, job.config, cache).path.exists():
-            unfilled[key] = job
-    _add_kept_times(jobs, to_run, unfilled.values(), cache, durations)
-    tasks = [map(matching_task, unfilled.values()), map(running_task, to_run)]
+    tasks = [map(matching_task, unfilled), map(running_task, to_run)]
     forecast = Forecast(durations, tasks, estimated)
     with executor(min(workers, max(len(jobs), 1)), scheduler, durations) as pool:
         runner = _JobRunner(pool, matching, running, frames_done, forecast)
         try:
-            # The first jobs say how long the others will take.
-            first_runs = _first_jobs(to_run, running_task, workers)
-            first_matchings = {_front_end(job): job_for_front_end[_front_end(job)] for job in first_runs}
-            for job in _first_jobs(list(unfilled.values()), matching_task, workers):
-                first_matchings[_front_end(job)] = job
-            runner.do(first_matchings, first_runs)
+            runner.do(first_front_ends, first_runs)
             forecast.say()
-            other_matchings = {
-                key: job for key, job in job_for_front_end.items() if key not in first_matchings
-            }
-            # Finished jobs too: `_run` only reads them back.
-            other_runs = [job for job in jobs if job not in first_runs]
-            runner.do(other_matchings, other_runs)
+            runner.do(other_front_ends, other_runs)
         except Exception as error:  # `_attempt` catches the exceptions of the jobs
             raise _error_of_workers(error) from error
     return [Outcome(job, runner.failure_of(job), changed[job.folder]) for job in jobs]
@@ -490,6 +484,11 @@ def _front_end(job: Job) -> Hashable:
     """The inputs of a job's matches, as a key: jobs with equal keys share their matches."""
     config = job.config
     return job.sequence.folder, job.sequence.frames, config.variant, config.features, config.matching
+
+
+def _has_matches(job: Job, cache: Path | None) -> bool:
+    """Whether the cache has the matches of a job."""
+    return CachedMatches(job.sequence, job.config, cache).path.exists()
 
 
 def _fill(job: Job, cache: Path | None) -> bool:
