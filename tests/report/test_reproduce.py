@@ -219,7 +219,7 @@ def test_a_method_that_failed_on_a_sequence_has_no_average_of_the_paper() -> Non
     methods = ("solution_selection", PROPOSAL)
     runs = [(name, method) for name in PAPER_ROWS[1:] for method in methods]
     entries = [entry_of(f"kitti/{n}", EXPECTED_FRAMES[n], [1.0, 1.2], method) for n, method in runs]
-    entries = [replace(entry, labels=True) for entry in entries]
+    entries = [replace(entry, has_boxes=True) for entry in entries]
     (sentence,) = sentences_on_proposal([group_of(*entries)])
     assert sentence.startswith("Mean of 10 sequences")
     failed = next(entry for entry in entries if (entry.sequence, entry.method) == ("kitti/04", PROPOSAL))
@@ -259,7 +259,7 @@ def test_result_compares_means_with_and_without_removal() -> None:
     for name, n in (("kitti/00", 500), ("kitti/04", 150)):
         entries += [entry_of(name, n, percent, method) for method, percent in pairs.items()]
     assert sentences_on_proposal([group_of(*entries)]) == []  # without boxes nothing is removed
-    entries = [replace(entry, labels=True) for entry in entries]
+    entries = [replace(entry, has_boxes=True) for entry in entries]
     group = group_of(*entries)
     (text,) = sentences_on_proposal([group])
     assert text.startswith("Mean of 2 sequences, variant kit: feature_selection")
@@ -276,20 +276,20 @@ def test_result_compares_means_with_and_without_removal() -> None:
     assert "changes neither TE nor RE compared" in text
     # From 3 to 2.8 %, with standard deviations of 0.1 %: both count, so the limit is 0.28 %.
     pairs = {"solution_selection": [2.9, 3.1], "feature_selection": [2.7, 2.9]}
-    entries = [replace(entry_of("kitti/00", 500, pairs[m], m), labels=True) for m in pairs]
+    entries = [replace(entry_of("kitti/00", 500, pairs[m], m), has_boxes=True) for m in pairs]
     (text,) = sentences_on_proposal([group_of(*entries)])
     assert (
         "changes TE from 3.019 to 2.818 % (which one run would not show: within two standard deviations of "
         "the difference between two runs, or 2 %)"
     ) in text
     pairs = {"solution_selection": [3.1], "feature_selection": [2.9]}
-    entries = [replace(entry_of("kitti/00", 500, pairs[m], m), labels=True) for m in pairs]
+    entries = [replace(entry_of("kitti/00", 500, pairs[m], m), has_boxes=True) for m in pairs]
     (text,) = sentences_on_proposal([group_of(*entries)])
     # One seed lowers nothing.
     assert " changes TE from 3.120 to 2.919 % (−6.5 %) compared with solution_selection" in text
     assert text.endswith("; one seed does not tell whether another run would show this.")
     # Neither does a comparison in which only one method has several seeds.
-    entries[0] = replace(entry_of("kitti/00", 500, [3.1, 3.1], "solution_selection"), labels=True)
+    entries[0] = replace(entry_of("kitti/00", 500, [3.1, 3.1], "solution_selection"), has_boxes=True)
     (text,) = sentences_on_proposal([group_of(*entries)])
     assert " changes TE from " in text
     assert "one seed does not tell" in text

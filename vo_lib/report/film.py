@@ -130,6 +130,8 @@ class Film:
 
     Parameters
     ----------
+    path : of the file, with the ending `FILM_ENDING`.
+    run : whose path is drawn beside the images of its sequence.
     label : text in the first line of each picture.
     loops : pairs of frames at one place; a pair is drawn from its second frame on.
     method : name of the method, for the colour of the path.

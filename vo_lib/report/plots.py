@@ -55,7 +55,10 @@ METHOD_MARKERS = {
 }
 TRUTH_COLOUR = "#222222"
 LOOP_COLOUR = CYCLE[5]
-LINE_WIDTHS = {PROPOSAL: 4.0, TRUTH: 0.9}  # points; `styled` gives the other lines their widths
+LINE_WIDTHS = {PROPOSAL: 4.0, TRUTH: 0.9}  # points
+# The other lines, points: the last one has this width, and each one before it is wider by this step.
+LAST_LINE_WIDTH = 1.0
+LINE_WIDTH_STEP = 0.4
 TRUTH_EDGE = 0.6  # points, of the white edge on each side of the truth
 # A path is straight if its width, divided by its length, is less: then a view from above with equal axes
 # would be nearly empty.
@@ -158,7 +161,8 @@ def styled(named: Mapping[str, Values]) -> Iterator[tuple[str, Values, dict[str,
     # A pair of booleans sorts the truth behind all others, and the proposal before them.
     names = sorted(named, key=lambda name: (name == TRUTH, name != PROPOSAL))
     for number, name in enumerate(names):
-        width = LINE_WIDTHS.get(name, 1.0 + 0.4 * (len(named) - 1 - number))
+        lines_after = len(named) - 1 - number
+        width = LINE_WIDTHS.get(name, LAST_LINE_WIDTH + LINE_WIDTH_STEP * lines_after)
         style = {"color": method_colour(name, number), "linewidth": width, "label": name}
         if name == TRUTH:  # a white edge, so that the thin line is seen on a path below it
             style["path_effects"] = [withStroke(linewidth=width + 2 * TRUTH_EDGE, foreground="white")]
@@ -308,6 +312,8 @@ def errors_figure(title: str, errors: Mapping[tuple[str, str], Array]) -> Figure
     """
     sequences = list(dict.fromkeys(sequence for sequence, _ in errors))
     methods = list(dict.fromkeys(method for _, method in errors))
+    # A line of a sequence's name has the letters that it needs, or more if the page has room for them. If it
+    # has no room for all names, it becomes wider.
     letters_on_page = int((SMALL_PAGE[0] - BESIDE_BARS) * LETTERS / len(sequences))
     letters = max(letters_beside(sequences, LEAST_LETTERS), letters_on_page)
     names = [broken(name, letters) for name in sequences]

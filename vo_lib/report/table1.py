@@ -71,6 +71,7 @@ PAPER_ROWS = (AVERAGE, *SUB_SEQUENCES)
 # Section 4 of the paper: gains of Feature selection over each of these methods, (TE, RE) in %.
 CLAIMS = {"solution_selection": (8.0, 7.0), "mesvo_f": (6.0, 15.0)}
 
+# Below a table of a path that is too short for TE and RE.
 POSITION_NOTE = (
     "error: distance of the positions from the true ones, from the same start, at the end and as rmse."
 )
@@ -139,7 +140,7 @@ class Entry:
     results : (S) KITTI errors, ATE (SE3 alignment) and RPE of each seed.
     poses : (N, 4, 4) T_w_c of the first seed, metres.
     truth : (N, 4, 4) T_w_c, metres.
-    labels : whether the sequence has vehicle boxes.
+    has_boxes : whether the sequence has vehicle boxes.
     removed_share : share of matches removed in boxes for the first seed, in [0, 1].
     back_end_ms : mean time per frame of the back end (everything after the matches), milliseconds.
     is_part : whether the sequence is only a part, such as a clip.
@@ -153,7 +154,7 @@ class Entry:
     results: tuple[PathErrors, ...]
     poses: Array
     truth: Array
-    labels: bool
+    has_boxes: bool
     removed_share: float
     back_end_ms: float
     is_part: bool
@@ -198,14 +199,14 @@ class Group:
     """Entries that may be averaged: equal variant, settings and measure; either all from KITTI or none.
 
     settings : what differs from the presets, as typed.
-    kitti : whether the sequences are from the benchmark.
+    is_kitti : whether the sequences are from the benchmark.
     measure : the sub-sequences of TE and RE.
     entries : entries by (sequence, method).
     """
 
     variant: str
     settings: str
-    kitti: bool
+    is_kitti: bool
     measure: SubsequenceProtocol
     entries: dict[tuple[str, str], Entry]
 
@@ -323,7 +324,7 @@ def measure_runs(
         results=errors.paths,
         poses=runs[0].poses,
         truth=sequence.truth,
-        labels=sequence.labels is not None,
+        has_boxes=sequence.labels is not None,
         removed_share=runs[0].removed_share,
         back_end_ms=back_end_ms(runs),
         is_part=sequence.is_part,

@@ -112,7 +112,7 @@ def _notes_below(group: Group, records: list[dict[str, Any]]) -> list[str]:
     seeds = max(record["seeds"] for record in records)
     notes = [f"{seeds_text(seeds).capitalize()}; removed %: share of the features that the box rule removes."]
     if len(group.sequences) > 1:
-        mean = "Avg and mean, without 01" if group.kitti else "mean"
+        mean = "Avg and mean, without 01" if group.is_kitti else "mean"
         notes.append(
             f"{mean}: all sequences have equal weight; pooled: all sub-sequences, as on KITTI's server."
         )
@@ -127,7 +127,7 @@ def tables_by_settings(groups: list[Group]) -> list[ReportTable]:
     """For each set of sequences in several blocks, a table of each method with the settings of each block."""
     groups_of_set: dict[tuple[Any, ...], list[Group]] = {}
     for group in groups:
-        key = (group.variant, group.kitti, group.measure, tuple(group.sequences))
+        key = (group.variant, group.is_kitti, group.measure, tuple(group.sequences))
         groups_of_set.setdefault(key, []).append(group)
     tables = []
     for alike in groups_of_set.values():
@@ -245,7 +245,7 @@ def _sequences_words(group: Group) -> str:
     """The sequences of a group."""
     if len(group.sequences) == 1:
         return group.sequences[0]
-    return "KITTI" if group.kitti else f"{len(group.sequences)} sequences"
+    return "KITTI" if group.is_kitti else f"{len(group.sequences)} sequences"
 
 
 def block_words(variant: str, settings: str) -> str:
@@ -307,7 +307,7 @@ def caveats(group: Group) -> list[str]:
     """Warnings above a table: incomplete sequences, non-standard sub-sequences."""
     notes = []
     parts: dict[str, None] = {}  # each once
-    if group.kitti:
+    if group.is_kitti:
         for entry in group.entries.values():
             all_frames = BENCHMARK_FRAMES[entry.sequence]
             if len(entry.truth) != all_frames:
@@ -328,7 +328,7 @@ def sentences_on_proposal(groups: list[Group]) -> list[str]:
     """
     sentences = []
     for group in groups:
-        others = list(CLAIMS) if group.is_papers(PROPOSAL) else list(CLAIMS)[:1]
+        others = list(CLAIMS) if group.is_papers(PROPOSAL) else ["solution_selection"]
         for other in others:
             sentences += _comparison(group, other)
     return sentences
@@ -347,7 +347,7 @@ def _comparison(group: Group, other: str) -> list[str]:
     for errors in (errors_of_other, errors_of_proposal):
         if errors.size == 0 or not np.isfinite(errors).all():
             return []
-    if not any(entry.labels for entry in group.of_method(PROPOSAL)):
+    if not any(entry.has_boxes for entry in group.of_method(PROPOSAL)):
         return []
     changes = []
     for place, (error, _) in enumerate(ERROR_KINDS.values()):
@@ -418,7 +418,7 @@ def write_table_files(
 
     Raises `DataError` if the folder cannot be written.
     """
-    printed = [printed_table()] if any(group.kitti for group in groups) else []
+    printed = [printed_table()] if any(group.is_kitti for group in groups) else []
     films = _films(folder, result)
     sentences = "".join(f"{line}\n\n" for line in [*conclusions, *result.problems])
     with written_together(folder) as draft:

@@ -216,7 +216,7 @@ class ReproducePanel(Panel):
                 f"The path of {length:.1f} m is shorter than the shortest sub-sequence, {shortest:g} m, so there "
                 "are no errors: choose more *frames*."
             )
-        elif not any(entry.labels for entry in entries):
+        elif not any(entry.has_boxes for entry in entries):
             sentence = "No boxes: feature_selection equals solution_selection. Name a detector under *boxes*."
         return Drawing([paths], sentence, tables=tables)
 
