@@ -23,7 +23,7 @@ from .settings import KitFeatureConfig, KitMatchingConfig
 from .surface import CoarseDisparity, coarse_disparity
 
 MAX_CONTRAST_RATIO = 1.25  # a larger change of contrast makes Lucas-Kanade fail
-# The search with a predicted position has failed if fewer of the features are matched, or if fewer of the
+# The search from predicted positions has failed if it matches too few of the features, or if too few of the
 # matches agree with one motion.
 MIN_MATCHED_SHARE = 0.3
 MIN_AGREEING_SHARE = 0.5

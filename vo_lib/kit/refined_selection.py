@@ -1,7 +1,7 @@
-"""Selection with a rejectable prior and a refined winner (chapters 2 and 3, not in the paper).
+"""Selection with a prior that may be dropped, and a refined winner (chapters 2 and 3, not in the paper).
 
-The prior is dropped where its best candidate is clearly worse than the best of all, and a candidate is
-refined on its inliers.
+In a frame whose best candidate near the prior is clearly worse than the best of all, the prior is dropped.
+The winner is then refined on its inliers.
 """
 
 from __future__ import annotations

@@ -109,10 +109,11 @@ ROW_UNDISTORTION_PX = {"x²": 0.5, "xy": 0.5, "y²": 0.5}
 RIG_FAULTS |= {f"columns, {term}": RigFault({term: 1}, {}, px) for term, px in COLUMN_UNDISTORTION_PX.items()}
 RIG_FAULTS |= {f"rows, {term}": RigFault({}, {term: 1}, px) for term, px in ROW_UNDISTORTION_PX.items()}
 FREE_DEVIATION_PX = 0.01  # prior standard deviation of each coefficient, in addition to the faults
-# Groups of errors that `CalibrationConfig.without` holds at zero. For some groups, the faults whose names
-# begin like this are left out of the prior. For the others, the prior standard deviations of the errors whose
-# names begin like this are multiplied by `HELD_SHARE`.
+# Groups of errors that `CalibrationConfig.without` holds at zero. Of these groups, the faults whose names
+# begin with one of the words are left out of the prior.
 FAULTS_OF_GROUP = {"undistortion": ("columns", "rows"), "focal-length": ("focal length",)}
+# Of these groups, the errors whose names begin with one of the words have their prior standard deviations
+# multiplied by `HELD_SHARE`.
 ERRORS_OF_GROUP = {
     "field": ("disparity", "row"),
     "field-shape": ("disparity x", "disparity y", "row x", "row y"),

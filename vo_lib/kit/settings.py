@@ -141,7 +141,7 @@ class KitSelectionConfig(SelectionConfig):
     )
     prior_rejection_ratio: float = setting(
         1.25,
-        "largest ratio of the prior's best error to the smallest error; if larger, the prior is ignored",
+        "largest ratio of the prior's best error to the smallest error; if larger, the prior is dropped",
         low=1,
         high=1000,
         when=PRIOR,
