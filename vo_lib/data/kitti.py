@@ -148,7 +148,8 @@ def _read_projections(path: Path, names: tuple[str, str]) -> tuple[_Projection, 
             continue
         words = after.split()
         if len(words) != ROWS_OF_P * COLUMNS_OF_P:
-            raise DataError(f"{name}: expected 12 numbers, found {len(words)}", path, number)
+            expected = "expected 12 numbers separated by blanks"
+            raise DataError(f"{name}: {expected}, found {len(words)}", path, number)
         P = np.zeros((ROWS_OF_P, COLUMNS_OF_P))
         for place, word in enumerate(words):
             row, column = divmod(place, COLUMNS_OF_P)

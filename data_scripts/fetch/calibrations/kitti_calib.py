@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fetch.calibrations.values import MAX_CAMERA_NUMBER, common_size, image_size
+from fetch.calibrations.values import common_size, image_size, refuse_impossible
 from fetch.stereo_calibration import FileCalibration
 from vo_lib.errors import DataError
 from vo_lib.files import read_text
@@ -40,8 +40,9 @@ def read_calibration_file(path: Path) -> dict[str, Array]:
 def matrix(matrices: dict[str, Array], name: str, shape: tuple[int, ...], path: Path) -> Array:
     """The matrix of a line, or `DataError`."""
     values = matrices.get(name, np.zeros(0))
-    if len(values) != np.prod(shape) or not (np.abs(values) <= MAX_CAMERA_NUMBER).all():
+    if len(values) != np.prod(shape):
         raise DataError(f"expected a line '{name}: ' with {np.prod(shape)} numbers", path)
+    refuse_impossible(values, name, path)
     return values.reshape(shape)
 
 

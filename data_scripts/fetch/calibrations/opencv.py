@@ -21,10 +21,10 @@ import cv2
 import numpy as np
 
 from fetch.calibrations.values import (
-    MAX_CAMERA_NUMBER,
     MAX_SIDE_PX,
     UnknownFile,
     flat_numbers,
+    refuse_impossible,
     side_of,
     too_deep,
 )
@@ -152,8 +152,10 @@ def _shaped(name: str, matrix: Array, path: Path) -> Array:
     sizes = DISTORTION_SIZES if name[0] == "D" else (math.prod(shape),)
     if name == "R" and matrix.size == 3 and (np.abs(matrix) < 7).all():  # a rotation vector, radians
         return np.asarray(cv2.Rodrigues(matrix.reshape(3, 1).astype(np.float64))[0], np.float64)
-    if matrix.size not in sizes or not (np.abs(matrix) < MAX_CAMERA_NUMBER).all():
-        raise DataError(f"{name}: expected {' or '.join(map(str, sizes))} finite numbers", path)
+    if matrix.size not in sizes:
+        expected = " or ".join(map(str, sizes))
+        raise DataError(f"{name}: expected {expected} numbers, found {matrix.size}", path)
+    refuse_impossible(matrix, name, path)
     result = matrix.reshape(shape).astype(np.float64)
     if name[0] == "R" and not is_rotation(result):
         raise DataError(f"{name}: expected a rotation", path)

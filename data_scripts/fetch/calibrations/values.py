@@ -82,10 +82,20 @@ def numbers(value: Any, counts: int | tuple[int, ...], name: str, path: Path) ->
         result = np.array(list(flat_numbers(value)))
     except (TypeError, ValueError, OverflowError):
         result = np.zeros(0)
-    if len(result) not in allowed or not (np.abs(result) < MAX_CAMERA_NUMBER).all():
+    if len(result) not in allowed:
         words = " or ".join(map(str, allowed))
         raise DataError(f"{name}: expected {words} numbers in brackets", path)
+    refuse_impossible(result, name, path)
     return result
+
+
+def refuse_impossible(values: Array, name: str, path: Path) -> None:
+    """Raise `DataError` with the first of an entry's numbers that is not finite or belongs to no camera."""
+    impossible = values[~(np.abs(values) <= MAX_CAMERA_NUMBER)]  # also NaN
+    if impossible.size:
+        raise DataError(
+            f"{name}: expected finite numbers up to {MAX_CAMERA_NUMBER:g}, found {impossible[0]:g}", path
+        )
 
 
 def image_size(value: Any, name: str, path: Path) -> tuple[int, int]:
