@@ -25,7 +25,7 @@ from ..report.path_tables import (
     write_picture_without_truth,
     write_pictures,
 )
-from ..report.paths import FEWEST_MATCHES, GIVE_TRUTH, ComparedPaths, PathsWithoutTruth, read_paths
+from ..report.paths import GIVE_TRUTH, LEAST_MATCHED_SHARE, ComparedPaths, PathsWithoutTruth, read_paths
 from ..runs.folder import POSES, POSES_TUM, changed_files, run_folder
 from .common import changed_words, parse_delta, parse_lengths, parse_whole, require_drawing
 from .console import print_wrapped, show_report_table, warn
@@ -63,7 +63,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     option("--delta", metavar="D", help=text)
     text = (
         "largest difference between the times of a pose and its true pose, in seconds; default %(default)s. "
-        f"Fewer than {100 * FEWEST_MATCHES:.0f} %% of poses with such a partner are refused"
+        f"Fewer than {100 * LEAST_MATCHED_SHARE:.0f} %% of poses with such a partner are refused"
     )
     option("--t-max-diff", type=float, default=TIME_TOLERANCE_S, metavar="S", help=text)
     text = "folder for evaluation.json, and for figures of the paths and of their errors by length and speed"

@@ -37,11 +37,11 @@ NEAREST_RUNS = 3  # number of run folders that a message names
 # cameras of 10 frames a second that know nothing of each other, it is a fifth by chance: their frames are
 # 0.1 s apart, and a time counts as equal if it is up to 0.01 s earlier or later. So less than a quarter tells
 # nothing and is refused, and less than a half causes a warning.
-FEWEST_MATCHES = 0.25
-USUAL_MATCHES = 0.5
+LEAST_MATCHED_SHARE = 0.25
+USUAL_MATCHED_SHARE = 0.5
 # If another clock were the reason, positions of equal time would differ by the way that is driven in the
 # difference of the clocks. Paths that differ by less than this share of that way have one clock.
-AGREEING_POSITIONS = 0.25
+AGREEING_SHARE = 0.25
 # The end of a sentence on times that differ.
 OTHER_CLOCK = "so its clock may differ by this, and then every pose is compared with that of another frame."
 GIVE_TRUTH = "give its ground truth with --truth FILE"
@@ -514,7 +514,7 @@ def _notes_on_common(
     Raises `DataError` if they are too few to compare the paths.
     """
     shortest = min(len(truth.poses), *(len(matched.file.poses) for matched in matched_files))
-    if len(common) >= 2 and len(common) >= USUAL_MATCHES * shortest:
+    if len(common) >= 2 and len(common) >= USUAL_MATCHED_SHARE * shortest:
         return []
     if len(common) == min(len(matched.rows) for matched in matched_files):
         return []  # the file with the fewest matches has its own warning
@@ -523,7 +523,7 @@ def _notes_on_common(
         f"only {len(common)} poses are at times that all files have, within --t-max-diff {tolerance:g} s, of "
         f"{shortest} poses in the shortest of {files}"
     )
-    if len(common) < 2 or len(common) < FEWEST_MATCHES * shortest:
+    if len(common) < 2 or len(common) < LEAST_MATCHED_SHARE * shortest:
         raise DataError(f"{words}: evaluate fewer files at once")
     return [f"warning: {words}."]
 
@@ -533,7 +533,8 @@ def _matched(path: Path, truth: _Reference, tolerance: float, truth_words: str) 
 
     truth_words : the truth in words.
 
-    Raises `DataError` if fewer poses than `FEWEST_MATCHES` have equal times.
+    Raises `DataError` if a smaller share of poses than `LEAST_MATCHED_SHARE` has equal times, or if files
+    without times differ in length.
     """
     file = read_path(path)
     if len(file.poses) < 2:
@@ -554,15 +555,15 @@ def _matched(path: Path, truth: _Reference, tolerance: float, truth_words: str) 
         f"{len(rows)} of {len(file.poses)} poses have one of the {len(truth.poses)} poses of {truth_words} "
         f"within --t-max-diff {tolerance:g} s: {ranges}"
     )
-    if len(rows) < USUAL_MATCHES * shorter and are_frame_numbers(file.times):
+    if len(rows) < USUAL_MATCHED_SHARE * shorter and are_frame_numbers(file.times):
         raise DataError(f"the times are frame numbers, expected seconds: {ranges}", path)
-    if len(rows) < FEWEST_MATCHES * shorter:
+    if len(rows) < LEAST_MATCHED_SHARE * shorter:
         raise DataError(
             f"only {counts}. If their clocks differ, write the times of one clock in both files; if not, "
             "give a larger --t-max-diff, or leave out the poses at times that only one file has",
             path,
         )
-    if len(rows) < USUAL_MATCHES * shorter:
+    if len(rows) < USUAL_MATCHED_SHARE * shorter:
         notes.append(f"warning: {path}: only {counts}; with two clocks, these would be matches by chance.")
     elif doubt := _clock_doubt(file, truth, rows, pose_rows):
         notes.append(f"warning: {path}: {counts}. {doubt}")
@@ -627,7 +628,7 @@ def _positions_agree(true_poses: Array, poses: Array, times: Array, shift: float
     apart = np.linalg.norm(aligned[:, :3, 3] - true_poses[:, :3, 3], axis=1)
     steps = np.linalg.norm(np.diff(true_poses[:, :3, 3], axis=0), axis=1)
     speed = float(np.median(steps / np.diff(times)))
-    return float(rmse(apart) or 0.0) < AGREEING_POSITIONS * speed * abs(shift)
+    return float(rmse(apart) or 0.0) < AGREEING_SHARE * speed * abs(shift)
 
 
 def _require_same_frames(file: PoseFile, truth: _Reference, path: Path, truth_words: str) -> None:
