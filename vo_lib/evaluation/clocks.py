@@ -20,16 +20,16 @@ MAX_SAMPLES = 2000
 MIN_SAMPLES = 30  # smallest number of samples that both paths have at a lag
 MIN_OVERLAP = 0.5  # and their smallest share of the samples of the shorter path
 ROUNDING_S = 0.01  # by which an interval may reach beyond the other path
-ABOUT_EQUAL = 0.02  # difference of correlations
+ABOUT_EQUAL = 0.02  # largest difference of correlations that count as equally good
 # A lag between two clocks is clear if the turns agree well with it and much better than without it, and if
 # this is no accident of few samples.
 CLEAR_AGREEMENT = 0.8  # smallest correlation with the lag
 CLEAR_RATIO = 1.5  # smallest ratio of the shares of variance that are unexplained without and with the lag
 CLEAR_EVIDENCE = 30.0  # smallest n log(ratio) for n samples: twice the logarithm of the likelihood ratio
 # Turns over a longer time, in which the noise of single frames hardly counts, tell whether two paths are of
-# one drive at all.
-NO_AGREEMENT = 0.5
-SLOW_INTERVAL_S = 0.5
+# one drive at all (`slow_turn_agreement`).
+NO_AGREEMENT = 0.5  # a smaller correlation, with the times as they are, is no agreement
+SLOW_INTERVAL_S = 0.5  # about the time from one of the compared poses to the next
 
 
 class TurnAgreement(NamedTuple):

@@ -3,7 +3,7 @@
 A file of poses does not say all of its conventions. If the poses are read by another convention than the one
 in which they were written, the errors are large though the odometry is good. Each case has a function:
 
-- `orientations_disagree`: the orientations are those of another sensor, with other axes;
+- `orientations_disagree`: the positions agree, but not the orientations, such as those of another sensor;
 - `quaternions_disagree`: the four numbers of the quaternions stand in another order;
 - `inverses_agree`: the poses lead from the world to the camera;
 - `mirrored_axis`: one axis points the other way.
