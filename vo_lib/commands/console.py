@@ -359,7 +359,7 @@ def show_table(
 
     width = terminal_width(sys.stdout)
     for part in fitting_parts(columns, rows, width, cell_len, name_columns, numbers):
-        # Lines between the rows, where a name would not show at which line it begins.
+        # If a name has several lines, there are lines between the rows: they show where a row begins.
         several_lines = any("\n" in name for row in part.rows for name in row[: part.name_columns])
         table = Table(show_lines=several_lines)
         for place, name in enumerate(part.columns):

@@ -134,14 +134,7 @@ def _sweep(options: argparse.Namespace) -> int:
                 opener.names, grid.bases, grid.axes, grid.seeds, folder, opener.undetected
             )
             refuse_other_runs(undetected, opener.detector_of, common.REPLACE_RUNS)
-        runs = []
-        for method, base in grid.bases.items():
-            for changes in combinations(grid.axes):
-                config = changed(base, changes)
-                runs += [(method, opener(name, config), config) for name in opener.names]
-        print_warnings(vehicle_boxes.warnings_without_boxes(runs))
-        run_inputs = [(sequence, config) for _, sequence, config in runs]
-        print_notes(vehicle_boxes.remarks_on_labels(run_inputs, vehicle_boxes.TYPED_SET_CLASSES))
+        _print_remarks_on_boxes(grid, opener)
         stack.enter_context(only_process(folder))
         with reporting(f"{', '.join(opener.names)}; {', '.join(grid.bases)}") as report:
 
@@ -153,17 +146,38 @@ def _sweep(options: argparse.Namespace) -> int:
             )
         if not any(record["seeds"] for sweep in sweeps for record in sweep.records):
             raise DataError(sweeps[0].records[0]["failed"])  # an earlier table is kept
-        drawn = {name: sweep for name, sweep in zip(maps, sweeps, strict=True) if sweep.has_numbers}
-        with written_together(folder, stale=[name for name in maps if name not in drawn]) as draft:
-            write_atomic(draft / TABLE, records_csv(_records(sweeps)))
-            for name, sweep in drawn.items():
-                write_atomic(draft / name, heat_map(sweep))
+        written = _write(folder, maps, sweeps)
     for sweep in sweeps:
         show_report_table(sweep_table(sweep))
         common.note_repeated_runs(sweep.outcomes)
-    print_wrapped(f"written to {folder}: {', '.join([TABLE, *drawn])}")
+    print_wrapped(f"written to {folder}: {', '.join(written)}")
     has_failed = any(record["failed"] for sweep in sweeps for record in sweep.records)
     return 1 if has_failed else 0
+
+
+def _print_remarks_on_boxes(grid: _Grid, opener: vehicle_boxes.Opener) -> None:
+    """Detect the boxes of all runs, as --detector says, and print what is doubtful about them."""
+    runs = []
+    for method, base in grid.bases.items():
+        for changes in combinations(grid.axes):
+            config = changed(base, changes)
+            runs += [(method, opener(name, config), config) for name in opener.names]
+    print_warnings(vehicle_boxes.warnings_without_boxes(runs))
+    run_inputs = [(sequence, config) for _, sequence, config in runs]
+    print_notes(vehicle_boxes.remarks_on_labels(run_inputs, vehicle_boxes.TYPED_SET_CLASSES))
+
+
+def _write(folder: Path, maps: list[str], sweeps: list[Sweep]) -> list[str]:
+    """Write the table and the heat maps; return the names of the files.
+
+    maps : for each sweep, the file name of its heat map, which it gets if it has numbers.
+    """
+    drawn = {name: sweep for name, sweep in zip(maps, sweeps, strict=True) if sweep.has_numbers}
+    with written_together(folder, stale=[name for name in maps if name not in drawn]) as draft:
+        write_atomic(draft / TABLE, records_csv(_records(sweeps)))
+        for name, sweep in drawn.items():
+            write_atomic(draft / name, heat_map(sweep))
+    return [TABLE, *drawn]
 
 
 def _note_unused(bases: Mapping[str, MethodConfig], names: Iterable[str]) -> None:

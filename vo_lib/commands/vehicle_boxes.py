@@ -57,7 +57,8 @@ def refuse_labels_of_several(options: argparse.Namespace, names: list[str]) -> N
 class Opener:
     """The sequences of a table by name, with the boxes of --detector for the classes of a configuration.
 
-    A call with a name and a configuration returns the sequence; it is detected once for equal classes.
+    A call with a name and a configuration returns the sequence. Its boxes are detected by the first call that
+    needs them, once for all configurations with the same classes.
 
     Parameters
     ----------
@@ -74,15 +75,15 @@ class Opener:
         self._options = options
         self._detected_by_classes: dict[tuple[str, tuple[str, ...]], Sequence] = {}  # by name and classes
         self._durations = durations
-        self._missing_by_name: dict[str, int] = {}
+        self._unlabelled_by_name: dict[str, int] = {}  # numbers of images, as in `_unlabelled_images`
 
     def undetected(self, name: str, config: MethodConfig) -> Sequence:
-        """The sequence as it was opened, without the boxes of --detector."""
+        """The sequence as it was opened, without the boxes of --detector; parameters as in a call."""
         return self._sequences[name]
 
     def detector_of(self, job: Job) -> dict[str, Any] | None:
         """The record of --detector if it is to detect the boxes of a job; otherwise None."""
-        if self._options.detector is None or not self._missing_labels(job.sequence):
+        if self._options.detector is None or not self._unlabelled_images(job.sequence):
             return None
         return detection_record(
             self._options.detector, DetectorConfig(), job.config.filter.classes, self._options.provider
@@ -91,25 +92,25 @@ class Opener:
     def __call__(self, name: str, config: MethodConfig) -> Sequence:
         """The sequence with its labels if every image has a label file, else with the boxes of --detector."""
         sequence = self._sequences[name]
-        if self._options.detector is None or not self._missing_labels(sequence):
+        if self._options.detector is None or not self._unlabelled_images(sequence):
             return sequence
         key = (name, config.filter.classes)
         if key not in self._detected_by_classes:
             self._detected_by_classes[key] = self._detect(sequence, config)
         return self._detected_by_classes[key]
 
-    def _missing_labels(self, sequence: Sequence) -> int:
-        """The number of images without a label file, which is counted once."""
-        if sequence.name not in self._missing_by_name:
-            self._missing_by_name[sequence.name] = len(missing_labels(sequence))
-        return self._missing_by_name[sequence.name]
+    def _unlabelled_images(self, sequence: Sequence) -> int:
+        """The number of images without a label file; the folder is read by the first call alone."""
+        if sequence.name not in self._unlabelled_by_name:
+            self._unlabelled_by_name[sequence.name] = len(missing_labels(sequence))
+        return self._unlabelled_by_name[sequence.name]
 
     def _detect(self, sequence: Sequence, config: MethodConfig) -> Sequence:
         """The sequence with the boxes of --detector; a note says that labels of some images do not count."""
-        missing = self._missing_labels(sequence)
         if sequence.labels is not None:
+            unlabelled = self._unlabelled_images(sequence)
             print_wrapped(
-                f"note: {sequence.name}: {missing} of {len(sequence)} images have no label file, so the "
+                f"note: {sequence.name}: {unlabelled} of {len(sequence)} images have no label file, so the "
                 "boxes of all images are those of --detector"
             )
         return with_detected_boxes(

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 PACKAGE = Path(__file__).resolve().parents[1]  # the folder of vo_lib
 DIGEST_DIGITS = 16
-NOT_USED = "not used"
+NOT_USED = "not used"  # in place of the digest of an input that a run does not read
 # The modules with which the code of matches and of poses begins, by variant. What they import at top level
 # belongs to this code as well. A module that only one variant needs is imported inside a function, so the
 # variant names it here.

@@ -363,7 +363,7 @@ class _JobRunner:
         self._running = running
         self._frames_done = frames_done
         self._forecast = forecast
-        self._failed_front_ends: dict[Hashable, str] = {}  # the causes
+        self._failed_front_ends: dict[Hashable, str] = {}  # the cause of each failure by `_front_end`
         self._ended_runs: dict[Path, str | None] = {}  # the cause of a failure by folder; None for success
 
     def do(self, job_for_front_end: dict[Hashable, Job], jobs: list[Job]) -> None:
