@@ -82,6 +82,33 @@ def test_labels_without_boxes_cause_a_warning(write: Write, capsys: pytest.Captu
         )
 
 
+FULL_DISK = """
+import resource, sys
+from pathlib import Path
+from vo_lib.data.catalogue import open_sequence
+from vo_lib.detection.label_folders import write_label_folder
+from vo_lib.detection.settings import DetectorConfig
+
+def fill_disk(done, total):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))  # the list of images needs 77 bytes for each
+
+folder = Path(sys.argv[3])
+write_label_folder(open_sequence(sys.argv[1]), sys.argv[2], DetectorConfig(), folder, progress=fill_disk)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit for the size of files")
+def test_a_full_disk_is_told_with_the_file_and_the_labels_are_continued(bands: Path, model: Path) -> None:
+    labels = bands / "labels"
+    words = [sys.executable, "-c", FULL_DISK, str(bands), str(model), str(labels)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.stderr.endswith("images.sha256: cannot be written: File too large\n")
+    # The line that the full disk has cut off spoils the next one, so that image is listed once more.
+    numbers = [write_label_folder(open_sequence(bands), model, DetectorConfig(), labels) for _ in range(3)]
+    assert numbers == [5, 1, 0]
+    assert len(texts(labels)) == 6
+
+
 def replace_image(path: Path) -> None:
     """Change a pixel of an image, and make the file older than every label."""
     image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)

@@ -19,7 +19,7 @@ import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 import numpy as np
 
@@ -235,16 +235,19 @@ def write_label_folder(
         labels_elsewhere = _labels_by_image(others)
         copied = [frame for frame in missing if digests[frame] in labels_elsewhere]
         new = [frame for frame in missing if digests[frame] not in labels_elsewhere]
-        with open(folder / IMAGE_LIST, "a") as file:
-            written = _WrittenLabels(
-                file, digests, count=len(sequence) - len(missing), total=len(sequence), progress=progress
-            )
-            for frame in copied:
-                write_atomic(folder / f"{frame}.txt", read_bytes(labels_elsewhere[digests[frame]]))
-                written.add(frame)
-            start = time.perf_counter()
-            detect_label = functools.partial(_detect_label, sequence, folder, detector, class_mask)
-            _in_threads(detect_label, new, written.add)
+        written = _WrittenLabels(
+            folder / IMAGE_LIST,
+            digests,
+            count=len(sequence) - len(missing),
+            total=len(sequence),
+            progress=progress,
+        )
+        for frame in copied:
+            write_atomic(folder / f"{frame}.txt", read_bytes(labels_elsewhere[digests[frame]]))
+            written.add(frame)
+        start = time.perf_counter()
+        detect_label = functools.partial(_detect_label, sequence, folder, detector, class_mask)
+        _in_threads(detect_label, new, written.add)
         if detected and new:
             detected(len(new), time.perf_counter() - start)
         return len(missing)
@@ -266,22 +269,25 @@ class _WrittenLabels:
 
     Attributes
     ----------
-    file : the list of images, open for appending.
+    path : the list of images.
     digests : SHA-256 of each frame's image.
     count : number of frames whose labels are written. total : number of all frames.
     progress : called after each label with `count` and `total`.
     """
 
-    file: TextIO
+    path: Path
     digests: dict[str, str]
     count: int
     total: int
     progress: Progress | None
 
     def add(self, frame: str) -> None:
-        """List the image of a frame whose label file is complete."""
-        self.file.write(f"{self.digests[frame]}  {frame}.png\n")
-        self.file.flush()
+        """List the image of a frame whose label file is complete; `DataError` if the disk is full."""
+        try:
+            with open(self.path, "a") as file:
+                file.write(f"{self.digests[frame]}  {frame}.png\n")
+        except OSError as error:
+            raise DataError(f"cannot be written: {error.strerror}", self.path) from None
         self.count += 1
         if self.progress:
             self.progress(self.count, self.total)
