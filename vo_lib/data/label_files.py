@@ -297,6 +297,7 @@ def read_labels(path: str | Path, width: int, height: int) -> Boxes:
     rows = read_label_rows(path)
     if not len(rows.class_id):
         return no_boxes()
+    # The other files of the folder are read only if this one looks like corners.
     if _reaches_outside(rows) and _are_corners(rows) and _are_corners_everywhere(Path(path)):
         raise DataError(
             "the boxes seem to be corners, class x0 y0 x1 y1: expected centre and size, class cx cy w h", path

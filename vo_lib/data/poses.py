@@ -47,7 +47,7 @@ POSE_NUMBERS = 7  # of a position and a quaternion
 SEPARATOR_NAMES = {",": "commas", ";": "semicolons", "\t": "tabulators"}
 _WHOLE_NUMBER = re.compile(r"\s*\d+(\.0*)?\s*,")  # the time in nanoseconds at the beginning of a row
 _DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+(?:[eE][-+]?\d+)?\s*")
-# Time and pose; with the velocity, as VINS writes them; with velocity and biases, as EuRoC does.
+# Numbers in a row: time and pose; with the velocity, as VINS writes them; with velocity and biases, as EuRoC.
 EUROC_COLUMNS = (8, 11, 17)
 # Largest deviation of an entry of R Rᵀ from the identity, and of a quaternion's length from 1: large enough
 # for files with three digits, small enough to detect rows in another format.

@@ -32,7 +32,8 @@ class Truth:
     folder : the sequence's folder.
     config : the scene's settings.
     poses : (N, 4, 4) T_w_c of the left camera; the world has the axes of the first left camera.
-    objects : (N, K, 4, 4) vehicle poses T_w_o. Axes: x right, y down, z forward, origin on the ground.
+    objects : (N, K, 4, 4) poses T_w_o, from the axes of a vehicle o to the world, metres. These axes are x
+        right, y down and z forward, with the origin on the ground.
     """
 
     folder: Path
@@ -50,7 +51,7 @@ class Truth:
     def vehicle_at(self, frame: int, uv: Array) -> IntArray:
         """Vehicle numbers (N,) at left pixels (N, 2): k + 1 for vehicle k or its shadow, else 0."""
         number = at_pixels(self.instances(frame), uv).astype(np.int64)
-        vehicles = max(self.objects.shape[1], 1)
+        vehicles = max(self.objects.shape[1], 1)  # without vehicles, every number is 0
         # The numbers 1 to K are vehicles, and K + 1 to 2 K are their shadows in the same order.
         return np.where(number > 0, (number - 1) % vehicles + 1, 0)
 

@@ -106,6 +106,7 @@ def recognise(outputs: Sequence[Output], metadata: Metadata, width: int, height:
     if metadata.task not in ("", "detect", "segment"):
         what = TASKS.get(metadata.task, f"a model for the task {metadata.task[:20]!r}")
         raise UnusableOutput(f"is {what}, whose boxes the kit does not read; {REMEDY}")
+    # The numbers of the outputs with a row for each box, or a single value for it; the others are maps.
     tables = [index for index, output in enumerate(outputs) if table_of(output.values).ndim <= 2]
     if len(tables) == 1 and table_of(outputs[tables[0]].values).ndim == 2:
         layout = _from_table(outputs, tables[0], metadata, width, height)
@@ -237,11 +238,11 @@ def _has_objectness(grid: _Grid) -> bool:
     columns = grid.columns
     if grid.metadata.names is not None:
         return _has_objectness_by_names(grid, len(grid.metadata.names))
-    if grid.boxes_a_cell == ANCHORS:
+    if grid.boxes_a_cell == ANCHORS:  # YOLOv5 and v7
         return True
-    if grid.columns_first or columns == 4 + len(COCO):
+    if grid.columns_first or columns == 4 + len(COCO):  # YOLOv8 and its successors
         return False
-    if columns == 5 + len(COCO) or grid.is_raw() or np.all(grid.rows[:, 4] == 1.0):
+    if columns == 5 + len(COCO) or grid.is_raw() or np.all(grid.rows[:, 4] == 1.0):  # YOLOX; YOLOv6 writes 1
         return True
     words = (
         f"without class names, this may be YOLOX with {columns - 5} classes or YOLOv8 with {columns - 4}: "
