@@ -19,9 +19,9 @@ from vo_lib.data.poses import from_first, read_kitti_poses
 from vo_lib.evaluation.kitti_errors import SHORT_PROTOCOL, kitti_errors
 from vo_lib.files import read_csv
 from vo_lib.report.blocks import parse_axis
-from vo_lib.report.sweep_table import Sweep, heat_map, run_sweep, sweep_table
+from vo_lib.report.sweep_table import DEFAULT, Sweep, heat_map, run_sweep, sweep_table
 from vo_lib.runs.drive import run_methods
-from vo_lib.runs.jobs import run_jobs
+from vo_lib.runs.jobs import Job, Outcome, run_jobs
 
 
 @pytest.fixture(scope="module")
@@ -235,6 +235,31 @@ def test_a_sweep_without_truth_compares_with_the_default(
     # The preset has 200 sets; as a value on the axis, it is nothing apart from itself.
     assert main([*words, "--set", "selection.sets=200,5"]) == 0
     assert float(records_of(tmp_path / "out")[0]["rmse_apart_m"]) == 0.0
+
+
+def test_a_reference_of_which_a_run_failed_does_not_tell_how_far_seeds_are_apart(tmp_path: Path) -> None:
+    folder = write_bands(tmp_path / "street")
+    (folder / "poses.txt").unlink()
+    sequence = open_sequence(folder)
+
+    def fail_in_the_reference(jobs: list[Job]) -> list[Outcome]:
+        outcomes = run_jobs(jobs, cache=tmp_path / "cache")
+        is_failed = [job.config.seed == 1 and DEFAULT in job.folder.parts for job in jobs]
+        assert sum(is_failed) == 1
+        return [
+            replace(outcome, error="disk full") if failed else outcome
+            for outcome, failed in zip(outcomes, is_failed, strict=True)
+        ]
+
+    bases = {"mesvo_f": preset("mesvo_f")}
+    axes = {"selection.sets": (5, 20)}
+    (sweep,) = run_sweep(
+        [sequence.name], bases, axes, 2, tmp_path, lambda name, config: sequence, fail_in_the_reference
+    )
+    assert sweep.notes == (
+        "mesvo_f: fewer than two runs of the default settings succeeded, so how far two seeds are apart is "
+        "not known.",
+    )
 
 
 def test_a_sweep_without_truth_names_the_settings_that_it_compares_with(

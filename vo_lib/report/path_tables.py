@@ -367,7 +367,6 @@ def write_pictures(folder: Path, paths: ComparedPaths, result: Evaluation) -> li
     Returns sentences if there are too few points for a figure of curves, and if the truth moves in another
     direction than that in which a camera looks.
     """
-    file_name = slug(paths.name)
     alignment = result.paths[0].ate.alignment
     truth = paths.compared_truth
     # In the axes of the first camera, the path can be seen from above.
@@ -377,22 +376,8 @@ def write_pictures(folder: Path, paths: ComparedPaths, result: Evaluation) -> li
         aligned, _ = align(truth, poses, alignment)
         aligned_paths[name] = to_first_camera @ aligned
     figure = trajectories_figure({f"{paths.name}\n{alignment.words}": (truth, aligned_paths)})
-    write_atomic(folder / f"trajectory_{file_name}.png", png(figure))
-    missing = []
-    for by, least in MIN_CURVE_POINTS.items():
-        curves = {path.name: path.kitti.curve(by, result.measure.lengths) for path in result.paths}
-        if max(map(len, curves.values())) < least:
-            missing.append(by)
-            continue
-        curves_figure = error_curves_figure(paths.name, by, curves)
-        write_atomic(folder / f"errors_{file_name}_by_{by}.png", png(curves_figure))
-    sentences = []
-    if missing:
-        by_words = " and ".join(missing)
-        sentences.append(
-            f"{paths.name}: no figure of errors by {by_words}, since too few sub-sequences differ in "
-            f"{by_words}."
-        )
+    write_atomic(folder / f"trajectory_{slug(paths.name)}.png", png(figure))
+    sentences = _write_curves(folder, paths.name, result)
     axis = unusual_axis(paths.truth) if paths.truth_from_outside else ""
     if axis:
         direction = _other_motion(axis).direction
@@ -402,6 +387,22 @@ def write_pictures(folder: Path, paths: ComparedPaths, result: Evaluation) -> li
             "other axes than it says."
         )
     return sentences
+
+
+def _write_curves(folder: Path, name: str, result: Evaluation) -> list[str]:
+    """Write figures of errors by length and by speed; return a sentence on those with too few points."""
+    missing = []
+    for by, least in MIN_CURVE_POINTS.items():
+        curves = {path.name: path.kitti.curve(by, result.measure.lengths) for path in result.paths}
+        if max(map(len, curves.values())) < least:
+            missing.append(by)
+            continue
+        figure = error_curves_figure(name, by, curves)
+        write_atomic(folder / f"errors_{slug(name)}_by_{by}.png", png(figure))
+    if not missing:
+        return []
+    by_words = " and ".join(missing)
+    return [f"{name}: no figure of errors by {by_words}, since too few sub-sequences differ in {by_words}."]
 
 
 def write_picture_without_truth(folder: Path, paths: PathsWithoutTruth) -> None:

@@ -208,14 +208,7 @@ def run_sweep(
         for cell in cells_of_sequence:
             reference_cell = reference_cells.get((name, cell.method))
             records.append(_record(cell, reference_cell, error_of_job))
-        notes = []
-        if sequence.truth is not None:
-            short = too_short_words(sequence.truth, suitable_protocol(sequence.truth))
-            if short:
-                notes.append(f"No TE and RE, since {short}.")
-        elif seeds > 1:
-            for method in bases:
-                notes.append(_seeds_note(reference_cells[name, method], error_of_job, reference_words))
+        of_reference = [cell for cell in reference_cells.values() if cell.sequence.name == name]
         sweeps.append(
             Sweep(
                 title=_title(sequence, bases, seeds),
@@ -223,7 +216,7 @@ def run_sweep(
                 records=records,
                 outcomes=[outcome for outcome in outcomes if outcome.job.sequence.name == name],
                 measured=measured_on(sequence),
-                notes=tuple(notes),
+                notes=_notes(sequence, of_reference, error_of_job, reference_words),
                 reference_words=reference_words,
             )
         )
@@ -372,13 +365,35 @@ def _fields_of_distances(
     return fields
 
 
+def _notes(
+    sequence: Sequence,
+    of_reference: list[_SweepCell],
+    error_of_job: Mapping[Path, str | None],
+    reference_words: str,
+) -> tuple[str, ...]:
+    """Why a sequence with truth has no TE and RE; without truth, how far two seeds are apart, by method.
+
+    of_reference : the cells of the reference on the sequence, by which paths without truth are measured.
+    """
+    if sequence.truth is None:
+        cells = [cell for cell in of_reference if len(cell.jobs) > 1]
+        return tuple(_seeds_note(cell, error_of_job, reference_words) for cell in cells)
+    short = too_short_words(sequence.truth, suitable_protocol(sequence.truth))
+    return (f"No TE and RE, since {short}.",) if short else ()
+
+
 def _seeds_note(cell: _SweepCell, error_of_job: Mapping[Path, str | None], reference_words: str) -> str:
     """A sentence on how far two seeds of a cell of the reference are apart, and what one run cannot show."""
     paths: list[Array] = [result.poses for result in _finished_runs(cell, error_of_job)]
     apart = [
         path_difference("", first, "", second).rmse for first, second in itertools.combinations(paths, 2)
     ]
-    if apart and max(apart) < SAME_PATH_M:
+    if not apart:
+        return (
+            f"{cell.method}: fewer than two runs of {reference_words} succeeded, so how far two seeds are "
+            "apart is not known."
+        )
+    if max(apart) < SAME_PATH_M:
         return f"{cell.method}: all seeds of {reference_words} give the same path, to the millimetre."
     mean, deviation = mean_and_deviation(apart)
     return (
@@ -418,7 +433,6 @@ def sweep_table(sweep: Sweep) -> ReportTable:
     if shows_costs:
         columns += ["removed", "back-end ms"]
     rows = list[list[str]]()
-    notes = list[str]()
     for record in sweep.records:
         not_used = record.get("not_used", "").split()
         row = [f"{record[name]}{NOT_USED}" if name in not_used else record[name] for name in sweep.axes]
@@ -430,6 +444,15 @@ def sweep_table(sweep: Sweep) -> ReportTable:
             row.append(NO_NUMBER if share is None else f"{100 * share:.1f} %")
             row.append(format_number(record["back_end_ms"], 1))
         rows.append(row)
+    notes = [*_notes_below(sweep), *sweep.notes]
+    table = ReportTable(sweep.title, columns, rows, notes, name_columns=len(sweep.axes))
+    return without_empty_columns(table)
+
+
+def _notes_below(sweep: Sweep) -> list[str]:
+    """Which runs failed or have a warning, and what the marks and numbers of the table mean."""
+    notes = []
+    for record in sweep.records:
         label = ", ".join(f"{name}={record[name]}" for name in sweep.axes)
         if record["failed"]:
             notes.append(f"Failed: {label}, {record['failed']}")
@@ -445,8 +468,7 @@ def sweep_table(sweep: Sweep) -> ReportTable:
             "from the same start, at the end and as rmse. These are no errors: they do not tell "
             "which path is right."
         )
-    table = ReportTable(sweep.title, columns, rows, [*notes, *sweep.notes], name_columns=len(sweep.axes))
-    return without_empty_columns(table)
+    return notes
 
 
 def heat_map(sweep: Sweep) -> bytes:
