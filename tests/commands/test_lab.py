@@ -103,6 +103,26 @@ def test_changed_files_are_kept(tmp_path: Path, source: Path, capsys: pytest.Cap
         assert mine.read_text(encoding="utf-8") == "first"
 
 
+def test_help_says_which_deleted_files_are_copied_again(
+    tmp_path: Path, source: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mine = tmp_path / "mine"
+    lab.copy_course(source, mine, teacher=False)
+    (mine / "course" / "a.py").write_text("changed = 1", encoding="utf-8")
+    (source / "course" / "a.py").write_text("second = 2", encoding="utf-8")
+    lab.copy_course(source, mine, teacher=False)
+    assert files(mine) == {"01.ipynb", "course/a.py", "course/a.new.py"}
+    for deleted in ("01.ipynb", "course/a.new.py"):
+        (mine / deleted).unlink()
+    lab.copy_course(source, mine, teacher=False)
+    assert files(mine) == {"01.ipynb", "course/a.py"}
+    capsys.readouterr()
+    with pytest.raises(SystemExit):
+        main(["lab", "--help"])
+    help_text = " ".join(capsys.readouterr().out.split())
+    assert "A file of the course that you deleted is copied again, but not a new version" in help_text
+
+
 @pytest.mark.parametrize("digests", [None, "[", '{"01.ipynb": ["a"]}'])
 def test_damaged_course_is_repaired(
     tmp_path: Path,

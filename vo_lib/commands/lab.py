@@ -57,7 +57,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         f"Open the course in JupyterLab. The course is copied to {COURSE} in your home folder; each call "
         "updates the copy. A file that you changed is kept; the new version is a file with .new in the "
         "name, and a new notebook has your answers already. Running a notebook does not count as a change. A "
-        "file that you deleted is copied again."
+        "file of the course that you deleted is copied again, but not a new version beside a file of yours."
     )
     parser.epilog = "example: vo lab -- --port 8889 --no-browser"
     place = parser.add_mutually_exclusive_group()

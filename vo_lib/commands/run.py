@@ -6,7 +6,7 @@ import argparse
 import os
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .. import settings
 from ..config import SETTINGS, change, preset
@@ -129,10 +129,7 @@ def _run(options: argparse.Namespace) -> int:
         if options.detector is not None and not options.fresh and is_finished(folder):
             # Another run is refused before the detector works for minutes.
             identity = run_identity(sequence, config, method, calibration)
-            detector = detection_record(
-                options.detector, detector_config, config.filter.classes, options.provider
-            )
-            refuse_another(folder, identity, detector)
+            refuse_another(folder, identity, _detection_record(options, config, detector_config))
         sequence = _with_boxes(sequence, options, method, config, detector_config)
         matches = CachedMatches(sequence, config, options.cache) if options.keep_matches else None
         with reporting(label) as report:
@@ -163,6 +160,13 @@ def _run(options: argparse.Namespace) -> int:
     elif changed:
         print_wrapped(f"note: {common.changed_words(changed)} in {folder}, so the run was computed again")
     return 0
+
+
+def _detection_record(
+    options: argparse.Namespace, config: MethodConfig, detector_config: DetectorConfig
+) -> dict[str, Any]:
+    """The record of --detector with the settings of this run (`label_folders.detection_record`)."""
+    return detection_record(options.detector, detector_config, config.filter.classes, options.provider)
 
 
 def _check_folder(folder: Path, options: argparse.Namespace) -> list[str]:
@@ -212,12 +216,12 @@ def _with_boxes(
     options: argparse.Namespace,
     method: str,
     config: MethodConfig,
-    detection: DetectorConfig,
+    detector_config: DetectorConfig,
 ) -> Sequence:
     """The sequence with the boxes of --detector if the option is present; notes on its boxes are printed."""
     if options.detector is not None and config.filter.rule == "none":
         print_wrapped(f"note: {method} does not use the boxes of --detector; only a film shows the boxes")
-    sequence = vehicle_boxes.with_detected_boxes(sequence, options, detection, config.filter.classes)
+    sequence = vehicle_boxes.with_detected_boxes(sequence, options, detector_config, config.filter.classes)
     print_warnings(vehicle_boxes.warnings_without_boxes([(method, sequence, config)]))
     print_notes(vehicle_boxes.remarks_on_labels([(sequence, config)], vehicle_boxes.TYPED_CLASSES))
     return sequence
