@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from vo_lib import DataError
-from vo_lib.files import DRAFT, only_process, write_atomic, written_together
+from vo_lib.files import DRAFT, LOCK, locked_draft, only_process, write_atomic, written_together
 
 BEFORE = {"b.txt": "old b", "d.txt": "old d", "end.json": "old end", "stale.png": "old picture"}
 
@@ -87,8 +87,21 @@ def test_an_interruption_leaves_the_earlier_files(folder: Path) -> None:
     assert texts(folder) == BEFORE
 
 
-def test_a_draft_is_deleted_by_the_next_process(folder: Path) -> None:
-    (folder / f".earlier.1.2{DRAFT}").mkdir()
+def test_drafts_of_killed_processes_are_deleted_by_the_next_one(folder: Path) -> None:
+    for draft in (f".earlier.1.2{DRAFT}", f".film.webm.1.2{DRAFT}"):
+        (folder / draft).mkdir()
+        (folder / draft / "part").write_text("half", encoding="utf-8")
+    (folder / f".film.webm.1.2{DRAFT}{LOCK}").write_text("", encoding="utf-8")  # its holder is gone
     with only_process(folder):
-        assert texts(folder).items() >= BEFORE.items()
+        pass
+    assert texts(folder) == BEFORE
+
+
+def test_a_draft_in_use_stays_while_others_work_in_the_folder(folder: Path) -> None:
+    with locked_draft(folder / "film.webm") as draft:
+        draft.mkdir()
+        (draft / "part").write_text("half", encoding="utf-8")
+        with only_process(folder):
+            pass
+        assert (draft / "part").read_text(encoding="utf-8") == "half"
     assert texts(folder) == BEFORE

@@ -122,7 +122,8 @@ def read_yaml(path: str | Path) -> dict[str, Any]:
 def only_process(folder: Path, waiting: Callable[[Path], None] | None = None) -> Iterator[None]:
     """A lock on a folder for this process. If the process ends, the operating system releases the lock.
 
-    Drafts that killed processes have left in the folder are deleted.
+    Drafts that killed processes have left in the folder are deleted. A draft that another process holds by a
+    lock of its own (`locked_draft`) stays, such as a film of the run.
 
     waiting : called with the folder, once, if another process has the lock; the context then begins when that
         process ends. Without `waiting`, such a lock raises `DataError`.
@@ -136,8 +137,9 @@ def only_process(folder: Path, waiting: Callable[[Path], None] | None = None) ->
         waiting(folder)
         lock.acquire(poll_interval=LOCK_POLL_S)
     try:
+        delete_abandoned_drafts(folder)
         for draft in folder.iterdir():
-            if DRAFT_NAME.fullmatch(draft.name):
+            if DRAFT_NAME.fullmatch(draft.name) and not _lock_of(draft).exists():
                 delete_tree(draft)
         yield
     finally:
