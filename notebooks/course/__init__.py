@@ -8,13 +8,14 @@ Data: `frames` has frames and their matches, `kept_runs` finished paths, and `me
 selection one by one, and `rotation_errors` compares their results with the truth.
 
 Pictures: `drawing` has their style, `drawn_matches` draws matches into photos, `view3d` shows shapes that the mouse
-rotates, and `raster` turns figures into pixels.
+rotates, and `raster` turns figures into pixels. `measured_results` reads the tables beside the notebooks.
 
 Exercises: `checker` checks answers, with the comparisons of `results`; `stored_answers` saves those that passed, and
 `own_functions` runs them on frames beside the library's. `answer_log` writes down what the checks said, and `tasks`,
-`submissions`, `grading`, `marks` and `hand_in` are for handing in and marking.
+`submissions`, `grading`, `supervised`, `marks` and `hand_in` are for handing in and marking.
 
-Pages: `pages` writes the executed notebooks as HTML, and `minutes` counts how long a chapter takes.
+Pages: `pages` writes the executed notebooks as HTML, and `minutes` counts how long a chapter takes. `kernel` says
+which Python to choose if that of the kernel lacks the kit.
 """
 
 from .kernel import require_kit

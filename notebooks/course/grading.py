@@ -24,11 +24,11 @@ from vo_lib.errors import DataError
 
 from . import answer_log, stored_answers, supervised
 from .checker import Exercise
+from .notebook_folder import NOTEBOOKS
 from .results import RIGHT_CLASS, Verdict
 from .submissions import Submission
 from .tasks import Task, all_tasks, exercise_of
 
-PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
 LIMIT_S = 60.0  # for the checks of one function, and for reading a section of my_vo.py
 START_S = 120.0  # until the process has imported the course
 END_S = 30.0  # until the processes that a student's program started have ended
@@ -223,7 +223,7 @@ def _run_process(
         results.touch()
         word = secrets.token_hex(16)
         task = {"word": word, "results": str(results), "functions": functions, "skipped": skipped}
-        path = os.pathsep.join(filter(None, [str(PACKAGE_FOLDER), os.environ.get("PYTHONPATH", "")]))
+        path = os.pathsep.join(filter(None, [str(NOTEBOOKS), os.environ.get("PYTHONPATH", "")]))
         command = [sys.executable, "-m", "course.grading"]
         if os.name == "posix":
             command = [sys.executable, "-P", supervised.__file__, *command]

@@ -25,7 +25,7 @@ from vo_lib.files import read_bytes, write_atomic
 
 from . import answer_log, stored_answers
 from .grading import SAID, grade
-from .minutes import NOTEBOOKS
+from .notebook_folder import NOTEBOOKS
 from .submissions import ANSWERS, CHANGED, MARKS, MAX_MEMBER_BYTES, NOTEBOOK, POSES, Submission
 from .tasks import all_tasks
 

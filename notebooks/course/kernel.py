@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import importlib.util
 import sys
-from pathlib import Path
+
+from .notebook_folder import NOTEBOOKS
 
 NEEDED = ("vo_lib", "numpy", "cv2", "matplotlib", "ipywidgets")
 KIT_PYTHON = ".kit_python"  # in the folder of the course: the Python of `vo lab`
-FOLDER = Path(__file__).resolve().parents[1]
 # Of the environment that the README's command makes, seen from a clone's notebooks.
 ENVIRONMENTS = ("../.venv/bin/python", "../.venv/Scripts/python.exe")
 
@@ -39,11 +39,11 @@ def require_kit() -> None:
 
 def _kit_python() -> str:
     """The Python that has the kit, as far as it is known."""
-    written = FOLDER / KIT_PYTHON
+    written = NOTEBOOKS / KIT_PYTHON
     if written.is_file():
         return written.read_text(encoding="utf-8").strip()
     for place in ENVIRONMENTS:
-        python = FOLDER / place
+        python = NOTEBOOKS / place
         if python.is_file():
             # The program itself may be a link to the system's Python, which is another one: it stays as it is.
             environment = python.parents[1].resolve()

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-NOTEBOOKS = Path(__file__).resolve().parents[1]
+from .notebook_folder import NOTEBOOKS
+
 WORDS_A_MINUTE = 180
 EXERCISE_MINUTES = {1: 1, 2: 5, 3: 20}  # by the number of stars
 PANEL_MINUTES = 8

@@ -26,7 +26,8 @@ from vo_lib.commands.console import ENDINGS, OneLineParser, exit_code
 from vo_lib.errors import DataError
 from vo_lib.files import write_atomic
 
-from .minutes import FOLDED, NOTEBOOKS
+from .minutes import FOLDED
+from .notebook_folder import NOTEBOOKS
 
 WIDGETS = "application/vnd.jupyter.widget-state+json"
 VIEW = "application/vnd.jupyter.widget-view+json"

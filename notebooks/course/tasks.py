@@ -14,7 +14,7 @@ from types import FunctionType
 from vo_lib.errors import DataError
 
 from .checker import Exercise
-from .minutes import NOTEBOOKS
+from .notebook_folder import NOTEBOOKS
 
 HEADING = re.compile(r"^#{3,4} Exercise (\w+\.\d+)", re.MULTILINE)
 # A cell calls the check of its exercise: `ch04.stack(translation_of_all)`, `ch08.drift(percent, yours, street)`.

@@ -22,7 +22,7 @@ from course.ch00 import exercises as ch00
 from course.ch04 import exercises as ch04
 from course.ch08 import exercises as ch08
 from course.grading import grade
-from course.minutes import NOTEBOOKS
+from course.notebook_folder import NOTEBOOKS
 from course.results import Verdict
 from course.submissions import MAX_MEMBERS, Submission, find_submissions, read_submission
 from course.tasks import all_tasks, chosen_tasks, exercise_of, functions_to_write

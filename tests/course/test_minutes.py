@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from course.minutes import FOLDED, LONGEST_CORE, NOTEBOOKS, cells_of, minutes_of, text_of, times
+from course.minutes import FOLDED, LONGEST_CORE, cells_of, minutes_of, text_of, times
+from course.notebook_folder import NOTEBOOKS
 
 # Chapters whose core has an end and whose optional part is folded.
 DIVIDED = [

@@ -11,7 +11,8 @@ import nbformat
 import pytest
 
 from course import pages
-from course.minutes import FOLDED, NOTEBOOKS
+from course.minutes import FOLDED
+from course.notebook_folder import NOTEBOOKS
 from course.pages import FORMULA, read, with_mathml
 
 PANEL = """import ipywidgets as w

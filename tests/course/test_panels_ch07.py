@@ -12,8 +12,9 @@ from conftest import write_bands
 from real_images import KITTI_00, SHARED, RealImages
 
 from course.ch07 import ExplorePanel, ReproducePanel
-from course.ch07.figures import results_table, tables_of
+from course.ch07.figures import tables_of
 from course.ch07.plan import FIRST, Plan, clip, part_of, run_plan
+from course.measured_results import results_table
 from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.kitti_errors import KITTI_PROTOCOL
 

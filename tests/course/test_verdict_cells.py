@@ -128,11 +128,11 @@ def test_clips_are_compared_over_one_length(tmp_path: Path, monkeypatch: pytest.
         "| kitti/drive_0013, 50 m, axes removed | 1 | 2 | 4 |",
         "| synthetic/jam, 20 m | 1 | 2 | 3 |",
     ]
-    monkeypatch.setattr("course.ch05.claim.RESULTS", results(tmp_path, rows))
+    monkeypatch.setattr("course.measured_results.RESULTS", results(tmp_path, rows))
     words, columns = figures.measured_columns(("mesvo_f", "feature_selection"), "te_percent")
     assert words == "over 50 m, axes removed on 0013"
     assert columns == [{"kitti/00": 5.0, "kitti/drive_0013": 1.0}, {"kitti/00": 6.0, "kitti/drive_0013": 4.0}]
-    monkeypatch.setattr("course.ch05.claim.RESULTS", results(tmp_path, rows[2:4]))
+    monkeypatch.setattr("course.measured_results.RESULTS", results(tmp_path, rows[2:4]))
     words, columns = figures.measured_columns(("mesvo_f", "feature_selection"), "te_percent")
     assert columns == [{}, {}]
     assert words == "over no length that all of them have"

@@ -8,7 +8,9 @@ from pathlib import Path
 
 from vo_lib.evaluation.statistics import one_run_shows
 
-ABLATION = Path(__file__).parents[2] / "ablation.csv"  # written by `vo data measure_ablation`
+from ..notebook_folder import NOTEBOOKS
+
+ABLATION = NOTEBOOKS / "ablation.csv"  # written by `vo data measure_ablation`
 METHOD = "feature_selection"
 UNCHANGED = ""  # in the column "idea": variant `kit` as it is
 PAPERS = "front end (turned off: the paper's)"  # with the paper's front end in place of the kit's

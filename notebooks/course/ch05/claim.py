@@ -19,15 +19,11 @@ from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.motion import transform
 from vo_lib.geometry.types import Array
-from vo_lib.report.page import ReportTable
 
 from ..colours import BAD, DARK, GOOD, PALE, THIRD
 from ..drawing import empty, figure, finish, room, round_limits
+from ..measured_results import CHOICES, THRESHOLD_AND_BOXES, whole_drive_errors
 
-RESULTS = Path(__file__).parents[2] / "results.md"  # written by `vo data measure_results`
-CHOICES = Path(__file__).parents[2] / "choices.csv"  # written by `vo data measure_choices`
-THRESHOLD_AND_BOXES = "threshold and boxes"  # rows of this choice have absolute errors
-SPREAD_OF = "standard deviation over the seeds of "  # in the heads of tables of `results.md`
 LINES = ((BAD, 1.5), (GOOD, 3.0), (THIRD, 1.2))  # colour and width, visible where lines coincide
 
 
@@ -65,53 +61,6 @@ def claim_lines(sequence: Sequence, *seeds: Mapping[str, Array]) -> str:
         if len(seeds) > 1:
             lines[-1] += "; seeds ± {:.4f}°, {:.2f} mm, {:.2f} cm".format(*standard_deviation(rows))
     return "\n".join(lines)
-
-
-def results_table(title: str, only: str = "") -> ReportTable:
-    """A table of `results.md`, with the rows whose name begins with `only`."""
-    _, _, after_title = RESULTS.read_text(encoding="utf-8").partition(f"## {title}\n")
-    section, _, _ = after_title.partition("\n## ")
-    lines = section.splitlines()
-    cells = []
-    for line in lines:
-        if line.startswith("|"):
-            cells.append([cell.strip() for cell in line.strip("|").split("|")])
-    columns, _, *rows = cells  # the second line is that of the dashes
-    return ReportTable(title, columns, [row for row in rows if row[0].startswith(only)], [])
-
-
-def whole_drive_errors(section: str, row: str) -> dict[str, Array]:
-    """Of a whole drive by method, from `results.md`: TE (%), RE (deg/100 m), and their deviations, (4,).
-
-    The deviations are standard deviations over the seeds.
-    """
-
-    def cells(title: str) -> dict[str, str]:
-        table = results_table(f"{section}: {title}", row)
-        for cells_of_row in table.rows:
-            if cells_of_row[0] == row:
-                return dict(zip(table.columns, cells_of_row, strict=False))
-        return {}  # the tables omit rows without a spread
-
-    te = cells("TE, %")
-    re = cells("RE, deg/100 m")
-    te_sd = cells(SPREAD_OF + "TE, %")
-    re_sd = cells(SPREAD_OF + "RE, deg/100 m")
-    numbers = {}
-    for method in list(te)[1:]:
-        words = (te[method], re[method], te_sd.get(method, "0"), re_sd.get(method, "0"))
-        # The sign = stands for the number in the column before.
-        if "=" not in words:
-            numbers[method] = np.array([float(word) for word in words])
-    return numbers
-
-
-def whole_drive(section: str, row: str) -> dict[str, str]:
-    """TE in % and RE in deg/100 m of a whole drive by method, ± standard deviation, from `results.md`."""
-    return {
-        method: f"{te:.3f} ± {te_sd:.3f} / {re:.3f} ± {re_sd:.3f}"
-        for method, (te, re, te_sd, re_sd) in whole_drive_errors(section, row).items()
-    }
 
 
 def whole_drive_line(section: str, row: str) -> str:

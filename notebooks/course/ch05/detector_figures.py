@@ -18,9 +18,10 @@ from vo_lib.geometry.types import Array, BoolArray, Image
 
 from ..colours import BAD, DARK, GOOD, PALE, THIRD, bgr
 from ..drawing import PHOTO_HEIGHT, WIDTH, caption, figure, finish, photo, write
+from ..notebook_folder import NOTEBOOKS
 from .figures import LEAST_LABELLED
 
-MEASURED = Path(__file__).parents[2] / "miniature.csv"  # written by `vo data measure_miniature`
+MEASURED = NOTEBOOKS / "miniature.csv"  # written by `vo data measure_miniature`
 RIGHT_IOU = 0.5
 WINDOWS_A_ROW = 4
 NAMES_ROOM = 0.035  # beside a chart, for names of its rows, as a share of the width

@@ -34,12 +34,13 @@ from vo_lib.geometry.types import Array, BoolArray, Image, Progress
 from vo_lib.paper.settings import FilterConfig
 
 from ..frames import opened as opened
+from ..notebook_folder import NOTEBOOKS
 from ..progress import with_bar
 from . import layers
 from .box_sources import FilteringView, detector_of, frame_boxes, offer_network
 from .exercises import decoded, iou, suppressed
 
-NOTEBOOK = Path(__file__).parents[2] / "05_yolo_box_filtering.ipynb"
+NOTEBOOK = NOTEBOOKS / "05_yolo_box_filtering.ipynb"
 # Cells that make, train and judge the miniature, in their order in the notebook.
 CELLS = (
     "mini-network",

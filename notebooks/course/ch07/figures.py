@@ -22,12 +22,11 @@ from vo_lib.report.plots import TRUTH, draw_drift, draw_trajectories
 from vo_lib.report.table1 import Entry, group_entries
 from vo_lib.report.table1_page import layout_tables
 
-from ..ch05.claim import CHOICES, RESULTS, THRESHOLD_AND_BOXES
-from ..ch05.claim import results_table as results_table
 from ..ch06.figures import changes_chart
 from ..colours import CYCLE, DARK, MANY, PALE
 from ..drawing import SMALL_SIZE, figure, log_axis, write_instead
 from ..drawing import finish as finish
+from ..measured_results import CHOICES, RESULTS, THRESHOLD_AND_BOXES, results_table
 from .verdict import Gain
 
 PATHS_HEIGHT = 340

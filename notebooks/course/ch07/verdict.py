@@ -35,7 +35,7 @@ from vo_lib.report.record import RECORD, RecordRow, read_record
 from vo_lib.report.table1 import BENCHMARK_FRAMES, ERROR_KINDS
 from vo_lib.report.table1_page import TABLE
 
-from ..ch05.claim import CHOICES, THRESHOLD_AND_BOXES
+from ..measured_results import CHOICES, THRESHOLD_AND_BOXES
 
 FEWEST = 3  # seeds that a verdict needs
 
