@@ -14,6 +14,8 @@ import pytest
 from record_rows import record_row
 
 from course.ch07 import verdict
+from course.ch07.claimed_gain import gain_over_sequences, our_column, printed_column, why_no_gain
+from course.ch07.our_errors import Ours, open_report, read_report
 from course.ch07.verdict import (
     BY_CHOICES,
     CLOSE,
@@ -21,19 +23,12 @@ from course.ch07.verdict import (
     NOT_REPRODUCED,
     REPRODUCED,
     SCATTERED,
-    Ours,
     chance_alone,
     choice_ranges,
-    gain_over_sequences,
     judge,
     judge_all,
-    open_report,
-    our_column,
-    printed_column,
-    read_report,
     summary,
     verdict_tables,
-    why_no_gain,
 )
 from vo_lib.errors import DataError
 from vo_lib.evaluation.statistics import prediction_half_width

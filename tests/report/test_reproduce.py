@@ -16,7 +16,7 @@ import pytest
 from conftest import write_bands
 from made_entries import entry_of, sequence_of, table_of_twos
 
-from course.ch07.verdict import read_report
+from course.ch07.our_errors import read_report
 from vo_lib.commands.cli import main
 from vo_lib.commands.console import show_report_table
 from vo_lib.data.kitti import EXPECTED_FRAMES

@@ -27,7 +27,7 @@ from ..colours import CYCLE, DARK, MANY, PALE
 from ..drawing import SMALL_SIZE, figure, log_axis, write_instead
 from ..drawing import finish as finish
 from ..measured_results import CHOICES, RESULTS, THRESHOLD_AND_BOXES, results_table
-from .verdict import Gain
+from .claimed_gain import Gain
 
 PATHS_HEIGHT = 340
 SHAPES = "os^vDP*Xh"
