@@ -23,7 +23,7 @@ from typing import Any, NamedTuple, TextIO
 from vo_lib.errors import DataError
 
 from . import answer_log, stored_answers, supervised
-from .checker import Exercise
+from .checker import STRICT, Exercise
 from .notebook_folder import NOTEBOOKS
 from .results import RIGHT_CLASS, Verdict
 from .submissions import Submission
@@ -223,40 +223,58 @@ def _run_process(
         results.touch()
         word = secrets.token_hex(16)
         task = {"word": word, "results": str(results), "functions": functions, "skipped": skipped}
-        path = os.pathsep.join(filter(None, [str(NOTEBOOKS), os.environ.get("PYTHONPATH", "")]))
-        command = [sys.executable, "-m", "course.grading"]
-        if os.name == "posix":
-            command = [sys.executable, "-P", supervised.__file__, *command]
-        process = subprocess.Popen(
-            command,
-            cwd=folder,
-            env={**os.environ, "PYTHONPATH": path, "COURSE_STRICT": "0"},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            start_new_session=os.name == "posix",
-        )
+        process = _start_process(folder)
         try:
             if process.stdin is not None:
                 with suppress(BrokenPipeError), process.stdin as pipe:
                     pipe.write(json.dumps(task).encode())
-            lines = list[dict[str, Any]]()
-            since = time.monotonic()  # of the last line
-            while process.poll() is None:
-                written = _lines(results, word)
-                if len(written) != len(lines):
-                    lines = written
-                    since = time.monotonic()
-                longest = limit_s if lines else START_S
-                if time.monotonic() - since > longest:
-                    return lines, f"did not end within {limit_s:g} s"
-                time.sleep(POLL_S)
+            lines_if_late = _wait_for_end(process, results, word, limit_s)
         finally:
             _end(process)
         lines = _lines(results, word)
+    if lines_if_late is not None:
+        return lines_if_late, f"did not end within {limit_s:g} s"
     if lines and lines[-1].get("done") is True:
         return lines, ""
     return lines, f"ended the process (exit code {process.returncode})"
+
+
+def _start_process(folder: Path) -> subprocess.Popen[bytes]:
+    """Start `_check_functions` in a folder; the process reads its task from the standard input."""
+    path = os.pathsep.join(filter(None, [str(NOTEBOOKS), os.environ.get("PYTHONPATH", "")]))
+    command = [sys.executable, "-m", "course.grading"]
+    if os.name == "posix":
+        command = [sys.executable, "-P", supervised.__file__, *command]
+    return subprocess.Popen(
+        command,
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": path, STRICT: "0"},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=os.name == "posix",
+    )
+
+
+def _wait_for_end(
+    process: subprocess.Popen[bytes], results: Path, word: str, limit_s: float
+) -> list[dict[str, Any]] | None:
+    """Wait until a process ends: None; or until it is late, and then return the lines that it wrote before.
+
+    It is late once it has written no line for `limit_s` (before the first line: `START_S`).
+    """
+    lines = list[dict[str, Any]]()
+    since = time.monotonic()  # of the last line
+    while process.poll() is None:
+        written = _lines(results, word)
+        if len(written) != len(lines):
+            lines = written
+            since = time.monotonic()
+        longest = limit_s if lines else START_S
+        if time.monotonic() - since > longest:
+            return lines
+        time.sleep(POLL_S)
+    return None
 
 
 def _plain(text: object) -> str:

@@ -28,8 +28,9 @@ KITTI_01 = {
     "columns, y²": 0.0,
     "columns, x⁴": -3.5,
 }
+# The estimated terms of the disparity error, by the words in the control of the panel.
 TERMS = {"all": DISPARITY_TERMS, "1 and x²": ("1", "x²"), "1 alone": ("1",)}
-LAST = 15  # frames at its end whose step lengths are evaluated
+LAST = 15  # frames at the end of a drive, whose step lengths are evaluated
 REST = 0.05  # metres; shorter steps are not evaluated
 
 
