@@ -17,6 +17,7 @@ from conftest import write_bands
 from made_entries import entry_of, sequence_of, table_of_twos
 
 from course.ch07.our_errors import read_report
+from vo_lib import open_sequence
 from vo_lib.commands.cli import main
 from vo_lib.commands.console import show_report_table
 from vo_lib.data.kitti import EXPECTED_FRAMES
@@ -36,12 +37,14 @@ from vo_lib.report.table1 import (
     Entry,
     Group,
     Reproduction,
+    collect,
     group_entries,
     read_paper_table,
     table_records,
 )
 from vo_lib.report.table1_page import UNIT_NOTE, layout_tables, sentences_on_proposal, tables_by_settings
 from vo_lib.report.table1_plan import Cell, jobs_of, plan_cells
+from vo_lib.runs.jobs import run_jobs
 
 
 def group_of(*entries: Entry) -> Group:
@@ -246,6 +249,24 @@ def test_a_method_that_failed_on_a_sequence_has_no_average_of_the_paper() -> Non
         "feature_selection, selection.sets=50 (mean of 9)",
     ]
     assert table.notes == ["Means over 10 sequences of equal weight."]
+
+
+def test_paths_that_are_compared_have_the_same_seed(tmp_path: Path) -> None:
+    """Of a method whose run with the first seed failed, no path stands in for it."""
+    sequence = open_sequence(write_bands(tmp_path / "bands"))
+    blocks = [Block("published"), Block("published", (("selection.sets", 5),))]
+    methods = {"published": ["mesvo_f", "solution_selection"]}
+    cells = plan_cells(blocks, methods, [sequence.name], 2, tmp_path, lambda name, config: sequence)
+    outcomes = run_jobs(jobs_of(cells), cache=tmp_path / "cache")
+    failed = next(cell for cell in cells if cell.block == blocks[1] and cell.method == "mesvo_f").jobs[0]
+    outcomes = [
+        replace(outcome, error="killed") if outcome.job.folder == failed.folder else outcome
+        for outcome in outcomes
+    ]
+    result = collect(cells, outcomes, [])
+    assert [len(entry.seeds) for entry in result.entries] == [2, 2, 1, 2]
+    methods_of_blocks = [list(drawn.by_method) for drawn in result.paths.values()]
+    assert methods_of_blocks == [["mesvo_f", "solution_selection"], ["solution_selection"]]
 
 
 def test_table_head_names_parts() -> None:

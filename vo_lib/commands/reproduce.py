@@ -170,7 +170,7 @@ def reproduce(options: argparse.Namespace, *remarks: str) -> int:
         stack.enter_context(only_process(folder))
         done = _do_runs(options, table, folder, sequences, durations)
         result = done.result
-        if not result.paths:  # an earlier table is kept
+        if not result.paths and not result.entries:  # an earlier table is kept
             raise DataError(" ".join(result.problems))
         if options.films:
             succeeded = [outcome.job for outcome in done.outcomes if outcome.error is None]

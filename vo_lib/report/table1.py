@@ -138,10 +138,10 @@ class Entry:
     unused : names of those settings that have no effect on the method.
     measure : the sub-sequences of TE and RE.
     results : (S) KITTI errors, ATE (SE3 alignment) and RPE of each seed.
-    poses : (N, 4, 4) T_w_c of the first seed, metres.
+    poses : (N, 4, 4) T_w_c of the first of these seeds, metres.
     truth : (N, 4, 4) T_w_c, metres.
     has_boxes : whether the sequence has vehicle boxes.
-    removed_share : share of matches removed in boxes for the first seed, in [0, 1].
+    removed_share : share of matches removed in boxes for the first of these seeds, in [0, 1].
     back_end_ms : mean time per frame of the back end (everything after the matches), milliseconds.
     is_part : whether the sequence is only a part, such as a clip.
     """
@@ -371,7 +371,8 @@ class Reproduction:
     missing : KITTI sequences that are not on this machine.
     failed : names of failed runs, by cause.
     entries : errors by sequence and method, for sequences with ground truth.
-    paths : for each block and sequence, the truth, and each method's path for the first seed.
+    paths : for each block and sequence, the truth, and each method's path for the first seed. A method whose
+        run with this seed failed has none.
     warned : names of the runs with a warning, by the sentence of the warning.
     """
 
@@ -467,10 +468,9 @@ def collect(
                 if job.name not in names:  # cells may share a job
                     names.append(job.name)
         truth = cell.sequence.truth
-        place = (cell.block, cell.sequence.name)
-        if place not in paths:
-            paths[place] = DrawnPaths(truth, {})
-        paths[place].by_method[cell.method] = runs[0].poses
+        if done[0] is cell.jobs[0]:  # paths are compared with each other, so all have the same seed
+            drawn = paths.setdefault((cell.block, cell.sequence.name), DrawnPaths(truth, {}))
+            drawn.by_method[cell.method] = runs[0].poses
         if truth is not None:
             unused = cell.block.unused(cell.method)
             entries.append(measure_runs(cell.method, runs, measure, cell.block.words, unused))
