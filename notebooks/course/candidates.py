@@ -36,7 +36,7 @@ def sets_of_five(x_c: Array, seed: int | list[int], sets: int, side_by_side: boo
 
 
 def candidates_of(points: Points | SimulatedPoints, sets: int, draw: int) -> Candidates:
-    """All solutions of random five-point sets of a frame; `DataError` if there are none."""
+    """All solutions of `sets` random five-point sets of a frame, with the seed `draw`; `DataError` without any."""
     chosen = sets_of_five(points.x_c, [5, draw], sets)
     candidates = five_point(points.x_p[chosen], points.x_c[chosen])
     if len(candidates.E) == 0:
@@ -56,7 +56,10 @@ def first_of_each_set(errors: Array, set_index: Index, count: int = 1) -> BoolAr
 def winner_of(
     candidates: Candidates, errors: Array, e_prev: Array | None, config: SelectionConfig
 ) -> tuple[int, bool]:
-    """Index of the winner among candidates with errors (M,), and whether variant `kit` dropped the prior."""
+    """Index of the winner among candidates with image errors (M,), and whether variant `kit` dropped the prior.
+
+    e_prev : (9,) essential vector of the previous frame, the prior; None without one.
+    """
     ratio = np.inf
     if isinstance(config, KitSelectionConfig):
         ratio = config.prior_rejection_ratio
@@ -67,7 +70,10 @@ def winner_of(
 def motion_of(
     E: Array, points: Points | SimulatedPoints, config: SelectionConfig, focal: float
 ) -> tuple[Array, Array, BoolArray]:
-    """From a winner E (3, 3): R_cp (3, 3), the essential vector (9,) to store, and the inlier mask (N,)."""
+    """From a winner E (3, 3): R_cp (3, 3), the essential vector (9,) to store, and the inlier mask (N,).
+
+    focal : focal length, pixels, with which the threshold of `config` becomes normalised units.
+    """
     x_p = points.x_p
     x_c = points.x_c
     X_p = points.X_p
@@ -80,7 +86,10 @@ def motion_of(
 
 
 def consensus_rotation(points: Points | SimulatedPoints, rng: np.random.Generator, focal: float) -> Array:
-    """Refined R_cp (3, 3) of the candidate with the smallest error over all matches of a frame."""
+    """R_cp (3, 3) of the candidate with the smallest image error over all matches, refined as in variant `kit`.
+
+    focal : focal length, pixels.
+    """
     config = KitSelectionConfig()
     sets = sample_sets(rng, len(points.x_p), config.sets)
     E, _ = five_point(points.x_p[sets], points.x_c[sets])

@@ -45,7 +45,10 @@ def rotation_errors(E: Array, R_true: Array) -> Array:
 
 
 def set_errors(points: Points, R_true: Array, chosen: Index, threshold: float) -> tuple[Array, float]:
-    """Rotation error, degrees, of the candidate with the smallest image error, by set (S,) and overall."""
+    """Rotation error, degrees, of the candidate with the smallest image error, by set (S,) and overall.
+
+    chosen : (S, 5) matches of each set. threshold : at which image errors are truncated, normalised units.
+    """
     solutions = five_point(points.x_p[chosen], points.x_c[chosen])
     image_errors = truncated_errors(solutions.E, points.x_p, points.x_c, threshold)
     best = np.flatnonzero(first_of_each_set(image_errors, solutions.set_index))

@@ -49,7 +49,7 @@ def selection_errors(
 def median_errors_by_seed(
     scenes: list[Scene], frames: int, seeds: int, progress: Progress
 ) -> dict[str, Array]:
-    """Median rotation error over the frames, degrees: an array (seeds, scenes) for each selection."""
+    """Median rotation error over the frames, degrees: an array (seeds, scenes) for each of `SELECTIONS`."""
     medians = {name: np.zeros((seeds, len(scenes))) for name in SELECTIONS}
     for seed in range(seeds):
         for number, scene in enumerate(scenes):
@@ -59,7 +59,9 @@ def median_errors_by_seed(
     return medians
 
 
-def adaptive_stopping(candidates: Candidates, points: Points, limit: float, orders: int) -> tuple[Array, ...]:
+def adaptive_stopping(
+    candidates: Candidates, points: Points, limit: float, orders: int
+) -> tuple[Array, Array, Array]:
     """Number of sets that adaptive stopping draws, for several orders of the same sets.
 
     Parameters
