@@ -305,11 +305,25 @@ class Exercise:
 
         Results that are equal only in some cases of the part may be equal by chance.
         """
-        lengths = {}
+        lengths = dict[str, int]()
         for says, answers in self.answers.items():
-            lengths[says] = max(self._agreed(got, self._results(each, cases)) for each in answers)
-        mistake = max(lengths, key=lengths.__getitem__, default="")
-        return mistake if lengths.get(mistake, 0) >= (part + 1) * len(cases) else ""
+            for each in answers:
+                if self._explains(each, got, cases, part):
+                    length = self._agreed(got, self._results(each, cases))
+                    lengths[says] = max(length, lengths.get(says, 0))
+        return max(lengths, key=lengths.__getitem__, default="")
+
+    def _explains(self, wrong_answer: Any, got: Results, cases: list[Case], part: int) -> bool:
+        """Whether a wrong answer has these results up to the end of a part.
+
+        Most wrong answers differ in the first case; then they are not called with the other cases.
+        """
+        for case, inputs in enumerate(cases):
+            results = self._results(wrong_answer, [inputs])
+            for of_part, expected in zip(got[: part + 1], results, strict=False):
+                if not self._same(of_part[case], expected[0]):
+                    return False
+        return True
 
     def _tested_mistake(self, wrong: _WrongResult) -> str:
         """The message of the first mistake whose test is true; "" if there is none."""
