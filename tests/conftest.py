@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import gc
 import os
 import shutil
 import signal
@@ -23,6 +24,7 @@ from real_images import KITTI_00, RealImages
 
 from vo_lib.config import change, preset
 from vo_lib.data.catalogue import open_sequence
+from vo_lib.data.drawn import ensure_scene
 from vo_lib.data.sequence import Sequence
 from vo_lib.geometry.motion import quaternion_from_rotation, rigid, rotation_from_vector
 from vo_lib.geometry.types import Array, Image, IntArray
@@ -54,8 +56,24 @@ BANDS = (4, 6, 9, 12, 16, 20)  # disparity of each band of rows, pixels
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Sort the tests by file, the slowest files first."""
-    items.sort(key=lambda item: LONGEST.index(item.path.name) if item.path.name in LONGEST else len(LONGEST))
+    """Sort the tests by file: the slowest files first, then those with tests of the drawn street.
+
+    The first process then has all tests of the street, which it draws, and the others never wait for it.
+    """
+    of_street = {item.path for item in items if "street" in getattr(item, "fixturenames", ())}
+
+    def rank(item: pytest.Item) -> int:
+        if item.path.name in LONGEST:
+            return LONGEST.index(item.path.name)
+        return len(LONGEST) if item.path in of_street else len(LONGEST) + 1
+
+    items.sort(key=rank)
+
+
+def pytest_collection_finish() -> None:
+    """Spare the garbage collector the modules and tests that were collected, which stay to the end."""
+    gc.collect()
+    gc.freeze()
 
 
 def find_browser() -> str | None:
@@ -99,10 +117,14 @@ def drive_00(real: RealImages, monkeypatch: pytest.MonkeyPatch) -> Sequence:
 def street(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
     """`synthetic/traffic` in the user's cache folder, which the notebooks also use.
 
-    Drawing takes almost a minute; the first test process draws the scene, and the other processes wait.
+    Drawing takes almost a minute; the first test process draws the scene, and the other processes wait. One
+    process draws if the others have tests of their own: each would build the whole street before it draws.
     """
     base = tmp_path_factory.getbasetemp()
-    with FileLock((base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "street.lock"):
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        return open_sequence("synthetic/traffic")
+    with FileLock(base.parent / "street.lock"):
+        ensure_scene("traffic", jobs=1)
         return open_sequence("synthetic/traffic")
 
 

@@ -20,7 +20,9 @@ from course.ch08 import own
 from course.ch09 import block_drive
 from course.ch09 import exercises as ch09
 from course.ch09 import figures as figures_9
-from vo_lib.data.sequence import Sequence
+from vo_lib.data.drawn import ensure_scene
+from vo_lib.data.scenes import scene_config
+from vo_lib.data.sequence import Sequence, open_folder
 from vo_lib.geometry.types import Array
 
 NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks"
@@ -149,7 +151,10 @@ def test_no_name_covers_a_path(turn: float, step: float) -> None:
 def test_a_piece_of_a_drive_is_compared_in_the_axes_of_its_first_frame(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    piece = block_drive.block().part(150, 158)
+    some = ensure_scene(scene_config("block", **block_drive.SMALL), frames=range(150, 159), jobs=1)
+    drawn = open_folder(some, "block")
+    first = drawn.frames.index("000150")
+    piece = drawn.part(first, first + 8)
     assert np.linalg.norm(piece.true_poses[0, :3, 3]) > 20.0
     cells = Cells("09_coming_back.ipynb", "back-setup", given=piece)
     cells.run(

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from course.ch09 import block_drive, second_visit
+from course.ch09 import second_visit
 from vo_lib.data.kitti import PART
 from vo_lib.data.poses import write_kitti_poses
 from vo_lib.data.sequence import Sequence
@@ -39,16 +39,17 @@ def test_the_command_fetches_the_frames_that_the_chapter_opens() -> None:
     assert words == ["vo", "data", "get_kitti", "--sequences", second_visit.NAME[-2:], "--frames", frames]
 
 
-def test_the_two_pieces_are_found_with_their_truth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_two_pieces_are_found_with_their_truth(
+    street: Sequence, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("KITTI_ROOT", str(tmp_path))
-    block = block_drive.block()
-    first, second = range(17), range(len(block) - 31, len(block) - 16)
-    as_two_pieces(block, first, second, tmp_path / "sequences" / "06")
+    first, second = range(17), range(len(street) - 31, len(street) - 16)
+    as_two_pieces(street, first, second, tmp_path / "sequences" / "06")
     visit = second_visit.real_visit()
     assert visit is not None
     assert visit.pieces == [range(17), range(17, 32)]
-    np.testing.assert_allclose(visit.true_poses, block.true_poses[[*first, *second]], atol=1e-6)
-    assert np.array_equal(visit.left(20), block.left(second[3]))
+    np.testing.assert_allclose(visit.true_poses, street.true_poses[[*first, *second]], atol=1e-6)
+    assert np.array_equal(visit.left(20), street.left(second[3]))
     for side in visit.sides:
         (tmp_path / "sequences" / "06" / side / "000967.png").unlink()
     (tmp_path / "sequences" / "06" / PART).write_text(
@@ -57,10 +58,9 @@ def test_the_two_pieces_are_found_with_their_truth(tmp_path: Path, monkeypatch: 
     assert second_visit.real_visit() is None
 
 
-def test_the_whole_sequence_has_the_two_pieces_too() -> None:
-    block = block_drive.block()
-    visit = second_visit.two_pieces(block, range(3, 6), range(50, 52))
+def test_the_whole_sequence_has_the_two_pieces_too(street: Sequence) -> None:
+    visit = second_visit.two_pieces(street, range(3, 6), range(50, 52))
     assert visit is not None
     assert [int(frame) for frame in visit.frames] == [3, 4, 5, 50, 51]
-    np.testing.assert_array_equal(visit.times, block.times[[3, 4, 5, 50, 51]])
-    assert second_visit.two_pieces(block, range(3, 6), range(len(block) - 1, len(block) + 1)) is None
+    np.testing.assert_array_equal(visit.times, street.times[[3, 4, 5, 50, 51]])
+    assert second_visit.two_pieces(street, range(3, 6), range(len(street) - 1, len(street) + 1)) is None

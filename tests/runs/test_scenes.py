@@ -14,6 +14,12 @@ from vo_lib.evaluation.kitti_errors import kitti_errors
 from vo_lib.runs.drive import run_methods
 
 
+@pytest.fixture(autouse=True)
+def _one_process_draws(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For a few frames, a second process would build the whole street once more."""
+    monkeypatch.setattr("course.frames.DRAWING_PROCESSES", 1)
+
+
 @pytest.mark.parametrize(("name", "first"), [("empty", 0), ("parked", 90)])
 def test_errors_without_traffic_are_small(name: str, first: int) -> None:
     sequence = load_part(f"synthetic/{name}", first, first + 29)
