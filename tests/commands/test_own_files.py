@@ -202,6 +202,28 @@ def test_film_of_somebody_else_is_refused_before_the_runs_of_a_table(
     assert contents(tmp_path / "out") == before
 
 
+@pytest.mark.parametrize(
+    "names", [("x_y", "x y"), ("街道", "山路"), ("Road", "road"), ("a__b", "a_b"), ("é", "_")]
+)
+def test_sequences_whose_results_would_share_files_are_refused(
+    bands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], names: tuple[str, str]
+) -> None:
+    folders = [Path(shutil.copytree(bands, tmp_path / "own" / name)) for name in names]
+    shared = ["--sequences", ",".join(map(str, folders)), "--seeds", "1", "--out", str(tmp_path / "out")]
+    table = ["reproduce", "--methods", "mesvo_f", "--variant", "published"]
+    sweep = ["sweep", "--method", "mesvo_f", "--set", "selection.sets=5"]
+    for command in (table, sweep):
+        assert main([*command, *shared]) == 2
+        error = " ".join(capsys.readouterr().err.split())
+        assert f"the results of {names[0]} and {names[1]} would have the same name" in error
+        assert not (tmp_path / "out").exists()
+    runs = [str(tmp_path / f"run {number}") for number in (1, 2)]
+    for folder, run in zip(folders, runs, strict=True):
+        assert main(["run", str(folder), "--method", "viso2", "--out", run]) == 0
+    assert main(["evaluate", *runs, "--out", str(tmp_path / "figures")]) == 2
+    assert "call the command once for each of them" in capsys.readouterr().err
+
+
 def test_data_set_of_somebody_else_is_kept(
     bands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

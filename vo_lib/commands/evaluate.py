@@ -26,6 +26,7 @@ from ..report.path_tables import (
     write_pictures,
 )
 from ..report.paths import GIVE_TRUTH, LEAST_MATCHED_SHARE, ComparedPaths, PathsWithoutTruth, read_paths
+from ..report.table1_plan import refuse_equal_names
 from ..runs.folder import POSES, POSES_TUM, changed_files, run_folder
 from .common import changed_words, parse_delta, parse_lengths, parse_whole, require_drawing
 from .console import print_wrapped, show_report_table, warn
@@ -205,6 +206,7 @@ def _errors(paths: ComparedPaths, measure: _Measure) -> Evaluation:
 
 def _write(out: str, data: str, results: list[_Result]) -> list[str]:
     """Write evaluation.json and the figures; return sentences on figures that are missing or doubtful."""
+    refuse_equal_names(result.paths.name for result in results)
     remarks = list[str]()
     with run_folder(out) as folder:
         own = _is_evaluation(folder / EVALUATION)

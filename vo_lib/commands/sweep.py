@@ -29,7 +29,7 @@ from ..report.sweep_table import (
     sweep_table,
 )
 from ..report.table1 import is_own_table
-from ..report.table1_plan import slug
+from ..report.table1_plan import refuse_equal_names, slug
 from ..runs.durations import Durations
 from ..runs.folder import has_runs, run_folder
 from ..runs.jobs import Job, Outcome, refuse_other_runs
@@ -119,8 +119,7 @@ def _sweep(options: argparse.Namespace) -> int:
     workers = common.parse_jobs(options.jobs, grid.runs)
     durations = Durations()
     sequences = [common.open_with_bar(name, options.cache, options) for name in grid.names]
-    if len({sequence.name for sequence in sequences}) < len(sequences):
-        raise DataError("two sequences have the same name: sweep them separately")
+    refuse_equal_names(sequence.name for sequence in sequences)
     opener = vehicle_boxes.Opener(sequences, options, durations)
     for sequence in sequences:
         common.note_too_short(sequence, None, "the table has distances from the true path instead")

@@ -65,11 +65,9 @@ def plan_cells(
     sequences : names.
     opened : gives the sequence of a name for a configuration.
 
-    Raises `DataError` if a name is there twice.
+    Raises as `refuse_equal_names`.
     """
-    repeated = [name for name in sequences if sequences.count(name) > 1]
-    if repeated:
-        raise DataError(f"two sequences have the name {repeated[0]}: run them separately")
+    refuse_equal_names(sequences)
     cells = []
     for block in blocks:
         for name, method in itertools.product(sequences, methods[block.variant]):
@@ -110,6 +108,23 @@ def job_folder(
     if changes:
         place /= settings_folder(changes)
     return place / f"seed_{seed}"
+
+
+def refuse_equal_names(sequences: Iterable[str]) -> None:
+    """Raise `DataError` for sequences whose results would have the same folder or file names (`slug`).
+
+    Names that differ only in capital letters are refused as well: for some file systems, they are equal.
+    """
+    earlier_names: dict[str, str] = {}
+    for name in sequences:
+        place = slug(name).lower()
+        if place in earlier_names:
+            earlier = earlier_names[place]
+            fault = f"two sequences have the name {name}"
+            if earlier != name:
+                fault = f"the results of {earlier} and {name} would have the same name, {slug(name)}"
+            raise DataError(f"{fault}: call the command once for each of them")
+        earlier_names[place] = name
 
 
 def slug(name: str) -> str:
