@@ -103,6 +103,37 @@ def test_changed_files_are_kept(tmp_path: Path, source: Path, capsys: pytest.Cap
         assert mine.read_text(encoding="utf-8") == "first"
 
 
+def test_modules_of_an_earlier_course_are_deleted(
+    tmp_path: Path, source: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An old notebook that imports one is told that it is old, instead of meeting old code beside new."""
+    folder = source / "course" / "ch01"
+    folder.mkdir()
+    for name in ("gone", "changed", "stays"):
+        (folder / f"{name}.py").write_text("first = 1", encoding="utf-8")
+    mine = tmp_path / "mine"
+    lab.copy_course(source, mine, teacher=False)
+    (mine / "course" / "ch01" / "changed.py").write_text("mine = 1", encoding="utf-8")
+    (mine / "course" / "own.py").write_text("mine = 1", encoding="utf-8")
+    for name in ("gone", "changed"):
+        (folder / f"{name}.py").unlink()
+    (source / "course" / "a.py").write_text("second = 2", encoding="utf-8")
+    (mine / "course" / "a.py").write_text("mine = 1", encoding="utf-8")
+    for _ in range(2):
+        lab.copy_course(source, mine, teacher=False)
+        kept = {
+            "course/a.py",
+            "course/a.new.py",
+            "course/own.py",
+            "course/ch01/changed.py",
+            "course/ch01/stays.py",
+        }
+        assert files(mine) == {"01.ipynb", *kept}
+    assert (
+        capsys.readouterr().out == "Your change of course/a.py is kept; the new version is course/a.new.py\n"
+    )
+
+
 def test_help_says_which_deleted_files_are_copied_again(
     tmp_path: Path, source: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

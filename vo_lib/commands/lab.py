@@ -27,6 +27,7 @@ FOR_TEACHERS = {"solutions", "teaching.md"}
 TEACHERS_LINK = re.compile(rb"\[([^][]+)\]\((?:solutions/[^)]+|teaching\.md)\)")
 HAND_IN = "hand_in.zip"
 KIT_PYTHON = ".kit_python"  # in the course's folder: the Python with the kit, for a kernel that lacks it
+MODULES = "course"  # the folder of the course's Python code
 CACHES = {".ipynb_checkpoints", "__pycache__"}
 # Files that the notebooks write, and this command.
 WORK = {"my_vo.py", "my_answers.json", "my_poses.txt", "my_path.webm", HAND_IN, KIT_PYTHON}
@@ -165,7 +166,8 @@ def copy_course(source: Path, target: Path, teacher: bool) -> None:
     A file counts as changed if its digest differs from the digest in DIGESTS_FILE and from the digest of the
     source. The new version of a changed file is written once, under another name, with a message; a new
     notebook contains the reader's answers. In a student's copy, the address in a link to a file for teachers
-    is replaced by the command that copies it.
+    is replaced by the command that copies it. A module that the course no longer has is deleted, unless the
+    reader changed it: an older notebook that imports it is then told that it is old.
 
     teacher : copy the files for teachers as well.
 
@@ -201,6 +203,7 @@ def copy_course(source: Path, target: Path, teacher: bool) -> None:
             write_atomic(file, content)
         copied[name] = digest
         copied[place] = _digest(content)
+    _delete_old_modules(source, target, copied)
     write_atomic(digests_file, json.dumps(copied, indent=1) + "\n")
     write_atomic(target / KIT_PYTHON, f"{sys.executable}\n")
 
@@ -224,6 +227,21 @@ def _free_place(
         changed.append(content)
         place = f"{place.removesuffix(suffix)}{NEW}{suffix}"
     return place, changed
+
+
+def _delete_old_modules(source: Path, target: Path, copied: dict[str, Any]) -> None:
+    """Delete the modules in `target` that an earlier course had, and that the reader did not change.
+
+    copied : the digests of copied files by name.
+
+    Raises `DataError` if a module cannot be read.
+    """
+    for path in sorted((target / MODULES).rglob("*.py")):
+        name = path.relative_to(target).as_posix()
+        is_of_this_course = (source / name).exists() or NEW in path.suffixes
+        if not is_of_this_course and copied.get(name) == _digest(read_bytes(path)):
+            path.unlink()
+            del copied[name]
 
 
 def _with_answers(changed: list[bytes], content: bytes) -> tuple[bytes, str]:
