@@ -1,0 +1,13 @@
+"""Sequences: images, camera, times, true poses and vehicle boxes, from folders in KITTI's layout.
+
+Read `sequence` first: a `Sequence` is what a run receives, and `catalogue` opens one by name. Behind it are
+
+- `kitti`, `png` and `masks`: calib.txt, times.txt, part.txt and the images;
+- `label_files`, `label_names` and `class_names`: boxes in YOLO's text files, where the names of their classes
+  come from, and which classes count (chapter 5); `label_remarks` has what a person is told about them;
+- `poses`, `pose_columns` and `pose_times`: files of paths, in KITTI's format and those of other systems.
+
+Beside it are `scenes`, `drawn` and `truth`: drawn streets by name, their folders, and what is known of
+their vehicles. `imports` finds the folders that a person imported, and `image_hashes` tells whether labels
+belong to these images.
+"""

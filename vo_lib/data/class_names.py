@@ -8,10 +8,13 @@ A class has up to three numbers. These are those of a detector with the classes 
 | in label files, by `label_numbers` | 80 | 2 | 0 |
 | of its kind, in `ClassChoice.kinds` | 2 | 2 | 0 |
 
-In label files, a class has COCO's number if that is free, and otherwise 80, the count of COCO's classes, plus
-its own. The kind is COCO's class with this name, or the vehicle of COCO that the class resembles most. Boxes
-that count have the number of their kind: here, van and car are both cars. Labels of other programs have one
-number in place of the first two.
+The kind of a class is COCO's class with its name, or else the vehicle of COCO that it resembles most: here,
+van and car are both cars. In label files, a class has the number of its kind if no other class has it, and
+otherwise 80, the count of COCO's classes, plus its own. Boxes that count have the number of their kind.
+Labels of other programs have one number in place of the first two.
+
+A class without a kind, such as a helmet, gets 80 plus its number in `ClassNames.names`. A helmet with the
+number 82 there gets 162, which says no more than that this is no class of COCO.
 """
 
 from __future__ import annotations

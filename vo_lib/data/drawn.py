@@ -1,6 +1,9 @@
-"""Drawn scenes: folders in KITTI's layout in the user's cache. `vo_street` draws a missing scene.
+"""Drawn scenes: folders in KITTI's layout in the user's cache.
 
-image_0/000000.png image_1/000000.png calib.txt times.txt poses.txt labels/000000.txt truth/
+A missing scene is drawn by `vo_street`, a package of its own in data_scripts. A scene has
+
+image_0/000000.png image_1/000000.png calib.txt times.txt poses.txt labels/000000.txt
+truth/scene.json truth/objects.npz truth/instance/000000.png
 """
 
 from __future__ import annotations

@@ -98,13 +98,13 @@ def are_frame_numbers(times: Array) -> bool:
 def clock_shift(times: Array, others: Array) -> float | None:
     """Seconds by which `times` (N,) begin and end later than `others` (M,), if by about the same; else None.
 
-    Then both may be the same frames by two clocks, or one path begins later and the other ends later. None
-    also for a shift of less than an interval.
+    Then both may be the same frames by two clocks, or one path begins later and also ends later than the
+    other. None also for a shift of less than an interval.
     """
     start_shift = float(times[0] - others[0])
     end_shift = float(times[-1] - others[-1])
     if start_shift * end_shift <= 0:
-        return None  # one of them begins earlier and ends later
+        return None  # one of them begins earlier and ends later: it only has more frames
     shift = min(start_shift, end_shift, key=abs)
     interval = max(median_interval(times) or 0.0, median_interval(others) or 0.0)
     if abs(shift) < (1 - SAME_SHIFT) * interval:
@@ -123,7 +123,11 @@ def time_ranges(times: Array, true_times: Array, truth_name: str) -> str:
 
 
 def time_mismatch(times: Array, true_times: Array, truth_name: str, tolerance: float) -> str:
-    """The reason why fewer than two of `times` (N,) are those of true poses `true_times` (M,), seconds."""
+    """The reason why fewer than two of `times` (N,) are those of true poses `true_times` (M,), seconds.
+
+    In this order: an interval that no camera has, in either file; another unit in one of them; clocks that do
+    not overlap even in the right unit; and, if none of these, times that lie a little apart.
+    """
     ranges = time_ranges(times, true_times, truth_name)
     problem = (
         f"fewer than two poses at the times of {truth_name}, within --t-max-diff {tolerance:g} s: {ranges}"

@@ -42,7 +42,7 @@ from .pose_times import (
 
 KITTI_ROW = "12 numbers, the upper 3×4 of a pose, row by row"
 TUM_ROW = "8 numbers, t x y z qx qy qz qw"
-EUROC_ROW = "8 or more numbers separated by commas, t in ns, x y z, qw qx qy qz"
+EUROC_ROW = "8, 11 or 17 numbers separated by commas, t in ns, x y z, qw qx qy qz"
 POSE_NUMBERS = 7  # of a position and a quaternion
 SEPARATOR_NAMES = {",": "commas", ";": "semicolons", "\t": "tabulators"}
 _WHOLE_NUMBER = re.compile(r"\s*\d+(\.0*)?\s*,")  # the time in nanoseconds at the beginning of a row
@@ -140,9 +140,9 @@ def read_path(path: Path) -> PoseFile:
     """Poses of a file with a header that names the columns, or in the format of KITTI, TUM or EuRoC.
 
     Without a header, the order of the numbers is known by convention: 12 numbers separated by blanks are
-    KITTI's, 8 are TUM's, and a whole number of nanoseconds and 7 or more numbers, separated by commas, are
-    EuRoC's. The size of TUM's times since 1970 tells their unit. Times are not checked for their unit
-    otherwise: see `pose_times.refuse_intervals`.
+    KITTI's, 8 are TUM's, and a whole number of nanoseconds with 7, 10 or 16 further numbers, separated by
+    commas, are EuRoC's (`EUROC_COLUMNS`). The size of TUM's times since 1970 tells their unit. Times are not
+    checked for their unit otherwise: see `pose_times.refuse_intervals`.
 
     Raises `DataError` for every other file, since its order cannot be known, and as `read_tum`.
     """

@@ -51,7 +51,8 @@ class Sequence:
     frames : (N) file stems, in order.
     camera : intrinsics, baseline and image size.
     times : (N,) seconds.
-    truth : (N, 4, 4) ground-truth poses T_w_c, or None.
+    truth : (N, 4, 4) ground-truth poses T_w_c of the left camera, metres, or None. The world w is that of the
+        file (for KITTI, the left camera in frame 0) for a part, too: its first pose is then not the identity.
     labels : folder of YOLO label files, or None.
     masks : PNG image, or folder with one image per frame, or None. Features of the left images are ignored
         on non-zero pixels of the mask.

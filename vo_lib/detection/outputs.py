@@ -106,7 +106,7 @@ def recognise(outputs: Sequence[Output], metadata: Metadata, width: int, height:
     if metadata.task not in ("", "detect", "segment"):
         what = TASKS.get(metadata.task, f"a model for the task {metadata.task[:20]!r}")
         raise UnusableOutput(f"is {what}, whose boxes the kit does not read; {REMEDY}")
-    # The numbers of the outputs with a row for each box, or a single value for it; the others are maps.
+    # Indices of the outputs with a row, or a single value, for each box; the others are maps.
     tables = [index for index, output in enumerate(outputs) if table_of(output.values).ndim <= 2]
     if len(tables) == 1 and table_of(outputs[tables[0]].values).ndim == 2:
         layout = _from_table(outputs, tables[0], metadata, width, height)
@@ -123,7 +123,7 @@ def recognise(outputs: Sequence[Output], metadata: Metadata, width: int, height:
 def _from_table(
     outputs: Sequence[Output], index: int, metadata: Metadata, width: int, height: int
 ) -> OutputLayout:
-    """The layout of a network whose boxes are in one output, that with the number `index`."""
+    """The layout of a network whose boxes are in one output, that with the index `index`."""
     values = outputs[index].values
     table = table_of(values)
     boxes_a_cell_by_rows = _grids_by_rows(width, height)
@@ -164,7 +164,7 @@ class _Grid:
 
     Attributes
     ----------
-    outputs : all outputs of the network. index : number of the output with the table.
+    outputs : all outputs of the network. index : index of the output with the table.
     rows : (N, columns) the table. columns_first : whether the output is (columns, N).
     boxes_a_cell : number of rows for each cell.
     masks : number of mask coefficients, the last columns.
@@ -281,7 +281,7 @@ def _from_selected(
 ) -> OutputLayout:
     """The layout of a table with a row for each box that the network selected; there may be no row.
 
-    index : number of the output with the table. rows : (K, columns) the table.
+    index : index of the output with the table. rows : (K, columns) the table.
     masks : number of mask coefficients, the last columns.
     has_batch_axis : whether the output is [1, K, columns]; otherwise a column may be the number of the image.
     """
@@ -379,7 +379,7 @@ def _from_separate(
 ) -> OutputLayout:
     """The layout of a network with one output for the boxes and others for scores and classes.
 
-    tables : numbers of the outputs that are tables or lists.
+    tables : indices of the outputs that are tables or lists.
     """
     boxes, boxes_first = _boxes_output(outputs, tables)
     table = table_of(outputs[boxes].values)
@@ -421,7 +421,7 @@ def _from_separate(
 
 
 def _count_output(outputs: Sequence[Output], others: Sequence[int]) -> int | None:
-    """The one of `others`, numbers of outputs, that has the count of the boxes; None if there is none."""
+    """The one of `others`, indices of outputs, that has the count of the boxes; None if there is none."""
     for index in others:
         if outputs[index].values.size == 1 and "num" in outputs[index].name.lower():
             return index
@@ -460,24 +460,24 @@ def _boxes_output(outputs: Sequence[Output], tables: Sequence[int]) -> tuple[int
     return found[0], columns_first[found[0]]
 
 
-def _probable_boxes(outputs: Sequence[Output], numbers: list[int]) -> list[int]:
-    """The one of these numbers of outputs that is boxes by its name or values; all if this does not tell."""
-    named = [index for index in numbers if re.search("box|det|loc", outputs[index].name.lower())]
+def _probable_boxes(outputs: Sequence[Output], indices: list[int]) -> list[int]:
+    """The one of these indices of outputs that is boxes by its name or values; all if this does not tell."""
+    named = [index for index in indices if re.search("box|det|loc", outputs[index].name.lower())]
     if len(named) == 1:
         return named
     # Scores are from 0 to 1, so a single output with other values is the boxes.
     not_scores = []
-    for index in numbers:
+    for index in indices:
         values = np.asarray(outputs[index].values, np.float64)
         if not is_share(values).all():
             not_scores.append(index)
     if len(not_scores) == 1:
         return not_scores
-    return numbers
+    return indices
 
 
 def _scores_and_labels(outputs: Sequence[Output], first: int, second: int) -> tuple[int, int]:
-    """Numbers of the outputs with scores and with class numbers: told by type, else by name or values."""
+    """Indices of the outputs with scores and with class numbers: told by type, else by name or values."""
     orders = ((first, second), (second, first))
     for tells in (_tell_types, _tell_names):
         for scores, labels in orders:

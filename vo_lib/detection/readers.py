@@ -1,7 +1,8 @@
 """From the outputs of a network to corners and class scores of all its boxes.
 
-A reader knows where in the outputs the numbers are and what they mean; `outputs.recognise` chooses it. All
-readers return corners in pixels of the network's image.
+A reader knows where in the outputs the numbers are and what they mean; `outputs.recognise` chooses it. It
+returns corners in pixels of the image whose size it is given. This is the network's image or, for a network
+that asks for the size of the original image, the original one.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ class UnusableOutput(ValueError):
 
 
 class ScoredBoxes(NamedTuple):
-    """All boxes of a network: corners (N, 4) x0, y0, x1, y1 in pixels of its image, and scores (N, C)."""
+    """All boxes of a network: corners (N, 4) x0, y0, x1, y1 in pixels, and scores (N, C)."""
 
     corners: Array
     scores: Array
@@ -42,7 +43,7 @@ class Reader(Protocol):
     """How to read the outputs of a network."""
 
     def read(self, outputs: Outputs, width: int, height: int) -> ScoredBoxes:
-        """The boxes in a network's outputs for an image of this size, pixels.
+        """The boxes in a network's outputs, in pixels of an image of this size.
 
         Raises `UnusableOutput` if the values contradict the layout.
         """
@@ -55,7 +56,7 @@ class ClassColumns:
 
     Attributes
     ----------
-    index : number of the output. columns_first : the table is (columns, N), otherwise (N, columns).
+    index : index of the output. columns_first : the table is (columns, N), otherwise (N, columns).
     form : what the numbers of a box are; see `BoxForm`.
     objectness : column 4 is the probability of an object, by which the class scores are multiplied.
     class_count : number of classes; further columns are mask coefficients.
@@ -87,7 +88,7 @@ class LabelColumn:
 
     Attributes
     ----------
-    index : number of the output. form : what the numbers of a box are; see `BoxForm`.
+    index : index of the output. form : what the numbers of a box are; see `BoxForm`.
     box, score, label : first column of the box, column of the score, column of the class number.
     either : score and class number may also be in each other's column; the values tell.
     class_count : number of classes, None if unknown.
@@ -119,10 +120,10 @@ class SeparateOutputs:
 
     Attributes
     ----------
-    boxes, scores : numbers of the outputs with the boxes and with their scores.
-    labels : number of the output with the class of each box; None if the scores are a table with a column for
+    boxes, scores : indices of the outputs with the boxes and with their scores.
+    labels : index of the output with the class of each box; None if the scores are a table with a column for
         each class.
-    count_output : number of the output that says how many of the rows, the first ones, are boxes; None: all.
+    count_output : index of the output that says how many of the first rows are boxes; None: all are.
     boxes_first, scores_first : whether the table is (columns, N), otherwise (N, columns).
     form : what the numbers of a box are; see `BoxForm`.
     class_count : number of classes, None if unknown.

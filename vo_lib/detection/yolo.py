@@ -211,7 +211,8 @@ class YoloDetector:
     ) -> ScoredBoxes:
         """The boxes in a network's outputs, in pixels of the network's image.
 
-        width, height : size of the original image, pixels. A network that asks for it gives boxes in it.
+        width, height : size of the original image, pixels. A network with an input for this size gives its
+            boxes in pixels of the original image; here they are scaled to the network's image.
         Raises `DataError` if the outputs cannot be read.
         """
         asks_for_size = self._sizes_input is not None
@@ -309,8 +310,9 @@ class YoloDetector:
     def _expects_height_first(self) -> bool:
         """Whether a network with the input of sizes expects the height of the image first, not the width.
 
-        Its boxes are in pixels of the original image. So it takes for the width the number, first or second,
-        with which their x are larger.
+        Its boxes are in pixels of the original image, so their x grow with the number that it takes for the
+        width. It runs twice on the same black image, with the sizes (long, short) and (short, long). If the x
+        are larger the second time, the second number is its width.
         """
         x_if_first_is_long = self._largest_x((LONG_SIDE, SHORT_SIDE))
         x_if_second_is_long = self._largest_x((SHORT_SIDE, LONG_SIDE))
