@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import re
 import shutil
@@ -24,19 +25,41 @@ COMMANDS = {
     "sweep": ["sweep", *SMALL, "--set", "selection.sets=10,20", "--sequence"],
     "run": ["run"],
 }
+PLACES = ["--out", "out", "--cache", "cache"]
+
+
+def write_inputs(folder: Path) -> Path:
+    """Write a sequence, two detectors of the same kind, a mask and two folders of labels; the sequence."""
+    bands = write_bands(folder / "street")
+    for name, score in (("a", 0.0), ("b", 0.001)):  # both find nothing, in different files
+        answer = np.full((1, 5, yolox_cells(64, 64)), score, np.float32)
+        write_answering(folder / f"{name}.onnx", answer, names="['car']")
+        (folder / name).mkdir()
+        (folder / name / "000002.txt").write_text(f"2 0.5 0.5 0.4 0.{4 if name == 'a' else 5} 0.9\n")
+    cv2.imwrite(str(folder / "mask.png"), np.eye(HEIGHT, WIDTH, dtype=np.uint8))
+    return bands
 
 
 @pytest.fixture
 def street(tmp_path: Path) -> Path:
-    """A folder with a sequence, two detectors of the same kind, a mask and two folders of labels."""
-    bands = write_bands(tmp_path / "street")
-    for name, score in (("a", 0.0), ("b", 0.001)):  # both find nothing, in different files
-        answer = np.full((1, 5, yolox_cells(64, 64)), score, np.float32)
-        write_answering(tmp_path / f"{name}.onnx", answer, names="['car']")
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "000002.txt").write_text(f"2 0.5 0.5 0.4 0.{4 if name == 'a' else 5} 0.9\n")
-    cv2.imwrite(str(tmp_path / "mask.png"), np.eye(HEIGHT, WIDTH, dtype=np.uint8))
-    return bands
+    """A sequence beside the other inputs."""
+    return write_inputs(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def runs_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, str], Path]:
+    """A function of a command and its inputs: the folder with the inputs and the results of the command."""
+
+    @functools.cache
+    def folder_of(command: str, inputs: str) -> Path:
+        folder = tmp_path_factory.mktemp(command)
+        write_inputs(folder)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.chdir(folder)
+            assert main([*COMMANDS[command], "street", *PLACES, *inputs.split()]) == 0
+        return folder
+
+    return folder_of
 
 
 def change_images(bands: Path) -> None:
@@ -69,14 +92,19 @@ CHANGES: dict[str, tuple[str, str, Callable[[Path], None]]] = {
 @pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize("what", CHANGES)
 def test_other_inputs_are_refused_before_the_work(
-    street: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], command: str, what: str
+    runs_of: Callable[[str, str], Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    command: str,
+    what: str,
 ) -> None:
     first, second, change = CHANGES[what]
-    monkeypatch.chdir(street.parent)
-    words = [*COMMANDS[command], str(street), "--out", "out", "--cache", "cache"]
-    assert main([*words, *first.split()]) == 0
+    shutil.copytree(runs_of(command, first), tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    words = [*COMMANDS[command], "street", *PLACES]
     before = sorted(str(path) for path in Path("cache").rglob("*"))
-    change(street)
+    change(tmp_path / "street")
     capsys.readouterr()
     assert main([*words, *second.split()]) == 2
     error = capsys.readouterr().err
@@ -95,7 +123,7 @@ def test_the_boxes_decide_about_a_run_without_a_record_of_its_detector(
     street: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(street.parent)
-    words = [*COMMANDS["reproduce"], str(street), "--out", "out", "--cache", "cache"]
+    words = [*COMMANDS["reproduce"], str(street), *PLACES]
     assert main([*words, "--detector", "a.onnx"]) == 0
     for path in Path("out").rglob("config.json"):
         config = json.loads(path.read_text(encoding="utf-8"))
