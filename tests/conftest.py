@@ -20,6 +20,7 @@ import pytest
 from file_server import FileServer
 from filelock import FileLock
 from hypothesis import settings
+from matplotlib.figure import Figure
 from real_images import KITTI_00, RealImages
 
 from vo_lib.config import change, preset
@@ -29,6 +30,7 @@ from vo_lib.data.sequence import Sequence
 from vo_lib.geometry.motion import quaternion_from_rotation, rigid, rotation_from_vector
 from vo_lib.geometry.types import Array, Image, IntArray
 from vo_lib.kit.settings import KitConfig
+from vo_lib.report.plots import png
 
 # No time limit per example, because a machine may be busy. The default profile has the same examples in
 # every run; `--hypothesis-profile long` has many more, and others in each run.
@@ -206,6 +208,14 @@ def write_euroc_truth(path: Path, times_ns: IntArray, poses: Array) -> None:
         cells = [*T[:3, 3], w, x, y, z, *np.zeros(9)]
         rows.append(",".join([f"{t}", *map(repr, map(float, cells))]))
     path.write_text("\n".join(rows) + "\n", encoding="utf-8")
+
+
+@pytest.fixture
+def pictures_not_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One empty picture in place of all: for tests of runs and numbers, whose time goes into pictures."""
+    empty = png(Figure(figsize=(1, 1)))
+    for module in ("commands.run", "report.table1_page", "report.sweep_table"):
+        monkeypatch.setattr(f"vo_lib.{module}.png", lambda figure: empty)
 
 
 @pytest.fixture

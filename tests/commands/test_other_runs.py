@@ -89,6 +89,7 @@ CHANGES: dict[str, tuple[str, str, Callable[[Path], None]]] = {
 }
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 @pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize("what", CHANGES)
 def test_other_inputs_are_refused_before_the_work(

@@ -535,6 +535,7 @@ def test_a_warning_of_several_seeds_is_printed_once_with_the_numbers_of_the_firs
     ]
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 @pytest.mark.parametrize(
     ("sequences", "note"),
     [
@@ -598,6 +599,7 @@ def test_failed_run_is_reported_with_its_cause(tree: Path, capsys: pytest.Captur
         assert "000003.png" in message
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_finished_runs_are_not_repeated(tree: Path) -> None:
     def times(*words: str) -> dict[str, int]:
         assert reproduce(tree, "--sequences", "02", "--variant", "kit", *words) == 0
@@ -689,6 +691,7 @@ def test_a_setting_is_changed_in_the_whole_table(tree: Path, capsys: pytest.Capt
     assert {folder.split("/")[2] for folder in set(again) - set(runs)} == {"selection.sets=30"}
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_a_setting_gives_the_poses_of_a_run_with_it(tree: Path) -> None:
     words = ["--sequences", "02", "--variant", "published", "--set", "selection.threshold=1"]
     assert reproduce(tree, *words) == 0
@@ -698,6 +701,7 @@ def test_a_setting_gives_the_poses_of_a_run_with_it(tree: Path) -> None:
     assert (table / "poses.txt").read_bytes() == (tree / "single" / "poses.txt").read_bytes()
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_the_settings_of_a_run_are_those_of_the_table(tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
     single = ["--method", "feature_selection", "--selection.sets", "20", "--out", str(tree / "single")]
     assert main(["run", "kitti/02", *single]) == 0
@@ -714,6 +718,7 @@ def test_the_settings_of_a_run_are_those_of_the_table(tree: Path, capsys: pytest
     assert [row["method"] for row in csv.DictReader(io.StringIO(text))] == ["feature_selection"]
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_missing_sequences_may_be_accepted(tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["--sequences", "02,08", "--variant", "published"]
     assert reproduce(tree, *words, "--missing", "ok") == 0
@@ -726,6 +731,7 @@ def test_missing_sequences_may_be_accepted(tree: Path, capsys: pytest.CaptureFix
     assert "The other runs" not in printed
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_a_table_may_take_a_part_of_each_sequence(tree: Path) -> None:
     words = ["--sequences", "02", "--variant", "published", "--frames", "1:5"]
     assert reproduce(tree, *words) == 0
@@ -737,6 +743,7 @@ def test_a_table_may_take_a_part_of_each_sequence(tree: Path) -> None:
     assert reproduce(tree, *words[:4]) == 2
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_dask_runs_the_table(tree: Path) -> None:
     distributed = pytest.importorskip("distributed")
     words = ["--sequences", "02", "--variant", "published", "--set", "selection.sets=20"]
@@ -748,6 +755,7 @@ def test_dask_runs_the_table(tree: Path) -> None:
     assert {folder: content for folder, (_, content) in poses_of(tree).items()} == local
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_the_time_of_kitti_is_known_where_the_matches_are_kept(
     tree: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

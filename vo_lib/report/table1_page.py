@@ -493,15 +493,16 @@ def _pictures(
             if group.block_key == block.key:
                 bars += _error_bars(group)
         panels = {name: panel for (of_block, name), panel in result.paths.items() if of_block == block}
+        drawn = {name: png(trajectories_figure({name: panel})) for name, panel in panels.items()}
         for name, panel in panels.items():
-            picture = _path_picture(block, {name: panel})
-            write_atomic(folder / _picture_name(block, name), picture.data)
-            paths.append(picture)
+            write_atomic(folder / _picture_name(block, name), drawn[name])
+            paths.append(_path_picture(block, {name: panel}, drawn[name]))
         figure_4 = {name: panels[name] for name in FIGURE_4_SEQUENCES if name in panels}
         if figure_4:
-            picture = _path_picture(block, figure_4, "Figure 4: ")
-            write_atomic(folder / _figure_4_name(block), picture.data)
-            paths.append(picture)
+            first, *others = figure_4
+            data = png(trajectories_figure(figure_4)) if others else drawn[first]
+            write_atomic(folder / _figure_4_name(block), data)
+            paths.append(_path_picture(block, figure_4, data, "Figure 4: "))
     if removals:
         return [removals[0], *bars[:1], *paths[:1], *bars[1:], *removals[1:], *paths[1:]]
     return [*paths[:1], *bars, *paths[1:]]
@@ -521,8 +522,8 @@ def _error_bars(group: Group) -> list[Picture]:
     return [Picture(png(figure), caption, place)]
 
 
-def _path_picture(block: Block, panels: dict[str, DrawnPaths], heading: str = "") -> Picture:
-    """The paths of the sequences in `panels` from above, with distances where there is truth.
+def _path_picture(block: Block, panels: dict[str, DrawnPaths], data: bytes, heading: str = "") -> Picture:
+    """The drawn paths of the sequences in `panels` from above, with distances where there is truth.
 
     Of a straight drive, the first chart is the error to the side or, without truth, the distance to the side
     of a straight line.
@@ -539,7 +540,7 @@ def _path_picture(block: Block, panels: dict[str, DrawnPaths], heading: str = ""
     if has_truth:
         caption += ", and distances from the truth"
     caption += f"; {block_words(block.variant, block.words)}, first seed."
-    return Picture(png(trajectories_figure(panels)), caption, "two" if has_truth else "")
+    return Picture(data, caption, "two" if has_truth else "")
 
 
 def _chart_words(truth: Array | None, estimates: Mapping[str, Array]) -> str:
