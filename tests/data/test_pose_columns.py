@@ -208,6 +208,12 @@ REFUSED: dict[str, tuple[str, Cells, str]] = {
         lambda k: [stamp(k), *format_kitti_poses(POSES[k : k + 1]).split()],
         "not a pose file: 13 columns separated by commas",
     ),
+    "EuRoC's, and one more": (
+        "",
+        lambda k: [stamp(k), *position(k), *w_first(k), "0"],
+        "9 columns separated by commas; expected 12 numbers, the upper 3×4 of a pose, row by row (KITTI), "
+        "8 numbers, t x y z qx qy qz qw (TUM), 8, 11 or 17 numbers separated by commas",
+    ),
     "microseconds": ("", lambda k: [stamp(k)[:-3], *position(k), *w_first(k)], "probably microseconds: name"),
     "angles": (
         "t,x,y,z,roll,pitch,yaw",

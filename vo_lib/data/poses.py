@@ -42,7 +42,8 @@ from .pose_times import (
 
 KITTI_ROW = "12 numbers, the upper 3×4 of a pose, row by row"
 TUM_ROW = "8 numbers, t x y z qx qy qz qw"
-EUROC_ROW = "8, 11 or 17 numbers separated by commas, t in ns, x y z, qw qx qy qz"
+EUROC_ORDER = "separated by commas, t in ns, x y z, qw qx qy qz"
+EUROC_ROW = f"8 or more numbers {EUROC_ORDER}"
 POSE_NUMBERS = 7  # of a position and a quaternion
 SEPARATOR_NAMES = {",": "commas", ";": "semicolons", "\t": "tabulators"}
 _WHOLE_NUMBER = re.compile(r"\s*\d+(\.0*)?\s*,")  # the time in nanoseconds at the beginning of a row
@@ -224,8 +225,9 @@ def _unknown_order(row: str, separator: str | None) -> str:
     if separator is not None and len(row.split(separator)) >= POSE_NUMBERS:
         columns = f"{len(row.split(separator))} columns separated by {SEPARATOR_NAMES[separator]}"
     return (
-        f"not a pose file: {columns}; expected {KITTI_ROW} (KITTI), {TUM_ROW} (TUM), {EUROC_ROW} "
-        f"(EuRoC), or the names of the columns in a first line such as {HEADER_EXAMPLE!r}"
+        f"not a pose file: {columns}; expected {KITTI_ROW} (KITTI), {TUM_ROW} (TUM), 8, 11 or 17 "
+        f"numbers {EUROC_ORDER} (EuRoC), or the names of the columns in a first line such as "
+        f"{HEADER_EXAMPLE!r}"
     )
 
 
