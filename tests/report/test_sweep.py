@@ -19,7 +19,7 @@ from vo_lib.data.poses import from_first, read_kitti_poses
 from vo_lib.evaluation.kitti_errors import SHORT_PROTOCOL, kitti_errors
 from vo_lib.files import read_csv
 from vo_lib.report.blocks import parse_axis
-from vo_lib.report.sweep_table import DEFAULT, Sweep, heat_map, run_sweep, sweep_table
+from vo_lib.report.sweep_table import DEFAULT, Measured, Sweep, heat_map, run_sweep, sweep_table
 from vo_lib.runs.drive import run_methods
 from vo_lib.runs.jobs import Job, Outcome, run_jobs
 
@@ -290,6 +290,27 @@ def test_a_sweep_without_truth_names_the_settings_that_it_compares_with(
         assert f"those of {reference} with the same seed" in printed
         assert f"seeds of {reference} " in printed
         assert printed.count("default settings") == (0 if config else 2)
+
+
+@pytest.mark.parametrize(
+    ("axes", "same"),
+    [
+        ({"method": ("viso2", "mesvo_f"), "a": ("1",)}, "the same method and seed"),
+        ({"a": ("1",)}, "the same seed"),
+    ],
+)
+def test_a_path_of_several_methods_is_compared_with_its_own_method(
+    axes: dict[str, tuple[str, ...]], same: str
+) -> None:
+    numbers = dict.fromkeys(
+        ["length_m", "end_apart_m", "end_apart_m_std", "rmse_apart_m", "rmse_apart_m_std"], 1.0
+    )
+    records = [
+        {"method": method, "a": "1", "failed": "", **numbers} for method in axes.get("method", ["viso2"])
+    ]
+    table = sweep_table(Sweep("", axes, records, measured=Measured.APART))
+    (note,) = table.notes
+    assert f"those of the default settings with {same}, from the same start" in note
 
 
 def test_a_sweep_detects_its_boxes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -69,9 +69,9 @@ def add(parser: argparse.ArgumentParser) -> None:
 class _Grid:
     """The runs that the options of `vo sweep` ask for.
 
-    bases : by method, the settings that are not on an axis.
-    reference_words : these settings in words.
-    axes : the values of the others.
+    bases : by method, its configuration before an axis changes it.
+    reference_words : `bases` in words.
+    axes : the settings that vary, with their values.
     seeds : number of runs with each combination of the values.
     names : of the sequences.
     """

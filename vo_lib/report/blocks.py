@@ -19,7 +19,8 @@ from ..paper.settings import MethodConfig
 Axes = dict[str, tuple[Any, ...]]
 Changes = tuple[tuple[str, Any], ...]  # dotted names of settings, and a value for each
 LONGEST_NAME = 100  # characters of a folder's name, without the digest behind a longer one
-# So begin the names of the settings with which closing loops compares two places, whatever the method.
+# The settings whose names begin with this belong to the estimator of viso2. The closing of loops finds the
+# motion between two places with them, too, whatever the method of the run.
 LOOP_PREFIX = "reprojection."
 
 

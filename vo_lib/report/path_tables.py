@@ -22,8 +22,8 @@ from .plots import error_curves_figure, png, trajectories_figure
 from .table1 import ERROR_KINDS, STILL_M
 from .table1_plan import slug
 
-# A curve with fewer points has no figure. The devkit's speed bins overlap, so that a single speed falls into
-# two or three of them.
+# A curve with fewer points has no figure. The devkit's speed bins overlap, so nearly equal speeds already
+# fall into two or three of them.
 MIN_CURVE_POINTS = {"length": 2, "speed": 4}
 USUAL_LENGTH_RATIOS = (0.5, 2.0)  # least and largest length of a path, divided by that of its truth
 WRITE_INVERSES = "write their inverses (camera to world)"  # the advice of all warnings about inverted poses

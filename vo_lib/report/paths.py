@@ -195,7 +195,8 @@ def read_paths(
             without_truth[source] = error
     if not truths:
         return _read_without_truth(sources, configs, without_truth, tolerance)
-    for source, reason in without_truth.items():
+    if without_truth:
+        source, reason = next(iter(without_truth.items()))
         raise DataError(f"{reason}: {GIVE_TRUTH}, or evaluate this path alone", source)
     return _read_with_truth_of_runs(sources, configs, truths, tolerance)
 
@@ -533,8 +534,8 @@ def _matched(path: Path, truth: _Reference, tolerance: float, truth_words: str) 
 
     truth_words : the truth in words.
 
-    Raises `DataError` if a smaller share of poses than `LEAST_MATCHED_SHARE` has equal times, or if files
-    without times differ in length.
+    Raises `DataError` for a single pose, for impossible times, if a smaller share of poses than
+    `LEAST_MATCHED_SHARE` has equal times, or if files without times differ in length.
     """
     file = read_path(path)
     if len(file.poses) < 2:

@@ -2,6 +2,9 @@
 
 The functions for charts draw on an axis or return a Matplotlib Figure, without pyplot. Matplotlib is imported
 only for the first figure, since the import takes half a second.
+
+Estimates are in the axes of the first true camera. The truth may be in others, such as those of the whole
+sequence for a part of it: charts show it in the axes of its first camera, too.
 """
 
 from __future__ import annotations
@@ -178,7 +181,6 @@ def label_axis(axis: Axes, x: str, y: str) -> None:
 
 def draw_trajectories(axis: Axes, title: str, truth: Array | None, estimates: Mapping[str, Array]) -> None:
     """Draw the truth and named estimates, (N, 4, 4) each, seen from above; a dot marks the start."""
-    # An estimate starts at the identity, but the truth of part of a sequence does not.
     paths = {} if truth is None else {TRUTH: from_first(truth)}
     for _, poses, style in styled({**paths, **estimates}):
         x, z = poses[:, [0, 2], 3].T
@@ -190,7 +192,10 @@ def draw_trajectories(axis: Axes, title: str, truth: Array | None, estimates: Ma
 
 
 def distance_from_truth(poses: Array, truth: Array) -> Array:
-    """Distances (N,) in metres between poses and truth, (N, 4, 4) each; the poses start at the identity."""
+    """Distances (N,) in metres between poses and truth, (N, 4, 4) each.
+
+    The poses are in the axes of the first true camera.
+    """
     return np.asarray(np.linalg.norm(poses[:, :3, 3] - from_first(truth)[:, :3, 3], axis=1))
 
 
@@ -208,7 +213,7 @@ def is_straight(truth: Array | None, estimates: Mapping[str, Array]) -> bool:
 def sideways_from_truth(poses: Array, truth: Array) -> Array:
     """How far poses are to the right of the true ones, (N,) metres, seen from the true camera.
 
-    Both are (N, 4, 4); the poses start at the identity.
+    Both are (N, 4, 4); the poses are in the axes of the first true camera.
     """
     true = from_first(truth)
     to_right = true[:, :3, 0]  # the x axis of the true camera

@@ -1,4 +1,8 @@
-"""Sweeps: runs of methods over a grid of settings and several seeds, on each of several sequences."""
+"""Sweeps: runs of methods over a grid of settings and several seeds, on each of several sequences.
+
+Without ground truth, each path is compared with that of the reference: the runs of the same method in which
+no axis changes a setting. Their settings are those of the preset, changed by --config if there is one.
+"""
 
 from __future__ import annotations
 
@@ -52,9 +56,9 @@ if TYPE_CHECKING:
 
 NOT_USED = " (not used)"
 CELLS = "cells"  # folder of the runs in the folder of a sweep
-DEFAULT = "default"  # folder of the runs in which no setting is changed
-# Fields of a record for a path without ground truth: how far it is from the path of the reference, the
-# settings that are not on an axis. It is the distance at the end, and the root mean square of all distances.
+DEFAULT = "default"  # folder of the reference, if it is none of the combinations on the axes
+# Fields of a record for a path without ground truth: how far it is from the path of the reference. It is the
+# distance at the end, and the root mean square of all distances.
 END_APART = "end_apart_m"
 RMSE_APART = "rmse_apart_m"
 # The same for a path with truth that is shorter than every sub-sequence: how far it is from the true path.
@@ -64,7 +68,7 @@ RMSE_ERROR = "rmse_error_m"
 APART_KINDS = {END_APART: "end apart m", RMSE_APART: "rmse apart m"}
 POSITION_KINDS = {END_ERROR: "end error m", RMSE_ERROR: "rmse error m"}
 METHOD_AXIS = "method"  # the name of the axis that several methods make
-DEFAULT_SETTINGS = "the default settings"
+DEFAULT_SETTINGS = "the default settings"  # the reference in words, if it has the presets
 SAME_PATH_M = 0.0005  # a smaller distance is printed as 0.000 m
 # The heat map. Heights and widths are in inches.
 LEAST_LETTERS = 12  # in a line of a value below it
@@ -83,7 +87,7 @@ class Measured(Enum):
 
     ERRORS = "TE and RE of sub-sequences"
     POSITIONS = "distances from the true path, which is shorter than every sub-sequence"
-    APART = "distances from the path of the default settings, without ground truth"
+    APART = "distances from the path of the reference, without ground truth"
 
     @property
     def kinds(self) -> dict[str, str]:
@@ -113,12 +117,13 @@ class Sweep:
     outcomes : of all jobs, in order.
     measured : what the numbers are.
     notes : sentences below the table, beside those that follow from the records.
-    reference_words : the reference in words: the settings that are not on an axis.
+    reference_words : the settings of the reference in words.
 
     A record has the sequence, the method, the value of each axis as text, the number of successful seeds,
-    errors and costs as in a record of Table 1, the settings that the method does not use with the other
-    values, warnings, and the causes of failed runs. Where no errors are measured, it also has the length of
-    the path and its distance from the true path or, without ground truth, from that of the reference.
+    errors (not without ground truth) and costs as in a record of Table 1, the names of the axes that have no
+    effect with the other values, warnings, and the causes of failed runs. Where no errors are measured, it
+    also has the length of the path and its distance from the true path or, without ground truth, from that of
+    the reference.
     """
 
     title: str
@@ -137,7 +142,11 @@ class Sweep:
 
 @dataclass(frozen=True)
 class _SweepCell:
-    """The runs of a method on a sequence with some changes, one per seed; `config` has the changes."""
+    """The runs of a method on a sequence with values of the axes, one per seed.
+
+    changes : these values; none for a reference that is no combination of them.
+    config : the configuration with the changes.
+    """
 
     sequence: Sequence
     method: str
@@ -146,14 +155,14 @@ class _SweepCell:
     jobs: tuple[Job, ...]
 
 
-# The cells with the settings that are not on an axis, by sequence and method, of sequences without truth.
+# The cells of the reference, by sequence and method, of sequences without truth.
 _ReferenceCells = dict[tuple[str, str], _SweepCell]
 
 
 def refuse_unused(bases: Mapping[str, MethodConfig], axes: Axes, must_be_used: Iterable[str] = ()) -> None:
     """Raise `DataError` for a setting that no method uses in any combination of the values.
 
-    bases : by method, the settings that are not on an axis.
+    bases : by method, its configuration before an axis changes it.
     must_be_used : names of settings in `bases` that at least one method has to use; those of an axis always
         have to.
     """
@@ -177,15 +186,17 @@ def run_sweep(
 ) -> list[Sweep]:
     """Run all combinations with seeds 0 … seeds - 1, each in its own folder in `folder`/cells.
 
+    On a sequence without ground truth, the reference is run as well, and paths are compared with its path.
+
     Parameters
     ----------
     sequences : names.
-    bases : by method, the settings that are not on an axis: the reference.
-    axes : the values of the others.
-    opened : the sequence of a name for a configuration. Without ground truth, the reference is run as well,
-        and the paths are compared with its path.
+    bases : by method, its configuration before an axis changes it: that of the reference.
+    axes : the settings that vary, with their values.
+    opened : gives the sequence of a name for a configuration, since the vehicle boxes of a detector depend on
+        the classes in it (`filter.classes`).
     run : function that does the jobs, such as `jobs.run_jobs` with its options.
-    reference_words : the settings of `bases` in words.
+    reference_words : `bases` in words.
 
     Returns
     -------
@@ -306,7 +317,7 @@ def _record(
         reference_runs = [] if reference_cell is None else _finished_runs(reference_cell, error_of_job)
         record |= _fields_without_truth(runs, reference_runs)
     elif measured_on(cell.sequence) is Measured.POSITIONS:
-        # TE and RE stay empty; the costs are those of the fields of positions.
+        # `number_fields` gives None for TE, RE and the costs; `_fields_of_positions` then replaces the costs.
         record |= number_fields(no_errors, None) | _fields_of_positions(runs, truth)
     elif runs:
         entry = measure_runs(cell.method, runs, suitable_protocol(truth))
@@ -463,8 +474,9 @@ def _notes_below(sweep: Sweep) -> list[str]:
     if sweep.measured is Measured.POSITIONS:
         notes.append(POSITION_NOTE)
     if sweep.measured is Measured.APART:
+        same = "method and seed" if METHOD_AXIS in sweep.axes else "seed"
         notes.append(
-            f"apart: distance of the positions from those of {sweep.reference_words} with the same seed, "
+            f"apart: distance of the positions from those of {sweep.reference_words} with the same {same}, "
             "from the same start, at the end and as rmse. These are no errors: they do not tell "
             "which path is right."
         )

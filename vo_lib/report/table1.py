@@ -173,7 +173,10 @@ class Entry:
 
     @property
     def as_kitti(self) -> bool:
-        """Whether TE and RE are computed as in KITTI's benchmark, over the truth of a whole sequence."""
+        """Whether TE and RE are computed as in KITTI's benchmark, on a whole sequence of any data set.
+
+        It must be long enough for `FEW_SUBSEQUENCES` sub-sequences.
+        """
         return is_as_kitti(self.measure, self.subsequences, not self.is_part)
 
     @property
@@ -183,7 +186,10 @@ class Entry:
 
     @property
     def is_whole(self) -> bool:
-        """Whether the sequence is a complete sequence of the benchmark, with the benchmark's measure."""
+        """Whether the sequence is one of the benchmark's with all its frames, measured as in the benchmark.
+
+        Only then may the paper's numbers stand beside it.
+        """
         return len(self.truth) == BENCHMARK_FRAMES.get(self.sequence) and self.measure == KITTI_PROTOCOL
 
 

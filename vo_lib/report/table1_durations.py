@@ -14,7 +14,7 @@ from .table1 import LEFT_OUT, SUB_SEQUENCES
 def kitti_duration(jobs: list[Job], durations: Durations, detects: bool = False) -> list[str]:
     """A sentence on how long these methods and seeds would take on all of KITTI's sequences 00-10.
 
-    There is none if the jobs have all of these sequences as a whole, or no part of any.
+    There is none if the jobs are on all of these sequences as a whole, or on none of them.
 
     detects : whether a detector is to detect the boxes.
     """

@@ -373,9 +373,10 @@ def _comparison(group: Group, other: str) -> list[str]:
 def _change(error: str, before: Array, after: Array, claim: float | None) -> str:
     """Words on the change of an error (S,) over seeds, such as "lowers TE from 1.6 to 0.5 % (−69.2 %)".
 
-    An error is lowered or raised only if one run would show it; otherwise it "changes".
+    An error is lowered or raised only if one run would show it; otherwise it "changes". Empty for equal
+    means.
 
-    error : its name and unit; claim : the paper's gain in %. Empty for equal means.
+    error : its name and unit; claim : the paper's gain in %.
     """
     name, unit = error.split(" ", 1)
     mean, deviation = mean_and_deviation(before)

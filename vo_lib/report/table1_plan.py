@@ -63,7 +63,8 @@ def plan_cells(
 
     methods : names by variant.
     sequences : names.
-    opened : gives the sequence of a name for a configuration.
+    opened : gives the sequence of a name for a configuration, since the vehicle boxes of a detector depend on
+        the classes in it (`filter.classes`).
 
     Raises as `refuse_equal_names`.
     """
@@ -103,7 +104,7 @@ def jobs_of(cells: Iterable[_HasJobs]) -> list[Job]:
 def job_folder(
     folder: Path, variant: str, sequence: str, method: str, seed: int, changes: Changes = ()
 ) -> Path:
-    """The folder of a run, inside the folder of the table; `changes` : those of the preset that it uses."""
+    """The folder of a run in the folder of the table; `changes` : of the preset, those with an effect."""
     place = folder / RUNS / variant / slug(sequence) / method
     if changes:
         place /= settings_folder(changes)
