@@ -288,7 +288,7 @@ def test_statistics_and_length_equal_those_of_evo() -> None:
     assert facts.duration == pytest.approx(times[-1])
     pair[1].align_origin(pair[0])
     ape.process_data(tuple(pair))
-    apart = path_difference("truth", truth, "ours", estimate)
+    apart = path_difference(truth, estimate)
     assert apart.rmse == pytest.approx(ape.get_statistic(metrics.StatisticsType.rmse))
     assert apart.largest == pytest.approx(ape.get_statistic(metrics.StatisticsType.max))
     assert apart.end == pytest.approx(ape.error[-1])

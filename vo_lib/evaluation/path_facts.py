@@ -212,51 +212,33 @@ class PathDifference:
 
     Attributes
     ----------
-    first, second : names of the paths.
     end, largest, rmse : distance at the last frame, largest distance, root of the mean squared distance.
     """
 
-    first: str
-    second: str
     end: float
     largest: float
     rmse: float
 
     def to_dict(self) -> dict[str, Any]:
         """The distances for JSON."""
-        return {
-            "paths": [self.first, self.second],
-            "end_m": self.end,
-            "max_m": self.largest,
-            "rmse_m": self.rmse,
-        }
+        return {"end_m": self.end, "max_m": self.largest, "rmse_m": self.rmse}
 
 
-def path_difference(first: str, poses: Array, second: str, others: Array) -> PathDifference:
-    """The distances between the positions of two paths after a common start.
+def path_difference(poses: Array, others: Array) -> PathDifference:
+    """The distances between the positions of two paths (N, 4, 4) after a common start.
 
-    Parameters
-    ----------
-    first, second : names of the paths; poses, others : their poses (N, 4, 4).
-
-    Raises
-    ------
-    DataError : the paths differ in length, or a pose is not finite.
+    Raises `DataError` if the paths differ in length, or if a pose is not finite.
     """
     moved, _ = align(poses, others, Alignment.ORIGIN)
     distance = np.linalg.norm(moved[:, :3, 3] - poses[:, :3, 3], axis=1)
     return PathDifference(
-        first=first,
-        second=second,
         end=float(distance[-1]),
         largest=float(distance.max()),
         rmse=rmse(distance) or 0.0,
     )
 
 
-def path_differences(paths: Mapping[str, Array]) -> list[PathDifference]:
-    """The distances of each pair of named paths (N, 4, 4)."""
-    return [
-        path_difference(first, paths[first], second, paths[second])
-        for first, second in combinations(paths, 2)  # of names
-    ]
+def path_differences(paths: Mapping[str, Array]) -> dict[tuple[str, str], PathDifference]:
+    """The distances of each pair of named paths (N, 4, 4), by their names."""
+    pairs_of_names = combinations(paths, 2)
+    return {(first, second): path_difference(paths[first], paths[second]) for first, second in pairs_of_names}

@@ -184,10 +184,10 @@ def _table_of_facts(paths: PathsWithoutTruth) -> ReportTable:
 def _table_of_distances(paths: PathsWithoutTruth) -> ReportTable:
     """How far the paths of each pair are apart at their common frames."""
     rows = []
-    for pair in path_differences(paths.common):
-        distances = (pair.end, pair.largest, pair.rmse)
+    for (first, second), apart in path_differences(paths.common).items():
+        distances = (apart.end, apart.largest, apart.rmse)
         cells = [format_number(distance) for distance in distances]
-        rows.append([f"{pair.first} – {pair.second}", *cells])
+        rows.append([f"{first} – {second}", *cells])
     columns = ["two paths from the same start", "at the end m", "largest m", "rmse m"]
     which = "all" if paths.is_all_common else "only the"
     title = f"Distances between the paths, at {which} {paths.common_count} poses that all paths have"
@@ -206,7 +206,9 @@ def facts_without_truth(paths: PathsWithoutTruth) -> dict[str, Any]:
     for name, path in paths.wholes.items():
         facts = path_facts(path.poses, path.times)
         systems.append({"name": name, "frames": facts.poses, "path": facts.to_dict()})
-    differences = [pair.to_dict() for pair in path_differences(paths.common)]
+    differences = []
+    for names, apart in path_differences(paths.common).items():
+        differences.append({"paths": list(names), **apart.to_dict()})
     return {
         "ground_truth": False,
         "warnings": warnings_without_truth(paths),

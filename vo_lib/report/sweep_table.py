@@ -342,14 +342,13 @@ def _fields_without_truth(runs: list[Run], reference_runs: list[Run]) -> dict[st
     apart = []
     for result in runs:
         if result.config.seed in reference_of_seed:
-            reference_poses = reference_of_seed[result.config.seed]
-            apart.append(path_difference("a path", result.poses, "the reference", reference_poses))
+            apart.append(path_difference(result.poses, reference_of_seed[result.config.seed]))
     return _fields_of_distances(runs, apart, END_APART, RMSE_APART)
 
 
 def _fields_of_positions(runs: list[Run], truth: Array) -> dict[str, float | None]:
     """Length of the paths, and their distance from the true path (N, 4, 4), after a common start."""
-    apart = [path_difference("the truth", truth, "a path", result.poses) for result in runs]
+    apart = [path_difference(truth, result.poses) for result in runs]
     return _fields_of_distances(runs, apart, END_ERROR, RMSE_ERROR)
 
 
@@ -396,9 +395,7 @@ def _notes(
 def _seeds_note(cell: _SweepCell, error_of_job: Mapping[Path, str | None], reference_words: str) -> str:
     """A sentence on how far two seeds of a cell of the reference are apart, and what one run cannot show."""
     paths: list[Array] = [result.poses for result in _finished_runs(cell, error_of_job)]
-    apart = [
-        path_difference("", first, "", second).rmse for first, second in itertools.combinations(paths, 2)
-    ]
+    apart = [path_difference(first, second).rmse for first, second in itertools.combinations(paths, 2)]
     if not apart:
         return (
             f"{cell.method}: fewer than two runs of {reference_words} succeeded, so how far two seeds are "

@@ -52,7 +52,7 @@ def kitti_duration(jobs: list[Job], durations: Durations, detects: bool = False)
 def kitti_seconds(jobs: list[Job], durations: Durations) -> float | None:
     """Estimated seconds of methods and seeds on all of KITTI's sequences 00-10; None if a kind is unknown.
 
-    Short runs take longer per frame, since each one writes its files.
+    From short runs, the estimate is too large rather than too small, since each run also writes its files.
 
     jobs : runs of these methods and seeds, on one sequence or more. Those on the first sequence tell the
         kinds of runs, since the others repeat them.

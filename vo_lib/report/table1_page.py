@@ -179,7 +179,7 @@ def short_path_tables(result: Reproduction) -> list[ReportTable]:
             continue
         rows = []
         for method, poses in paths.items():
-            apart = path_difference("the truth", truth, method, poses)
+            apart = path_difference(truth, poses)
             numbers = (path_facts(poses, None).length, apart.end, apart.rmse)
             rows.append([method, *(format_number(number, 3) for number in numbers)])
         notes = [
@@ -222,7 +222,7 @@ def _settings_table_without_truth(
                 continue
             cells = [format_number(path_facts(paths[method], None).length, 2), NO_NUMBER, NO_NUMBER]
             if method in paths_by_block[first]:
-                apart = path_difference("", paths_by_block[first][method], "", paths[method])
+                apart = path_difference(paths_by_block[first][method], paths[method])
                 cells[1:] = [format_number(apart.end, 2), format_number(apart.rmse, 2)]
             label = _method_with_settings(method, block.words, is_used=not block.unused(method))
             rows.append([label, *cells])
