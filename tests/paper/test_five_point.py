@@ -8,7 +8,15 @@ import pytest
 
 from course.simulation.problems import MOTIONS, Motion, PoseProblems, random_problems
 from vo_lib.geometry.types import Array
-from vo_lib.paper.five_point import Candidates, five_point
+from vo_lib.paper.five_point import (
+    Candidates,
+    cubic_constraints,
+    determinant,
+    eliminate,
+    epipolar_rows,
+    five_point,
+    null_space,
+)
 from vo_lib.paper.real_roots import real_roots
 
 WITH_PARALLAX: list[Motion] = [motion for motion in MOTIONS if motion != "pure_rotation"]
@@ -199,6 +207,22 @@ def test_lists_and_single_precision_are_accepted() -> None:
     simulated = problems("general", 3)
     assert len(five_point(simulated.x_p.astype(np.float32), simulated.x_c.astype(np.float32)).E)
     assert len(five_point(simulated.x_p.tolist(), simulated.x_c.tolist()).E)
+
+
+@pytest.mark.parametrize("motion", ["general", "forward", "sideways"])
+def test_the_first_matrix_of_the_null_space_has_neither_z_nor_w(motion: Motion) -> None:
+    """In the place of z or w, it gives several times as many sets with roots too near each other to count."""
+    drawn = problems(motion, 10_000)
+    basis, _ = null_space(epipolar_rows(drawn.x_p, drawn.x_c))
+
+    def doubtful_sets(order: list[int]) -> int:
+        reordered = np.ascontiguousarray(basis[order])
+        _, _, _, doubtful = real_roots(determinant(eliminate(cubic_constraints(reordered))))
+        return int(np.count_nonzero(doubtful))
+
+    as_used = doubtful_sets([0, 1, 2, 3])
+    assert doubtful_sets([1, 2, 3, 0]) > 2 * as_used
+    assert doubtful_sets([3, 2, 1, 0]) > 2 * as_used
 
 
 def test_real_roots_are_all_found() -> None:

@@ -211,21 +211,20 @@ def null_space(rows: Array) -> tuple[Array, BoolArray]:
 
     The second result is a mask (S,) of the sets with independent rows.
 
-    The reflections Q make Q rowsᵀ triangular and so change [rowsᵀ | I] to [R | Q]. Below the triangle, R is
-    zero, so the last four rows of Q are orthogonal to all five `rows`.
+    The reflections Q make Q rowsᵀ triangular and so change [rowsᵀ | I] to [U | Q]. Below the triangle, U is
+    zero, so the last four rows of Q are orthogonal to all five `rows`. From the last one upwards, they are
+    E0, E1, E2 and E3.
 
-    The order of the matrices matters. Row i of Q is near the unit vector i, so the largest entries of the
-    four matrices, from the last row of Q upwards, are (2, 2), (2, 1), (2, 0) and (1, 2). Between frames R is
-    near I, so E is nearly [t]×: (2, 0) and (1, 2) are about -t_y and -t_x, and (2, 2) is small. The last two
-    matrices have the factors z and w, whose ratio tells the solutions apart: their t differ, while (2, 2) is
-    small in all of them.
+    This order matters. The roots are those of a polynomial in z and w, the factors of E2 and E3. If E0 were
+    in the place of one of the two, several times as many sets would have roots that are too near each other
+    to be counted.
     """
     sets = rows.shape[-1]
     identity = np.broadcast_to(np.eye(9)[..., None], (9, 9, sets))
-    RQ = householder(np.concatenate([rows.swapaxes(0, 1), identity], axis=1), 5)
-    diagonal = np.abs(RQ[range(5), range(5)])
+    U_and_Q = householder(np.concatenate([rows.swapaxes(0, 1), identity], axis=1), 5)
+    diagonal = np.abs(U_and_Q[range(5), range(5)])
     independent = diagonal.min(axis=0) > 1e-12 * diagonal.max(axis=0)
-    last_rows = RQ[5:, 5:]
+    last_rows = U_and_Q[5:, 5:]
     return np.ascontiguousarray(last_rows[::-1]).reshape(4, 3, 3, sets), independent
 
 
