@@ -12,7 +12,8 @@ import numpy as np
 from .types import Array
 
 DEVIATION_OVER_MEDIAN = 1.4826  # standard deviation over median absolute deviation of normal noise
-SMALL_ANGLE_RAD = 1e-4  # below this angle, series replace quotients that are nearly 0 / 0
+# Below this angle, series replace quotients that are nearly 0 / 0 (`rotation_from_vector` has its own limit).
+SMALL_ANGLE_RAD = 1e-4
 
 
 def skew(v: Array) -> Array:
@@ -33,7 +34,9 @@ def rotation_from_vector(w: Array) -> Array:
     w = np.asarray(w, dtype=np.float64)
     theta2 = np.sum(w * w, axis=-1)[..., None, None]
     theta = np.sqrt(theta2)
-    small = theta2 < 1e-12  # there, series replace the quotients, which would be 0 / 0
+    # Here the series are needed only where the quotients are 0 / 0. At larger angles of this size, 1 - cos θ
+    # has a large relative error, but it is multiplied by W² / θ², so R is as precise as at any other angle.
+    small = theta2 < 1e-12
     safe = np.where(small, 1.0, theta)
     a = np.where(small, 1.0 - theta2 / 6.0, np.sin(safe) / safe)
     b = np.where(small, 0.5 - theta2 / 24.0, (1.0 - np.cos(safe)) / (safe * safe))

@@ -106,27 +106,29 @@ def linearise(
     vector (about the previous camera's centre) and the translation, both in the axes of the current camera;
     depth (..., N), metres.
     """
-    X = rotated + t_cp
-    z = np.maximum(X[..., 2], 1e-3)  # finite pixels for points behind the camera, which `depth` tells apart
+    moved = rotated + t_cp
+    depth = moved[..., 2]
+    z = np.maximum(depth, 1e-3)  # a point behind the camera gets finite pixels; its `depth` tells it apart
     s = camera.f / z
-    u = s * X[..., 0]
-    v = s * X[..., 1]
+    # As in `measured`, pixels are relative to the principal point.
+    u = s * moved[..., 0]
+    v = s * moved[..., 1]
     u_right = u - s * camera.baseline
     residual = measured - np.stack([u, v, u_right, v], axis=-1)
-    # With R X_p = (a, b, c), a rotation δω and a translation δt move the point by dX = δω × (a, b, c) + δt.
+    # With R X_p = (a, b, c), a rotation δω and a translation δt move the point by δω × (a, b, c) + δt.
     a = rotated[..., 0]
     b = rotated[..., 1]
     c = rotated[..., 2]
     jac = np.zeros((*z.shape, 4, 6))
-    # A point at (X, Y, z) has u = f X / z, so du = s dX - (u / z) dz with s = f / z. The derivatives in the
-    # left and in the right image differ only in u.
+    # A moved point (x, y, z) has u = f x / z, so du = s dx - (u / z) dz with s = f / z. The derivatives in
+    # the left and in the right image differ only in u.
     for row, u_over_z in ((0, u / z), (2, u_right / z)):
         jac[..., row, 0] = -u_over_z * b
         jac[..., row, 1] = s * c + u_over_z * a
         jac[..., row, 2] = -s * b
         jac[..., row, 3] = s
         jac[..., row, 5] = -u_over_z
-    # dv = s dY - (v / z) dz, equal in both images.
+    # dv = s dy - (v / z) dz, equal in both images.
     v_over_z = v / z
     jac[..., 1, 0] = -s * c - v_over_z * b
     jac[..., 1, 1] = v_over_z * a
@@ -134,7 +136,7 @@ def linearise(
     jac[..., 1, 4] = s
     jac[..., 1, 5] = -v_over_z
     jac[..., 3, :] = jac[..., 1, :]
-    return residual, jac, X[..., 2]
+    return residual, jac, depth
 
 
 def measured_pixels(camera: StereoCamera, cur_left: Array, cur_right: Array) -> Array:

@@ -12,9 +12,9 @@ from .types import Array
 class Flag(StrEnum):
     """Remark on a frame in frames.csv."""
 
-    STANDSTILL = "standstill"  # no optical flow
-    FEW_MATCHES = "few_matches"  # no motion: too few matches
-    NO_MOTION = "no_motion"  # no motion with enough inliers
+    STANDSTILL = "standstill"  # hardly any optical flow, so the motion is set to the identity
+    FEW_MATCHES = "few_matches"  # too few matches: an earlier motion is repeated
+    NO_MOTION = "no_motion"  # no motion with enough inliers was found: an earlier one is repeated
     CONTRADICTS_STEREO = "contradicts_stereo"  # the motion does not fit the depths of the stereo pairs
     # Only in variant `kit`:
     FILTER_OFF = "filter_off"  # no features removed, since too few would remain
@@ -39,7 +39,8 @@ class FrameResult:
     prior_angle : angle to the previous essential vector, degrees; NaN if one of the two vectors is missing.
     flags : remarks on unusual frames.
     e : (9,) essential vector of the winner; None without a winner, so always for VISO2.
-    still : whether the camera stands still: the used features hardly move.
+    still : whether the camera stands still: the used features hardly move. With VISO2 there is no flag
+        `standstill` then, since it measures the motion all the same.
     ms : milliseconds of each stage.
     """
 
@@ -56,7 +57,10 @@ class FrameResult:
 
     @property
     def measured(self) -> bool:
-        """Whether the motion was measured in this frame's images; if not, an earlier motion is repeated."""
+        """Whether the frame has a motion of its own; if not, an earlier motion is repeated.
+
+        At a standstill, the identity counts as the frame's own motion.
+        """
         return not WITHOUT_MOTION.intersection(self.flags)
 
 
