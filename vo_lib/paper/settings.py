@@ -2,9 +2,12 @@
 
 The paper gives three of these numbers: 50×50 buckets, which are those of earlier work and which we read as
 pixels, k = 2 solutions kept per five-point set, and three frames for the translation. The other numbers are
-ours. `FeatureConfig`, `MatchingConfig`, `TranslationConfig` and `PublishedConfig` are for the variant
-`published`; the settings of all other classes are also those of variant `kit`, which uses some of the classes
-as they are and derives its own from the others.
+ours.
+
+There are two variants of the systems: `published` is the method of the paper, and `kit` is the method with
+our additions, from the package `vo_lib.kit`. `FeatureConfig`, `MatchingConfig`, `TranslationConfig` and
+`PublishedConfig` belong to `published` alone. The settings in all other classes are those of both variants:
+`kit` uses some of these classes as they are, and derives its own from the others.
 """
 
 from __future__ import annotations
@@ -165,7 +168,10 @@ class TranslationLimits(Checked):
 
     @property
     def pairs(self) -> int:
-        """Stereo pairs in a feature's equations: two, unless a variant declares a setting of this name."""
+        """Stereo pairs in a feature's equations: two, as in variant `kit`.
+
+        In variant `published`, a setting of `TranslationConfig` takes the place of this property.
+        """
         return 2
 
 
@@ -219,8 +225,9 @@ class MethodConfig(Checked):
     )
     stereo_limit: float = setting(
         1.5,
-        "median reprojection error above which a motion is compared with a fit to the stereo depths: it "
-        "contradicts stereo if the fit is much better, or has a large error, too; less for exact matches",
+        "median reprojection error of a motion above which it is compared with a fit to the stereo depths "
+        "(the limit is lower for matches with little noise); it is flagged if the error of the fit is much "
+        "smaller, or large as well",
         unit="px",
         low=0,
         high=1000,
