@@ -1,6 +1,12 @@
 """Removal of the features in vehicle boxes (chapter 5; paper, section 3).
 
-Boxes exist in the left images only, so a match is judged by its two left pixels.
+The paper removes the features in the boxes before the motion is estimated, and leaves the rest open:
+
+- In which image must a feature be in a box? Boxes exist in the left images only, so a match is judged by its
+  two left pixels, and one of them in a box is enough.
+- Before or after the buckets? Before them (`odometry`).
+- Which vehicles? The paper has cars in one place, cars and trucks in another. Here they are cars, buses and
+  trucks, unless the setting `classes` names others; parked ones count, too.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
     left previous -> right previous -> right current -> left current -> left previous
 
 Each step takes the most similar feature of the same kind, and the loop must end at the feature where it
-began. That gives whole pixels, which Lucas-Kanade then refines.
+began. That gives whole pixels, which Lucas-Kanade then refines; the paper names no such step.
 """
 
 from __future__ import annotations

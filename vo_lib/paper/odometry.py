@@ -4,13 +4,17 @@
 2. Select features by bucket, age and strength, as in earlier work that section 1 describes.
 3. Draw five-point sets and compute all their essential matrices (section 2.1).
 4. Select one of these candidates, near the previous frame's essential vector (section 2.2).
-5. Take its rotation, by SVD; section 2.1 names a linear equation instead.
+5. Take its rotation, by SVD as in Nistér's paper, which section 2.2 refers to; section 2.1 names a linear
+   equation instead.
 6. Solve the linear system for the translation (equations 2 and 3).
 7. Store the winner's essential vector for the next frame (section 2.2).
 
-Three additions to these steps are not in the paper: at a standstill, the motion is the identity; a frame
+The paper leaves the order of steps 1 and 2 open. Here the boxes come first, so that other features take the
+places in the buckets.
+
+Three additions are no part of any step of the paper: at a standstill, the motion is the identity; a frame
 without a result repeats the last motion; and a motion that contradicts the stereo depths gets a flag, which
-changes nothing else.
+changes nothing else. What we add within a step is said in the module of the step.
 """
 
 from __future__ import annotations
@@ -47,7 +51,7 @@ LEAST_CONTRADICTION_PX = 0.3  # for images without noise
 
 @dataclass(frozen=True, eq=False)
 class StepResult:
-    """Result of the odometry for one frame.
+    """What `Odometry.step` returns: the motion, what the box rule did, and the matches used.
 
     Attributes
     ----------
@@ -62,7 +66,10 @@ class StepResult:
 
 
 class Winner(NamedTuple):
-    """Which of a frame's candidates E (M, 3, 3) has won, as an index, and remarks on the choice."""
+    """Which of a frame's candidates E (M, 3, 3) has won, as an index, and remarks on the choice.
+
+    Only variant `kit` has such a remark: the flag `prior_dropped`.
+    """
 
     candidate: int
     flags: tuple[Flag, ...] = ()
@@ -92,7 +99,8 @@ class Odometry:
 
     Attributes
     ----------
-    e_prev : (9,) essential vector of the last winner, the paper's E_prev; None at the start.
+    e_prev : (9,) essential vector of the last winner that led to a motion, the paper's E_prev; None before
+        the first one.
     clock : times of the current frame's stages.
     fit_gain : a motion contradicts stereo if its error is more than this many times that of a fit to the
         depths. For right motions of the method as published, the largest ratio seen on drawn and real drives
@@ -188,7 +196,11 @@ class Odometry:
         return five_point(x_p[sets], x_c[sets])
 
     def five_point_sets(self, x_p: Array, x_c: Array) -> Index:
-        """Random five-point sets, indices (S, 5) of matches, for `five_point`."""
+        """Random five-point sets, indices (S, 5) of matches, for `five_point`.
+
+        The points (N, 2) are given for variant `kit`, which overrides this and draws fewer sets if the
+        previous E fits most points. Here only their number N is needed.
+        """
         return draw_sets(self.random(), len(x_p), self.config.selection.sets)
 
     def select(self, E: Array, set_index: Index, x_p: Array, x_c: Array) -> Winner:
@@ -201,10 +213,11 @@ class Odometry:
         return Winner(int(np.argmin(np.where(near_prior, errors, np.inf))))
 
     def rotation(self, E: Array, matches: StereoMatches) -> Rotation:
-        """Step 5 (section 2.1): the rotation of the winner E (3, 3), by SVD.
+        """Step 5 (sections 2.1 and 2.2): the rotation of the winner E (3, 3), by SVD.
 
-        The section names a linear equation instead, and leaves open which of the four motions of E is right;
-        here, the one that agrees with the stereo depths.
+        Section 2.2 refers to Nistér's paper, which has the SVD; section 2.1 names a linear equation instead.
+        The paper leaves open which of the four motions of E is right. Here, it is the one that agrees with
+        the stereo depths.
         """
         x_p, x_c = self.points(matches)
         inliers = sampson_inliers(E, x_p, x_c, self.threshold)
@@ -241,7 +254,11 @@ class Odometry:
         )
 
     def next_prior(self, e: Array, flags: tuple[Flag, ...]) -> Array | None:
-        """E_prev (9,) of the next frame: the winner's vector e (9,). Variant `kit` overrides this."""
+        """E_prev (9,) of the next frame: the winner's vector e (9,).
+
+        The flags are given for variant `kit`, which overrides this: it keeps the old E_prev if stereo
+        contradicts the winner.
+        """
         return e
 
     def stands_still(self, matches: StereoMatches) -> bool:

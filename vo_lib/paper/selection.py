@@ -1,9 +1,16 @@
 """Selection of an essential matrix from many candidates, and its rotation (chapter 3; paper, section 2.2).
 
 Of each five-point set, only the k candidates nearest to the previous frame's essential vector are kept. That
-vector is called the prior. Among the kept candidates of all sets, the one with the smallest error wins; the
-paper does not say which error, and we take a mean over all matches of the frame. Without the prior, and with
-the number of inliers in place of the error, the same steps are RANSAC, which is how we read MESVO_F.
+vector is called the prior. The paper speaks of "vectors from the two previous frames"; we read this as one
+vector, which belongs to the motion between these two frames.
+
+Among the kept candidates of all sets, the one with the smallest error wins; it is the paper's basis vector.
+The paper first takes the best of each set and then one of these. By the same error, that is the same winner.
+Which error is meant, the paper does not say. We take a mean over the used matches of the frame, which are
+left after steps 1 and 2 of `odometry`.
+
+Without the prior, and with the number of inliers in place of the error, the same steps are RANSAC, which is
+how we read MESVO_F.
 """
 
 from __future__ import annotations
@@ -24,7 +31,7 @@ def draw_sets(rng: np.random.Generator, number: int, sets: int) -> Index:
 
 
 def truncated_errors(E: Array, x_p: Array, x_c: Array, threshold: float) -> Array:
-    """For each candidate, the mean over all matches of the truncated squared Sampson distance, (M,).
+    """For each candidate, the mean over the matches of the truncated squared Sampson distance, (M,).
 
     Parameters
     ----------
@@ -119,11 +126,15 @@ def resolve_by_depth(E: Array, x_c: Array, X_p: Array) -> tuple[Array, Array]:
 
     Notes
     -----
-    For each of the two rotations R, the length s of the translation is the least-squares solution of
-    x_c × (R X_p + s t) = 0 over all matches. A negative s means that -t is right. The right rotation is the
-    one with the smallest median angle between the ray of x_c and the moved point R X_p + s t. Points without
-    a depth, whose X_p is NaN, say nothing on this and are left out. If no point has a depth, the choice stays
-    open, and the first rotation and t are returned: such points do not give a translation either.
+    Let `ray` be the unit vector along (x_c, 1). For each of the two rotations R, the length s of the
+    translation is the weighted least-squares solution of ray × (R X_p + s t) = 0 over all matches, with the
+    weights 1 / ‖X_p‖², since nearer points determine the length better. A negative s means that -t is right.
+    The right rotation is the one with the smallest median angle between `ray` and the moved point
+    R X_p + s t.
+
+    Points without a depth, whose X_p is NaN, say nothing on this and are left out. If no point has a depth,
+    the choice stays open, and the first rotation and t are returned: such points do not give a translation
+    either.
     """
     rotations, t = decompose_essential(E)
     has_depth = np.isfinite(X_p).all(axis=1)  # a single NaN would make every sum NaN
@@ -142,8 +153,8 @@ def resolve_by_depth(E: Array, x_c: Array, X_p: Array) -> tuple[Array, Array]:
         rotated = X_p @ R.T
         ray_X = np.sum(ray * rotated, axis=1)
         t_X = rotated @ t
-        # s = -Σ (ray × t)·(ray × R X) / Σ |ray × t|², with (ray × a)·(ray × b) = a·b - (ray·a)(ray·b). Nearer
-        # points determine the length better, so each term has the weight 1 / |X|².
+        # s = -Σ (ray × t)·(ray × R X) / ‖X‖² divided by Σ ‖ray × t‖² / ‖X‖². For the unit vector `ray`,
+        # (ray × a)·(ray × b) = a·b - (ray·a)(ray·b).
         numerator = np.sum((t_X - ray_t * ray_X) / squared_length)
         denominator = max(np.sum((1.0 - ray_t**2) / squared_length), 1e-12)
         s = -numerator / denominator
