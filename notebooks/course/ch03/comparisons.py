@@ -14,7 +14,7 @@ from vo_lib.paper.settings import SelectionConfig
 from ..candidates import candidates_of, motion_of, winner_of
 from ..frames import Points
 from ..rotation_errors import angle_between
-from ..simulation.drives import CAMERA, Scene, points_by_frame
+from ..simulation.drives import CAMERA, Scene, SimulatedPoints, points_by_frame
 
 SETS = 200  # of five matches for each simulated frame
 
@@ -60,7 +60,7 @@ def median_errors_by_seed(
 
 
 def adaptive_stopping(
-    candidates: Candidates, points: Points, limit: float, orders: int
+    candidates: Candidates, points: Points | SimulatedPoints, limit: float, orders: int
 ) -> tuple[Array, Array, Array]:
     """Number of sets that adaptive stopping draws, for several orders of the same sets.
 
@@ -73,7 +73,7 @@ def adaptive_stopping(
     -------
     needed : (orders, sets) sets required for one right set with 99 % probability, after each drawn set.
     best : (orders, sets) smallest image error so far.
-    stop : (orders,) number of sets drawn when no more are required.
+    stop : (orders,) number of sets drawn when no more are required; all sets if that is never so.
     """
     sets, first = np.unique(candidates.set_index, return_index=True)
     order = np.array([np.random.default_rng(seed).permutation(len(sets)) for seed in range(orders)])
@@ -87,5 +87,5 @@ def adaptive_stopping(
     right_sets = np.clip(1.0 - outlier_share, 1e-3, 1.0 - 1e-9) ** 5
     needed = np.log(0.01) / np.log1p(-right_sets)
     is_enough = needed <= np.arange(1, len(sets) + 1)
-    stop = 1 + is_enough.argmax(axis=1)
+    stop = np.where(is_enough.any(axis=1), 1 + is_enough.argmax(axis=1), len(sets))
     return needed, best, stop

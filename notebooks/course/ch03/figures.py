@@ -241,7 +241,8 @@ def turns_figure(angle: Array, turn: Array) -> Figure:
 def stopping_figure(needed: Array, stop: Array) -> Figure:
     """Number of sets that adaptive stopping requires after each drawn set.
 
-    needed : (S, N) required numbers for S orders of the sets. stop : (S,) numbers of sets at the stop.
+    needed : (S, N) required numbers for S orders of the N sets. stop : (S,) numbers of sets at the stop, which is N
+    if more are required even then.
     """
     made, (axis,) = figure(230)
     drawn = np.arange(1, needed.shape[1] + 1)
@@ -249,7 +250,7 @@ def stopping_figure(needed: Array, stop: Array) -> Figure:
     axis.plot(drawn, drawn, color=PALE, linewidth=1.5, label="drawn")
     axis.fill_between(drawn, low, high, color=GOOD, alpha=0.2, linewidth=0)
     axis.plot(drawn, middle, color=GOOD, linewidth=1.5, label="needed")
-    axis.axvline(float(np.median(stop)), color=BAD, linewidth=1.2, label="enough: stop")
+    axis.axvline(float(np.median(stop)), color=BAD, linewidth=1.2, label="stop")
     log_axis(axis.xaxis, 1, len(drawn), (1.0, 3.0))
     log_axis(axis.yaxis, 1, 1000)
     finish(axis, "sets needed for 99 %", "sets drawn", "", "above")
