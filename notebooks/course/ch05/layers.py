@@ -73,7 +73,8 @@ def product(columns: Map, weights: Map) -> Map:
 def patches(x: Map, kernel: int, stride: int) -> Map:
     """The pixels under the kernel at each place, (B, h / stride, w / stride, kernel² channels).
 
-    With them, a convolution is one product of matrices. The image has a border of one zero.
+    With them, a convolution is one product of matrices. The image gets one zero before its first row and column,
+    and zeros after its last ones where the last patch reaches beyond them.
     """
     if kernel == 1:
         return x
@@ -89,7 +90,7 @@ def patches(x: Map, kernel: int, stride: int) -> Map:
 
 
 def _padded(x: Map, kernel: int, stride: int) -> Map:
-    after = max(kernel - 1 - stride, 0) + (stride == 1)
+    after = max(kernel - 1 - stride, 0)  # what the last patch reaches beyond the image
     return np.pad(x, ((0, 0), (1, after), (1, after), (0, 0)))
 
 
