@@ -139,7 +139,8 @@ class Exercise:
 
     Parameters
     ----------
-    right : a function of the inputs of a case, a value, or, for a panel, the facts that pass.
+    right : a function of the inputs of a case, a value, or, for a panel, an example of facts that pass, which
+        only tests use: facts pass if no mistake is true.
     cases : function that returns the inputs of the calls, simple inputs first; only if `right` is a function.
     also : other right answers.
     praise, hint : messages for right answers and for other mistakes. Format fields of `praise` are `got` and

@@ -101,10 +101,11 @@ class RememberingOdometry(Odometry):
 
 
 def _run_with_memory(sequence: Sequence, config: MethodConfig) -> MethodRun:
-    """A run that computes no candidates twice.
+    """A run that computes no candidates twice, if it is one of the paper's method.
 
-    VISO2 has none, and in variant `kit` the corrected features of nearly all frames differ: such a run is the
-    usual one.
+    For the others, it is an ordinary run. VISO2 has no candidates. In variant `kit`, each run corrects its features
+    by the calibration errors that it has estimated so far: with another threshold these are other ones, so that
+    the memory would have the candidates of hardly any frame.
     """
     run = MethodRun(sequence, config)
     if type(run.odometry) is Odometry:

@@ -277,7 +277,10 @@ class Panel:
         raise NotImplementedError
 
     def is_ready(self, name: str) -> bool:
-        """Whether `prepare` returns at once."""
+        """Whether the panel can show the sequence as `opened` gives it, without a call of `prepare`.
+
+        So a panel with a `prepare` of its own returns False.
+        """
         return is_open(name)
 
     def prepare(self, name: str, progress: Progress) -> Sequence:

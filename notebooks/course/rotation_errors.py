@@ -45,7 +45,9 @@ def rotation_errors(E: Array, R_true: Array) -> Array:
 
 
 def set_errors(points: Points, R_true: Array, chosen: Index, threshold: float) -> tuple[Array, float]:
-    """Rotation error, degrees, of the candidate with the smallest image error, by set (S,) and overall.
+    """Rotation error, degrees, of the candidate with the smallest image error.
+
+    Returns the errors by set, of the sets that have a solution, and the error of the winner of all sets.
 
     chosen : (S, 5) matches of each set. threshold : at which image errors are truncated, normalised units.
     """

@@ -89,7 +89,10 @@ def find_submissions(paths: list[Path]) -> Found:
 
 
 def _look_into(folder: Path, found: Found) -> None:
-    """Add what lies in a folder of a class, or in a folder of a student in it."""
+    """Add what lies in a folder of a class, or in a folder of a student in it.
+
+    The students have no names here: `find_submissions` makes them of the paths.
+    """
     for path in sorted(folder.iterdir()):
         if _is_of_the_system(path.name):
             found.others.append(path)
@@ -105,7 +108,10 @@ def _look_into(folder: Path, found: Found) -> None:
 
 
 def _look_into_student(folder: Path, found: Found) -> None:
-    """Add a folder of the course, the submissions in a folder, or the folder itself if it has none."""
+    """Add a folder of the course, the submissions in a folder, or the folder itself if it has none.
+
+    Without names, as in `_look_into`.
+    """
     if (folder / stored_answers.MARK).is_file() or _is_alone(folder):
         own_zip = folder / ZIP
         if own_zip.is_file():

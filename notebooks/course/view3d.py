@@ -1,6 +1,7 @@
 """Shapes in three dimensions, rotated with the mouse, in a cell or a page, without an internet connection.
 
-    View(camera_shape(np.eye(4), "left camera"), Shape(points, GOOD, name="path"), Shape(corners, BAD, "area"))
+    path = Shape(points, GOOD, name="path")
+    View(camera_shape(np.eye(4), "left camera"), path, Shape(corners, BAD, "area"), title="A path")
 
 A cell whose last expression is a `View` shows the shapes; without JavaScript, the cell shows a still picture.
 """
@@ -48,7 +49,7 @@ class Shape:
     in_legend : whether the name is beside a piece of the colour above the shapes; lines that cover each other
         need this.
     width : width of a line or dot, pixels.
-    first : (N,) first frame with each dot or place of a path; a slider selects the frame.
+    first : (N,) frame from which the slider shows each dot, or each place of a path; None: always shown.
     """
 
     at: Array

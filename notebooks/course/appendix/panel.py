@@ -35,9 +35,17 @@ _learnt: Memory[Learnt] = Memory(200)
 class CalibrationView(Checked):
     """Sizes of the faults in the order of `KITTI_01`, and the estimated terms."""
 
-    shift: float = setting(-0.6, "yaw: changes all disparities equally", unit="px", low=-2, high=2)
+    shift: float = setting(
+        -0.6, "shift along the rows: changes all disparities equally", unit="px", low=-2, high=2
+    )
     roll: float = setting(-0.3, "changes disparities by y and rows by -x", unit="px", low=-2, high=2)
-    tilt: float = setting(0.5, "changes disparities by x² and rows by xy", unit="px", low=-8, high=8)
+    tilt: float = setting(
+        0.5,
+        "tilt about the vertical (with the shift: a yaw): changes disparities by x² and rows by xy",
+        unit="px",
+        low=-8,
+        high=8,
+    )
     decentering: float = setting(6.3, "changes disparities by y² and rows by -xy", unit="px", low=-8, high=8)
     y2: float = setting(0.0, "changes disparities by y²", unit="px", low=-4, high=4)
     x4: float = setting(-3.5, "changes disparities by x⁴", unit="px", low=-6, high=6)

@@ -78,11 +78,11 @@ def learn_by_frame(
     """
     learnt = Rig(camera, CalibrationConfig(drift=0.0))
     if terms != DISPARITY_TERMS:
-        # The other terms are set to zero; the rows, which are learnt separately, do not affect them.
-        other_terms = [terms[0]] * (ERROR_COUNT - len(DISPARITY_TERMS))
-        free = np.isin([*DISPARITY_TERMS, *other_terms], terms)
-        deviations = np.diag(learnt.covariance) * np.where(free, 1.0, 1e-8)
-        learnt.set_estimate(learnt.estimate, np.diag(deviations))
+        # Disparity terms that are not learnt: their variance is made so small that they stay at zero.
+        free = np.ones(ERROR_COUNT, bool)
+        free[: len(DISPARITY_TERMS)] = np.isin(DISPARITY_TERMS, terms)
+        variances = np.diag(learnt.covariance) * np.where(free, 1.0, 1e-8)
+        learnt.set_estimate(learnt.estimate, np.diag(variances))
     ratios = np.full((2, len(tracks)), np.nan)
 
     def so_far() -> Learnt:
@@ -118,9 +118,9 @@ def third_frame(
     """
     shares: dict[str, list[float]] = {"two frames": [], "three frames": []}
     before: dict[str, PairBefore | None] = dict.fromkeys(shares)
-    learnt = Rig(camera, CalibrationConfig())
+    rig = Rig(camera, CalibrationConfig())
     for frame in tracks:
-        matches = learnt.correct(frame.matches, -true)
+        matches = rig.correct(frame.matches, -true)
         R_cp = frame.T_cp[:3, :3]
         for name in shares:
             solved = solve_translation(camera, matches, R_cp, config, before[name])

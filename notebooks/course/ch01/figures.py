@@ -303,6 +303,8 @@ def fates_picture(image: Image, trace: Trace, wrong: NDArray[np.bool_], words: s
 def by_fate(trace: Trace, error: Array, lost: Array | None = None) -> dict[str, Array]:
     """The errors of the kept and of the dropped matches, from the errors (M,) of all matches.
 
+    A match of a full bucket counts as neither.
+
     lost : errors of `trace.lost`, which count as dropped.
     """
     fate = trace.fate[trace.index]
@@ -321,8 +323,8 @@ def step_figure(
 ) -> Figure:
     """Number of features by fate and the errors (M,) of all matches, pixels (NaN if unknown), if any is known.
 
-    The dark parts of the bars count wrong matches; `lost` are the errors of `trace.lost`, whose bar has no
-    dark part without them. `measured` : name of the errors.
+    The dark parts of the bars count wrong matches. `lost` : errors of `trace.lost`; without `lost`, the bar of these
+    matches has no dark part. `measured` : name of the errors.
     """
     with_truth = bool(np.isfinite(error).any())
     made, axes = figure(height, 2 if with_truth else 1)

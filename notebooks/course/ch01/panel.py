@@ -51,7 +51,7 @@ class MatchingPanel(Panel):
         wrong = error > RIGHT  # false where the truth is not known
 
         found = len(traced.matches)
-        checked = len(traced.kept)
+        checked = len(traced.checked)
         kept = len(traced.chosen)
         words = f"frame {frame}: kept blue, others in the colour of the failed check"
         sentence = (

@@ -50,7 +50,7 @@ class Trace:
     id : (N,) numbers of the features.
     fates : possible fates of a feature, in the order of the steps; fate : (N,) fate of each feature.
     matches : the M matched features, before all checks; index : (M,) their indices in `id`.
-    kept : matches that pass the checks; chosen : kept matches that are also selected by the buckets.
+    checked : matches that pass all checks; chosen : those of them that the buckets select.
     lost : matches of closed loops in whole pixels that Lucas-Kanade does not find again; none for the kit.
     """
 
@@ -59,7 +59,7 @@ class Trace:
     fate: NDArray[np.str_]
     matches: StereoMatches
     index: NDArray[np.int64]
-    kept: StereoMatches
+    checked: StereoMatches
     chosen: StereoMatches
     lost: StereoMatches
 
@@ -76,8 +76,9 @@ def trace(sequence: Sequence, frame: int, config: MethodConfig) -> Trace:
     results = _results_by_check(before, pair, _with_checks(config, checks), key)
     passing = functools.reduce(np.intersect1d, [each.id for each in results])
     last = results[-1]
-    kept = last[np.isin(last.id, passing)]
-    chosen = kept[select_by_bucket(kept.cur_left, kept.age, kept.strength, config.buckets)]
+    checked = last[np.isin(last.id, passing)]
+    in_buckets = select_by_bucket(checked.cur_left, checked.age, checked.strength, config.buckets)
+    chosen = checked[in_buckets]
     fates: tuple[str, ...] = (LOST, *checks, SURPLUS, CHOSEN)
     passed = [each.id for each in (*results, chosen)]  # numbers of the features that pass each step
     lost = empty_matches()
@@ -100,7 +101,7 @@ def trace(sequence: Sequence, frame: int, config: MethodConfig) -> Trace:
     fate = np.array(fates)[steps_passed]
     order = np.argsort(number)
     index = order[np.searchsorted(number, results[0].id, sorter=order)]
-    return Trace(number, fates, fate, results[0], index, kept, chosen, lost)
+    return Trace(number, fates, fate, results[0], index, checked, chosen, lost)
 
 
 def _checks_of(config: MethodConfig) -> dict[str, dict[str, Any]]:

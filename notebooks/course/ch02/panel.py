@@ -166,7 +166,9 @@ class FivePointPanel(Panel):
         return Drawing([picture, charts], sentence, facts, limits={"view.candidate": len(solutions)})
 
     def _errors_of_sets(self, state: State, points: Points, R: Array) -> tuple[Array, float]:
-        """Rotation errors, degrees, of the best solutions of random sets (SETS,), and of the winner of all sets.
+        """Rotation errors, degrees, of the best solution of each of `SETS` sets, and of the winner of all.
+
+        A set without a solution has no error.
 
         R : (3, 3) the rotation with which they are compared.
         """

@@ -148,7 +148,7 @@ def solve_by(
         t = np.mean(alone(A, B, c), axis=0)
     elif weighting == METRES:
         t = solve_all(M, d, np.ones(len(used)))
-    else:
+    else:  # PIXELS
         t = solve_all(M, d, weights_by_depth(depth[used]))
     residuals = np.full(len(matches), np.inf)
     weights = np.full(len(matches), np.nan)

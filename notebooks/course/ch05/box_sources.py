@@ -99,7 +99,9 @@ def frame_boxes(sequence: Sequence, frame: int, view: FilteringView, rule: Filte
 def no_class(sequence: Sequence, view: FilteringView, rule: FilterConfig) -> str:
     """A sentence if the model or the labels have none of the chosen classes, else "".
 
-    Raises `DataError` for a class that nothing has; the text names the control, not the setting.
+    A `ClassesError` of the library says that the choice is possible, but that no box would count: then the panel
+    goes on without boxes. Any other `DataError` says that there is no such class: it is raised again, with a text
+    that names the control, not the setting.
     """
     if view.model.strip() == LABELS:
         if sequence.labels is None:

@@ -20,6 +20,7 @@ from ..colours import BAD, DARK, GOOD, PALE, THIRD, bgr
 from ..drawing import PHOTO_HEIGHT, WIDTH, caption, figure, finish, photo, write
 from ..notebook_folder import NOTEBOOKS
 from .figures import LEAST_LABELLED
+from .layers import CONTRAST, GREY
 
 MEASURED = NOTEBOOKS / "miniature.csv"  # written by `vo data measure_miniature`
 RIGHT_IOU = 0.5
@@ -131,7 +132,7 @@ def windows_picture(windows: Sequence[tuple[Array, Array]], words: str) -> Image
     """Training windows, each an input (h, w, 1) with its boxes (K, 4), in rows of four."""
     parts = []
     for values, boxes in windows:
-        grey = np.clip(values[..., 0] * 64 + 114, 0, 255).astype(np.uint8)
+        grey = np.clip(values[..., 0] * CONTRAST + GREY, 0, 255).astype(np.uint8)
         part = photo(grey, WIDTH // WINDOWS_A_ROW)
         scale = part.shape[1] / grey.shape[1]
         for x0, y0, x1, y1 in np.rint(boxes * scale).astype(int).tolist():

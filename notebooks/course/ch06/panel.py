@@ -175,6 +175,7 @@ def _poses_of_frames(path: Path, times: Array) -> Array:
 
 def longest_from(truth: Array, estimate: Array, lengths: tuple[float, ...], first: int) -> KittiErrors:
     """The longest sub-sequence from frame `first` with one of `lengths`; empty if the path is too short."""
+    # With a step as long as the path, frame `first` is the only start.
     errors = kitti_errors(truth[first:], estimate[first:], lengths, len(truth))
     longest = errors[np.argsort(errors.length)[-1:]]
     return replace(longest, first=longest.first + first, last=longest.last + first)

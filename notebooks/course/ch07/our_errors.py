@@ -193,4 +193,5 @@ def _of_cells(cell_of: Mapping[str, str], kind: str) -> Ours:
     known = (mean, deviation if seeds > 1 else 0.0, share)  # one seed has no deviation
     if seeds < 1 or not all(math.isfinite(value) and value >= 0 for value in known):
         raise ValueError(f"expected seeds from 1 and finite numbers from 0, found {seeds}, {known}")
-    return Ours(bool(cell_of[f"paper_{kind}"]), share > 0, seeds, mean, deviation)
+    whole = bool(cell_of[f"paper_{kind}"])  # only a whole sequence has the paper's number beside it
+    return Ours(whole, share > 0, seeds, mean, deviation)

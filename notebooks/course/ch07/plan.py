@@ -76,7 +76,8 @@ def clip(
 
     Parameters
     ----------
-    frames : number of frames of a part. first : its first frame, as in `part_of`.
+    frames : number of frames of a part of KITTI; the part of the street has `STREET_FRAMES`.
+    first : index of the first frame of the part of KITTI, by default as in `part_of`.
     detector : a name or the path of an ONNX file, for a sequence whose images do not all have labels; by default,
         the first detector on this machine. Without a detector, there are no boxes.
     """

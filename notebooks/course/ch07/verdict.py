@@ -24,9 +24,9 @@ from .our_errors import Ours, OursByCell
 
 FEWEST = 3  # seeds that a verdict needs
 
-# A number counts as reproduced only if all that is allowed round ours is within this share of the printed
-# number. It is about the size of the gains that the paper reports (6 to 15 %): a verdict that cannot tell 10 %
-# apart could not see them.
+# A number counts as reproduced only if the whole interval ours ± allowed is within this share of the printed
+# number. The share is about the size of the gains that the paper reports (6 to 15 %): a verdict that cannot
+# tell 10 % apart could not see them.
 MARGIN = 0.10
 
 REPRODUCED = "reproduced"
@@ -102,10 +102,10 @@ def judge(
     then different, but within `MARGIN`; else it may be within the range of the readings that the paper leaves
     open.
 
-    A method that is off by `MARGIN` has one of the two verdicts "within `MARGIN`" in at most 2.5 % of the
-    cases under two assumptions: the printed number is one run, or a mean of runs, of the paper's method, not
-    the best of several; and the paper's runs scatter at most about as much as ours. If they scatter three
-    times as much (3 % beside 1 %), it is nearly one case in five.
+    A method that is off by `MARGIN` gets `REPRODUCED` or `CLOSE` in at most 2.5 % of the cases under two
+    assumptions: the printed number is one run, or a mean of runs, of the paper's method, not the best of
+    several; and the paper's runs scatter at most about as much as ours. If they scatter three times as much
+    (3 % beside 1 %), it is nearly one case in five.
     """
     right = converted(printed, method, kind)
     allowed = prediction_half_width(ours.deviation, ours.seeds) + rounding(method, kind)
@@ -183,6 +183,7 @@ def choice_ranges(path: Path = CHOICES) -> dict[tuple[str, str], tuple[float, fl
     for sequence, frames in BENCHMARK_FRAMES.items():
         whole = [row for row in rows if row["sequence"] == sequence and row.get("frames") == str(frames)]
         for kind, column in columns.items():
+            # The row without an alternative has the errors; a row with one has the change of the errors.
             plain = [float(row[column]) for row in whole if not row["alternative"] and row[column]]
             changes = [float(row[column]) for row in whole if row["alternative"] and row[column]]
             if plain:

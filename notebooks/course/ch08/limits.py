@@ -54,7 +54,8 @@ def interrupt_each_line(frame: FrameType | None) -> None:
             except:
                 pass
 
-    nearly all interruptions arrive inside the `try`. Only one at each line meets the handler as well.
+    nearly all interruptions arrive inside the `try`. Only an interruption at every line also arrives inside the
+    handler.
     """
     interrupt = _interruption(threading.get_ident())
     while frame is not None and frame.f_code.co_name not in (_by_signal.__name__, _by_watcher.__name__):

@@ -15,9 +15,10 @@ from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.types import Array
 from vo_lib.runs.front_end import TimedMatches
 
-from .own import STAGES, StudentOdometry, residuals, solve_sets
+from .own import BUCKET, INLIER_PX, STAGES, StudentOdometry, residuals, solve_sets
 from .stages import named_inputs
 
+# The numbers of the loop in the notebook, which must be equal to them. Two more are in `own`, for its film.
 SETS = 30
 NEAREST = 2  # solutions of a set that are near the previous essential vector
 SCALE_PX = 0.5
@@ -25,6 +26,7 @@ ROUNDS = 4
 MIN_MATCHES = 12
 STILL_PX = 0.5
 FARTHEST_M = 100.0
+
 FIRST_FRAMES = 4  # most differences show in these; only without one, all frames are compared
 CLOSE = 1e-6  # relative difference of equal numbers
 
@@ -56,7 +58,7 @@ def _motion(
     before = sequence.boxes(frame - 1)
     now = sequence.boxes(frame)
     pair = pair[stage.keep_outside(pair.prev_left, pair.cur_left, before.xyxy, now.xyxy)]
-    pair = pair[stage.buckets(pair.cur_left, pair.age, pair.strength, 50, 3)]
+    pair = pair[stage.buckets(pair.cur_left, pair.age, pair.strength, *BUCKET)]
     moved = np.linalg.norm(pair.cur_left - pair.prev_left, axis=1)
     if len(pair) < MIN_MATCHES or np.median(moved) < STILL_PX:
         return np.eye(4), e_prev
@@ -66,9 +68,10 @@ def _motion(
     fives = [rng.choice(len(pair), 5, replace=False) for _ in range(SETS)]
     E, set_index = solve_sets(stage, x_p[fives], x_c[fives])
     distances = np.array([stage.epipolar_distance(each, x_p, x_c) for each in E])
-    errors = np.array([stage.truncated_error(each, 1 / camera.f) for each in distances])
+    limit = INLIER_PX / camera.f
+    errors = np.array([stage.truncated_error(each, limit) for each in distances])
     winner = np.argmin(errors) if e_prev is None else stage.select(E, set_index, errors, e_prev, NEAREST)
-    good = (distances[winner] < 1 / camera.f) & (X_p[:, 2] < FARTHEST_M)
+    good = (distances[winner] < limit) & (X_p[:, 2] < FARTHEST_M)
     R_cp = stage.choose_motion(stage.four_motions(E[winner]), x_p[good], x_c[good])[:, :3]
     T_cp = np.eye(4)
     T_cp[:3, :3] = R_cp
@@ -111,7 +114,8 @@ def first_difference(
 
     A loop may do without `chain`: then its poses are compared with those of `chain`.
 
-    drive : called as drive(sequence, matches, odometry=…) with odd numbers of frames; seed 0.
+    drive : called as drive(sequence, matches, odometry=…), with the first `FIRST_FRAMES` frames, then with all;
+        its seed must be 0 if none is given, as that of `library_loop`.
     """
     for frames in (min(FIRST_FRAMES, len(matches)), len(matches)):
         some = matches[:frames]

@@ -56,6 +56,9 @@ SLOW = 5.0  # a stage is slow above this multiple of the library's time
 LEAST_S = 0.1  # processor time of a check; a stage that needs less is never called slow
 REPEATS = 3  # measurements of a slow check, of which the shortest counts
 
+# Numbers of the loop in the notebook.
+BUCKET = (50, 3)  # the side in pixels, and the number of features
+INLIER_PX = 1.0  # largest distance of an inlier from its epipolar line
 
 # Called after each stage of the loop with the frame, the name of the stage, its inputs and its result.
 Listener = Callable[[int | None, str, tuple[Any, ...], Any], None]
@@ -298,9 +301,9 @@ def film(
             stage = mine.at(index)
             keep = stage.keep_outside(pair.prev_left, pair.cur_left, before.xyxy, boxes.xyxy)
             outside = pair[keep]
-            used = outside[stage.buckets(outside.cur_left, outside.age, outside.strength, 50, 3)]
+            used = outside[stage.buckets(outside.cur_left, outside.age, outside.strength, *BUCKET)]
             T_cp = inverse(poses[index]) @ poses[index - 1]
-            near = line_distances(sequence, used, T_cp) < 1.0  # pixels
+            near = line_distances(sequence, used, T_cp) < INLIER_PX
             motion = FrameResult(
                 T_cp,
                 matches=len(pair),

@@ -32,9 +32,11 @@ class SimulatedPoints(NamedTuple):
 
 @dataclass(frozen=True)
 class Scene:
-    """Settings of simulated matches along `drive`; if `plane`, all points are on a plane that fills the view.
+    """Settings of simulated matches along `drive`.
 
-    For a plane (a wall, the rear of a lorry), two essential matrices fit all matches.
+    If `plane`, every frame is instead a problem of its own: one metre ahead with a random rotation, and all points
+    are on a plane that fills the view (a wall, the rear of a lorry), so that two essential matrices fit all
+    matches. Of `tracks`, only `points` and `noise` count then.
     """
 
     tracks: TrackConfig

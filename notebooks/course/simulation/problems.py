@@ -55,7 +55,10 @@ def random_problems(
     noise_px: float = 0.0,
     rotation: float | None = None,
 ) -> PoseProblems:
-    """Draw `count` problems of `points` matches visible in both cameras; t_cp has a length of one metre.
+    """Draw `count` problems of `points` matches, each with a t_cp of one metre if `motion` says nothing else.
+
+    The points are in the view of the previous camera, and in front of the current one, but perhaps outside its
+    view.
 
     Parameters
     ----------

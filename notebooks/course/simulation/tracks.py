@@ -136,7 +136,7 @@ class _Street:
         moving = features.body >= 0
         wrong = np.zeros(count, bool)
         wrong[rng.permutation(np.flatnonzero(~moving))[: round(self.config.wrong * count)]] = True
-        # A wrong match has the position of another feature that is near in the image.
+        # As if another feature nearby had been matched: 4 to 40 px away, at another disparity.
         mismatches = np.flatnonzero(wrong)
         distance = rng.uniform(4.0, 40.0, len(mismatches))
         angle = rng.uniform(0, 2 * np.pi, len(mismatches))
