@@ -18,7 +18,8 @@ from ..paper.matching import is_stereo, track
 from .settings import KitMatchingConfig
 from .surface import CoarseDisparity, fit_surface, motion_warp, right_slope, stereo_warp
 
-# cv2.remap has a resolution of 1/32 pixel; tiles are centred on this grid, so that their samples are exact.
+# Tiles are centred on a grid of 1/32 pixel, to which cv2.remap rounds positions in OpenCV 4. OpenCV 5
+# interpolates exactly and would not need it, but without the grid every measured path would change a little.
 GRID_CELLS_PER_PX = 32
 # A refinement that moves a feature farther is rejected.
 MAX_REFINEMENT_PX = 1.5
@@ -102,8 +103,8 @@ def refine_over_time(
     if "motion-warp" in config.without:
         warp = _no_warp(len(warp))
     cur_left, ok = _refined(before[0], pair[0], previous_left, start_left, ok, warp, config)
-    # Features lost in the left images are not tracked in the right images, whose camera is one baseline to
-    # the right.
+    # Features lost in the left images are not tracked in the right images. Their camera is one baseline b to
+    # the right: X_c = R X_p + t for the left camera is X_c - b e1 = R (X_p - b e1) + t + b (R e1 - e1).
     t_right = t + camera.baseline * (R[:, 0] - (1.0, 0.0, 0.0))
     warp = motion_warp(camera, previous_right[ok], disparity[ok], right_slope(slope)[ok], R, t_right)
     if "motion-warp" in config.without:

@@ -25,7 +25,8 @@ class BoxStates(Removal):
     """The states of the K vehicle boxes of a frame, and the removal that follows from them.
 
     Removed are matches with a previous or current left point in a moving box and, in other boxes, matches
-    that do not agree with the background, for example on outlines, windows or other cars.
+    that do not agree with the background within `MovingConfig.agreement`, for example on outlines, windows or
+    other cars.
 
     Attributes
     ----------
@@ -103,7 +104,8 @@ class BoxMotionClassifier:
         owner = owner_of(self.camera, in_boxes.cur_left, in_boxes.cur_right, current)
         points = point_steps(self.camera, in_boxes, motion)
         variance = config.noise**2
-        # NaN fails the comparison and counts as disagreement.
+        # Stricter than AGREES_CHI2 in `box_steps`: here a match is removed if it is doubtful, there it counts
+        # as moved only if it clearly disagrees. NaN fails the comparison and counts as disagreement.
         limit = (config.agreement * config.noise) ** 2
         disagrees = np.asarray(~(points.squared_error(np.zeros(3)) <= limit))
         moving_mean = "moving-mean" not in config.without

@@ -50,7 +50,8 @@ def detect_corners(strength: NDArray[np.float32], config: KitFeatureConfig) -> t
     peaks[:, :border] = False
     peaks[:, -border:] = False
     v, u = np.divmod(np.flatnonzero(peaks), strength.shape[1])
-    # A pixel at half size is the mean of four pixels of the full image; its centre is between the four.
+    # A pixel at half size is the mean of four pixels of the full image; its centre is between the four. (The
+    # half image of `coarse_disparity` is made in another way.)
     uv = 2.0 * np.stack([u, v], axis=1) + 0.5
     value = strength[v, u].astype(np.float64)
     one_per_cell = BucketConfig(size=config.cell, features=1)

@@ -126,7 +126,8 @@ class KitOdometry(SelfCalibratingOdometry):
     a sharp turn or after a restart).
     """
 
-    # Less than the paper's, since the motions are more precise: the largest ratio of a right one is 1.3.
+    # See `Odometry`. Less than for the method as published, since the motions are more precise: the largest
+    # ratio seen for a right one is 1.3.
     fit_gain = 2.0
 
     def solve(self, matches: StereoMatches) -> Solution | None:

@@ -89,8 +89,9 @@ class KltMatcher:
 
     The loop is closed if the way from the current left to the current right image reaches the same pixel.
     In the left image the search starts at the position predicted from the previous motion and the stereo
-    depth (constant velocity), in the right image at the result of block matching. The matcher estimates the
-    motion itself, so the matches depend only on the images and the matching settings, not on method or seed.
+    depth (constant velocity). The right image is not searched from a prediction: block matching gives the
+    position there, and the predicted one must only be inside the image. The matcher estimates the motion
+    itself, so the matches depend only on the images and the matching settings, not on method or seed.
     """
 
     def __init__(self, camera: StereoCamera, features: KitFeatureConfig, matching: KitMatchingConfig):
@@ -192,8 +193,9 @@ class KltMatcher:
         the right image by comparison with the left. The loop is closed if the two positions in the right
         image agree.
 
-        start : (N, 2) start positions in the current left and right image; levels : pyramid levels.
-        motion : predicted T_cp (4, 4).
+        start : (N, 2) expected positions in the current left image, where the search starts, and in the
+            right image, which must only be inside it (block matching finds the position there).
+        levels : pyramid levels. motion : predicted T_cp (4, 4).
         """
         left, right = pair.images
         tracks, coarse_left, coarse_right = self._coarse_tracks(before, pair, features, start, levels)
@@ -237,7 +239,8 @@ class KltMatcher:
     ) -> tuple[_Features, Array, Array]:
         """The M features with a coarse position in the current pair, and their left and right pixels (M, 2).
 
-        Lucas-Kanade gives the position in the left image, and block matching the disparity there.
+        Lucas-Kanade gives the position in the left image, and block matching the disparity there. `start` and
+        `levels` as in `_close_loop`.
         """
         left, right = pair.images
         searched = np.flatnonzero(_inside(start[0], left) & _inside(start[1], right))

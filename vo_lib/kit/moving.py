@@ -26,7 +26,7 @@ from ..paper.settings import BucketConfig
 BACKGROUND_BUCKETS = BucketConfig(size=100, features=2)
 BACKGROUND_SCALE_PX = 0.5  # residual at which a feature's weight in this motion is halved
 # Largest squared error, in variances, of a feature that agrees with a displacement: the 99 % quantile of χ²
-# with three degrees of freedom.
+# with three degrees of freedom. (Matches are removed by a stricter limit, see `BoxMotionClassifier`.)
 AGREES_CHI2 = 11.3
 STEP_ITERATIONS = 3  # of the robust means in `box_steps`
 # Information on a direction that no feature measures, 1/m².
@@ -148,8 +148,9 @@ def box_steps(
     """The displacement of each of K = `number` boxes from its features.
 
     The features in a box are on the vehicle, on the background or on outlines. Two robust means with Cauchy
-    weights compete: the mean displacement of all features, and the mean displacement of the features that do
-    not agree with the background.
+    weights compete: the mean displacement of all features, and the mean displacement of the features that
+    have moved, which means that they clearly disagree with the background (`AGREES_CHI2`). The second mean
+    wins if enough of the moved features agree with it.
 
     Parameters
     ----------

@@ -25,13 +25,14 @@ def parallax_information(
     effects: Callable[[Array, Array], Array],
     scale: float,
 ) -> tuple[Array, Array] | None:
-    """Information (K, K) of a frame on K calibration errors, and the information times the errors (K,).
+    """Information of a frame on K calibration errors, in 1/px².
 
-    Let D = f b / Z be a feature's true disparity in the previous pair and e the effect of the errors. Then
+    Let D be a feature's true disparity in the previous pair, where its depth is f b / D, and e the effect of
+    the errors. Then
 
         (X, Y, Z) = R_cp (x_p - e_uv / f, 1) + D / (f b) t_cp
 
-    is the feature's position in the current frame, in units of its previous depth, and the measurements are
+    is the feature's position in the current frame divided by its previous depth, and the measurements are
 
         d_p = D + e_d,   (u_c, v_c) = f (X, Y) / Z + e_uv,   d_c = D / Z + e_d.
 
@@ -45,7 +46,10 @@ def parallax_information(
         pixels: the changes of left u, left v and disparity due to a size of 1 of each of the K errors.
     scale : residual at which a feature's weight is halved, pixels.
 
-    Returns None with too few features or without a unique motion.
+    Returns
+    -------
+    The information (K, K), and the information times the errors that remain in these matches (K,); None with
+    too few features or without a unique motion.
     """
     matches = matches[matches.prev_left[:, 0] - matches.prev_right[:, 0] > MIN_PARALLAX_DISPARITY_PX]
     if len(matches) < MIN_PARALLAX_FEATURES:
@@ -77,9 +81,10 @@ def _linearised(
     t_cp: Array,
     effects: Callable[[Array, Array], Array],
 ) -> tuple[Array, Array, Array]:
-    """Residuals of the four measurements d_p, u_c, v_c and d_c of N features, and the derivatives of these.
+    """Residuals, measured minus predicted, of N features, and the derivatives of the predictions.
 
-    Each D starts at the measured d_p. Parameters as in `parallax_information`.
+    The four measurements of a feature are d_p, u_c, v_c and d_c. Each D starts at the measured d_p, so the
+    residual of d_p is 0. Parameters as in `parallax_information`.
 
     Returns
     -------

@@ -202,6 +202,8 @@ class Rig:
     def update(self, matches: StereoMatches, R_cp: Array, t_cp: Array) -> None:
         """Update the errors from a frame's corrected matches and its motion.
 
+        The drift since the frame before is added in `update_from_rows`, which comes first.
+
         R_cp, t_cp : (3, 3), and (3,) metres; a frame without information on the errors changes nothing.
         """
 
@@ -238,8 +240,8 @@ class Rig:
 def shrunk(estimate: Array, covariance: Array) -> Array:
     """The errors (19,) for the correction, from the estimate (19,) and its covariance; see `Rig.errors`.
 
-    An error x with the variance σ² becomes x max(0, 1 - σ² / x²), where a lens error's σ² includes its floor;
-    the field x of k errors with the covariance C becomes x max(0, 1 - k / xᵀ C⁻¹ x).
+    A lens error x becomes x max(0, 1 - s² / x²), where s² is its variance plus the square of its floor; the
+    field x of k errors with the covariance C becomes x max(0, 1 - k / xᵀ C⁻¹ x).
     """
     errors = estimate.copy()
     covariance = covariance.copy()

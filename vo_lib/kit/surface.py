@@ -57,7 +57,8 @@ def coarse_disparity(left: NDArray[np.uint8], right: NDArray[np.uint8], largest:
     """
     # At half size, in steps of 16, as the matcher requires.
     searched = 16 * math.ceil(largest / 32)
-    # Block matching has no result in its first columns, as many as are searched, so the images are padded.
+    # Unlike the half image of `corners`, cv2.pyrDown has its pixel k at pixel 2 k of the full image. Block
+    # matching has no result in its first columns, as many as are searched, so the images are padded.
     small_left = cv2.copyMakeBorder(cv2.pyrDown(left), 0, 0, searched, 0, cv2.BORDER_REPLICATE)
     small_right = cv2.copyMakeBorder(cv2.pyrDown(right), 0, 0, searched, 0, cv2.BORDER_REPLICATE)
     matcher = cv2.StereoBM.create(numDisparities=searched, blockSize=9)
@@ -112,6 +113,8 @@ def stereo_warp(slope: Array) -> Array:
 
 def right_slope(slope: Array) -> Array:
     """The slope (N, 2) of the disparity in the right image, pixels per pixel of the right image."""
+    # Since u_r = u - d, 1 px along u in the left image is 1 - slope_u px in the right one. A step along v at
+    # a fixed u_r changes u, too, and this divides slope_v by the same number.
     return slope / np.maximum(1.0 - slope[:, :1], 1.0 - MAX_SLOPE)
 
 
