@@ -65,7 +65,10 @@ class TurnAgreement(NamedTuple):
 
     @property
     def is_another_drive(self) -> bool:
-        """Whether the turns do not agree, whatever the lag."""
+        """Whether the turns do not agree, whatever the lag.
+
+        The noise of single frames alone can cause this, so it must also hold for `slow_turn_agreement`.
+        """
         return self.as_given < NO_AGREEMENT and self.with_lag < CLEAR_AGREEMENT
 
 
@@ -91,23 +94,23 @@ def turn_agreement(times: Array, poses: Array, others: Array, other_poses: Array
     start = min(float(times[0]), float(others[0]))
     rates = _turn_rates(times, poses, start, step)
     other_rates = _turn_rates(others, other_poses, start, step)
-    coarse = _coarse_lag(rates, other_rates)
-    if coarse is None:
+    coarse_samples = _coarse_lag(rates, other_rates)
+    if coarse_samples is None:
         return None
     if interval >= other_interval:
         compared = _AtFullRate(times, poses, others, other_poses, sign=1.0)
     else:
         compared = _AtFullRate(others, other_poses, times, poses, sign=-1.0)
     # From here, lags are in frames of the denser path: all of them within a coarse step of both centres.
-    frame = min(interval, other_interval)
-    reach = int(np.ceil(step / frame)) + 1
-    centres = (0, round(coarse * step / frame))
+    frame_s = min(interval, other_interval)
+    reach = int(np.ceil(step / frame_s)) + 1
+    centres = (0, round(coarse_samples * step / frame_s))
     lags = {centre + k for centre in centres for k in range(-reach, reach + 1)}
-    fine = _correlations(compared, sorted(lags, key=abs), frame)
+    fine = _correlations(compared, sorted(lags, key=abs), frame_s)
     if 0 not in fine:
         return None
     best = max(fine, key=lambda lag: fine[lag])  # the smallest of equally good ones, which comes first
-    return TurnAgreement(fine[0], fine[best], best * frame, compared.samples(0.0))
+    return TurnAgreement(fine[0], fine[best], best * frame_s, compared.samples(0.0))
 
 
 class _TurnRates(NamedTuple):
@@ -161,11 +164,11 @@ def _nearest_peak(correlations: Mapping[int, float], lag: int) -> int:
         lag = beside
 
 
-def _correlations(compared: _AtFullRate, lags: Iterable[int], frame: float) -> dict[int, float]:
-    """The correlations of two paths for some lags, multiples of `frame` seconds; without undefined ones."""
+def _correlations(compared: _AtFullRate, lags: Iterable[int], frame_s: float) -> dict[int, float]:
+    """The correlations of two paths for some lags, in frames of `frame_s` seconds; without undefined ones."""
     result = dict[int, float]()
     for lag in lags:
-        correlation = compared.correlation(lag * frame)
+        correlation = compared.correlation(lag * frame_s)
         if correlation is not None:
             result[lag] = correlation
     return result
@@ -193,23 +196,23 @@ class _AtFullRate:
         self.dense_rotations = dense_poses[:, :3, :3]
         self.sign = sign
 
-    def _inside(self, lag: float) -> BoolArray:
+    def _inside(self, lag_s: float) -> BoolArray:
         """Mask (M,) of the intervals for which the denser path has poses, with a lag in seconds."""
-        after = self.starts - self.sign * lag >= self.dense_times[0] - ROUNDING_S
-        before = self.ends - self.sign * lag <= self.dense_times[-1] + ROUNDING_S
+        after = self.starts - self.sign * lag_s >= self.dense_times[0] - ROUNDING_S
+        before = self.ends - self.sign * lag_s <= self.dense_times[-1] + ROUNDING_S
         return np.asarray(after & before)
 
-    def samples(self, lag: float) -> int:
+    def samples(self, lag_s: float) -> int:
         """Number of intervals in which both paths have poses, with a lag in seconds."""
-        return int(self._inside(lag).sum())
+        return int(self._inside(lag_s).sum())
 
-    def correlation(self, lag: float) -> float | None:
+    def correlation(self, lag_s: float) -> float | None:
         """Correlation of the turns, with a lag in seconds; None for too few or constant ones."""
-        inside = self._inside(lag)
+        inside = self._inside(lag_s)
         if inside.sum() < MIN_SAMPLES:
             return None
-        at_start = self._dense_at(self.starts[inside] - self.sign * lag)
-        at_end = self._dense_at(self.ends[inside] - self.sign * lag)
+        at_start = self._dense_at(self.starts[inside] - self.sign * lag_s)
+        at_end = self._dense_at(self.ends[inside] - self.sign * lag_s)
         dense_rates = _angles(at_start, at_end) / (self.ends - self.starts)[inside]
         return _correlation(self.rates[inside], dense_rates)
 

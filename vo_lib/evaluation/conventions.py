@@ -46,8 +46,8 @@ def orientations_disagree(truth: Array, estimate: Array) -> bool:
     """Whether two paths (N, 4, 4) have the same positions, but orientations of another convention.
 
     Such orientations are those of another sensor, or quaternions in another order. TE and RE are then large,
-    although the ATE is small. The drift of an odometry makes a displacement wrong in the axes of the world as
-    well as in those of the pose before it; another convention makes it wrong only in those of the pose.
+    although the ATE is small. Drift makes the displacement of a part wrong both in the axes of the world and
+    in those of the part's first pose; other orientations make it wrong only in the latter.
     """
     parts = _parts(truth)
     if parts is None:

@@ -191,6 +191,7 @@ def kitti_errors(
     as_devkit = np.isin(length, KITTI_LENGTHS)
     t_err = np.where(as_devkit, single_t, double_t)
     r_err = np.where(as_devkit, single_r, double_r)
+    # The devkit counts frames, not intervals: without times, a speed is slightly too low, as in the devkit.
     seconds = KITTI_FRAME_TIME * (last - first + 1) if times is None else times[last] - times[first]
     speed = covered / np.maximum(seconds, 1e-9)  # all times may be equal
     # The devkit's rounding, so that a speed on the edge of a bin falls on the same side.

@@ -227,14 +227,14 @@ class PathDifference:
 def path_difference(poses: Array, others: Array) -> PathDifference:
     """The distances between the positions of two paths (N, 4, 4) after a common start.
 
-    Raises `DataError` if the paths differ in length, or if a pose is not finite.
+    Raises `DataError` if the paths differ in length, have no poses, or if a pose is not finite.
     """
     moved, _ = align(poses, others, Alignment.ORIGIN)
     distance = np.linalg.norm(moved[:, :3, 3] - poses[:, :3, 3], axis=1)
     return PathDifference(
         end=float(distance[-1]),
         largest=float(distance.max()),
-        rmse=rmse(distance) or 0.0,
+        rmse=rmse(distance) or 0.0,  # never None: `align` refuses paths without poses
     )
 
 
