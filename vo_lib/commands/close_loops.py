@@ -15,8 +15,8 @@ from ..evaluation.kitti_errors import suitable_protocol
 from ..evaluation.path_errors import evaluate
 from ..files import written_together
 from ..geometry.types import Array
-from ..loops.close import comparison_key, write_closure
-from ..loops.find import PlacePairs, find_loops
+from ..loops.closure_files import write_closure
+from ..loops.find import PlacePairs, comparison_key, find_loops
 from ..loops.graph import LoopClosure, close_path
 from ..loops.settings import LoopConfig
 from ..paper.settings import MethodConfig

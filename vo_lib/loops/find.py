@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -87,6 +87,11 @@ def find_loops(
         residual=residual,
         motion=motion,
     )
+
+
+def comparison_key(method: MethodConfig) -> Hashable:
+    """The settings of a method that `find_loops` uses: runs over one sequence with equal ones share loops."""
+    return (method.seed, method.filter, method.buckets, method.reprojection)
 
 
 def reprojection_error(camera: StereoCamera, matches: StereoMatches, T_cp: Array) -> float:

@@ -1,21 +1,14 @@
-"""Which runs may share the loops of a sequence, and the files of a path with closed loops."""
+"""The files of a path with closed loops: the corrected poses, and a table of the loops."""
 
 from __future__ import annotations
 
-from collections.abc import Hashable
 from pathlib import Path
 
 from ..data.poses import write_kitti_poses
 from ..files import csv_text, write_atomic
-from ..paper.settings import MethodConfig
 from .graph import LoopClosure
 
 COLUMNS = ["first", "second", "similarity", "matches", "inliers", "residual_px", "weight", "gap_m"]
-
-
-def comparison_key(method: MethodConfig) -> Hashable:
-    """The settings of a method that `find_loops` uses: runs over one sequence with equal ones share loops."""
-    return (method.seed, method.filter, method.buckets, method.reprojection)
 
 
 def write_closure(poses_file: Path, loops_file: Path, frames: tuple[str, ...], closure: LoopClosure) -> None:
