@@ -1,5 +1,9 @@
 """The closing of loops after a run (chapter 9): a place that is visited again corrects the path.
 
-`places` finds similar images, `find` the motion between two visits of a place, and `graph` the corrected
-path. `closure_files` writes the result, and `settings` has the thresholds.
+- `places` finds similar images. With them, `find_loops` in `find` compares pairs of places and measures the
+  motion between the two visits; `pairs[pairs.accepted(config)]` are the loops.
+- `close_path` in `graph` corrects the path by these loops.
+- `write_closure` in `closure_files` writes the corrected path and the loops.
+
+`settings` has the thresholds of all of them.
 """

@@ -65,19 +65,20 @@ def find_loops(
     frames = place_frames(len(sequence), config)
     steps = 2 * len(frames)
     similarity = similarities(sequence, method, config, lambda done, _: progress(done, steps))
-    pairs = candidate_pairs(similarity, frames, config)
-    match_counts = np.zeros(len(pairs), np.int64)
-    inlier_counts = np.zeros(len(pairs), np.int64)
-    residual = np.zeros(len(pairs))
-    motion = np.zeros((len(pairs), 4, 4))
-    for row, compared in enumerate(compare_places(sequence, method, config, frames[pairs])):
+    place_pairs = candidate_pairs(similarity, frames, config)
+    count = len(place_pairs)
+    match_counts = np.zeros(count, np.int64)
+    inlier_counts = np.zeros(count, np.int64)
+    residual = np.zeros(count)
+    motion = np.zeros((count, 4, 4))
+    for row, compared in enumerate(compare_places(sequence, method, config, frames[place_pairs])):
         inliers = compared.matches[compared.is_inlier]
         match_counts[row] = len(compared.matches)
         inlier_counts[row] = len(inliers)
         residual[row] = reprojection_error(sequence.camera, inliers, compared.T_cp)
         motion[row] = inverse(compared.T_cp)
-        progress(len(frames) + len(frames) * (row + 1) // len(pairs), steps)
-    first_place, second_place = pairs.T
+        progress(len(frames) + len(frames) * (row + 1) // count, steps)
+    first_place, second_place = place_pairs.T
     return PlacePairs(
         first_frame=frames[first_place],
         second_frame=frames[second_place],
@@ -120,9 +121,12 @@ class ComparedPlaces(NamedTuple):
 
 
 def compare_places(
-    sequence: Sequence, method: MethodConfig, config: LoopConfig, pairs: IntArray
+    sequence: Sequence, method: MethodConfig, config: LoopConfig, frame_pairs: IntArray
 ) -> Iterator[ComparedPlaces]:
-    """Matches and motion for each pair of frames in `pairs` (N, 2); the settings as in `find_loops`."""
+    """Matches and motion for each of the `frame_pairs` (N, 2), numbers of frames.
+
+    The settings are those of `find_loops`.
+    """
     features = FeatureConfig()
     matching = MatchingConfig(search_radius=config.radius)
 
@@ -131,7 +135,9 @@ def compare_places(
         """The features of a frame's stereo pair."""
         return describe_pair(sequence.stereo(frame), features, matching)
 
-    for first_frame, second_frame in pairs.tolist():
+    for first_frame, second_frame in frame_pairs.tolist():
+        # Its loop is not one of the path, but the way through the four images of two stereo pairs (paper,
+        # section 2), here of two places. Each pair has its own matcher, which remembers the first place.
         matcher = LoopMatcher(features, matching)
         matcher.step(described(first_frame))
         matches = matcher.step(described(second_frame))

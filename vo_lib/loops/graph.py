@@ -19,9 +19,13 @@ from .places import place_frames
 from .settings import LoopConfig
 
 MAX_STEPS = 40  # of Gauss-Newton
-MAX_TURN = 0.2  # largest rotation of a pose in a step, radians; with false loops, longer steps diverge
-LAST_MOVE = 1e-4  # largest move of a pose in the last step, radians and metres
-NARROWING = 0.25  # factor between the scales of the weights in successive steps
+# Largest component of a pose's rotation vector in a step, radians. A longer step is shortened: with false
+# loops, the poses would diverge.
+MAX_TURN = 0.2
+LAST_MOVE = 1e-4  # largest component of a pose's twist in the last step, radians and metres
+# In step k, counted from 0, the scale of the weights is at least the largest residual of a loop at that time,
+# multiplied by this number k times.
+NARROWING = 0.25
 # The derivative of log(exp(r) exp(δ)) by δ is x / (1 - exp(-x)), where x is the bracket of the twist r. Its
 # series is 1 + x/2 + x²/12 - x⁴/720 + x⁶/30240 - …: these are the powers and factors behind the 1.
 SERIES = ((1, 0.5), (2, 1 / 12), (4, -1 / 720), (6, 1 / 30240))
@@ -70,7 +74,7 @@ def optimise(
 
     scale : residual at which a loop has weight ½, in standard deviations; if infinite, all weights are 1.
         The first steps have a larger scale: before the drift is corrected, true loops have large residuals.
-    tolerance : largest move of a pose in the last step, radians and metres.
+    tolerance : largest component of a pose's twist in the last step, radians and metres.
 
     Returns the poses (N, 4, 4), and of each edge the residual (M,) in standard deviations and the weight (M,)
     in [0, 1].
@@ -133,7 +137,10 @@ class LoopClosure:
 
 
 def close_path(poses: Array, loops: PlacePairs, config: LoopConfig) -> LoopClosure:
-    """The path T_w_c (N, 4, 4) of a run after all `loops` have been closed; unchanged without loops."""
+    """The path T_w_c (N, 4, 4) of a run after all `loops` have been closed; unchanged without loops.
+
+    loops : the accepted pairs only, see `PlacePairs.accepted`. config : the one with which they were found.
+    """
     frames = place_frames(len(poses), config)
     if len(loops) == 0:
         return LoopClosure(poses.copy(), loops, np.zeros(0), np.zeros(0))
