@@ -28,6 +28,7 @@ from vo_lib.loops.settings import LoopConfig
 from vo_lib.report.film import LOOP_LINE_COLOUR, Film, film_frames
 from vo_lib.report.plots import png, trajectories_figure
 from vo_lib.runs.drive import run
+from vo_lib.settings import replace
 
 CONFIG = LoopConfig(every=2, gap=6, similarity=-1.0)
 METHOD = preset("feature_selection")
@@ -83,6 +84,21 @@ def test_features_in_vehicle_boxes_and_masks_are_left_out(bands: Path, tmp_path:
     cv2.imwrite(str(tmp_path / "mask.png"), np.full((240, 480), 255, np.uint8))
     masked = dataclasses.replace(covered, masks=tmp_path / "mask.png")
     assert compared(masked, bare).matches.max(initial=0) == 0
+
+
+def test_the_rule_truth_needs_no_boxes_for_loops_either(bands: Path) -> None:
+    """The truth tells what moves from frame to frame; without boxes there is nothing to leave out."""
+    by_truth = replace(preset("solution_selection", variant="kit"), "filter.rule", "truth")
+    without_labels = compared(twice(bands), by_truth)
+    assert without_labels.accepted(CONFIG).any()
+    with_box(bands, 12, "0 0.5 0.5 1.0 1.0\n")
+    labelled = open_sequence(bands)
+    # With a box over each image; then with labels in which no class can be a vehicle.
+    for name in ("car", "tree"):
+        (bands / "labels" / "classes.txt").write_text(f"{name}\n", encoding="utf-8")
+        assert np.array_equal(compared(labelled, by_truth).matches, without_labels.matches)
+    with pytest.raises(DataError, match="tree"):
+        compared(labelled, METHOD)
 
 
 def test_each_frame_has_its_own_mask_in_a_folder(bands: Path, tmp_path: Path) -> None:

@@ -1,8 +1,9 @@
 """Places: the similarity of images, and the earlier images that are most similar to an image.
 
 A histogram of visual words describes an image: the nearest word of a vocabulary replaces each descriptor. The
-vocabulary is learnt from the same sequence (Sivic and Zisserman, "Video Google", ICCV 2003). With a box rule,
-features in vehicle boxes are not counted: parked cars drive away, and the car ahead is in every image.
+vocabulary is learnt from the same sequence (Sivic and Zisserman, "Video Google", ICCV 2003). With a rule that
+uses boxes, features in vehicle boxes are not counted: parked cars drive away, and the car ahead is in every
+image.
 """
 
 from __future__ import annotations
@@ -92,12 +93,16 @@ def similarities(sequence: Sequence, method: MethodConfig, config: LoopConfig, p
 
 
 def outside_masks_and_boxes(sequence: Sequence, frame: int, uv: Array, method: MethodConfig) -> BoolArray:
-    """Mask (N,) of the pixels (N, 2) of a left image outside masks and, with a box rule, outside boxes."""
+    """Mask (N,) of the pixels (N, 2) of a left image outside masks and, with a rule that uses them, boxes.
+
+    The rule `truth` of variant `kit` uses none: it knows what moves from one frame to the next, which says
+    nothing about two visits of a place.
+    """
     keep = np.ones(len(uv), np.bool_)
     mask = sequence.mask(frame)
     if mask is not None:
         keep &= at_pixels(mask, uv) == 0
-    if method.filter.rule != "none":
+    if method.filter.uses_boxes:
         keep &= ~in_boxes(uv, sequence.boxes(frame, method.filter.classes), method.filter)
     return keep
 
