@@ -7,7 +7,15 @@ from pathlib import Path
 import pytest
 
 from vo_lib import DataError
-from vo_lib.files import DRAFT, LOCK, locked_draft, only_process, write_atomic, written_together
+from vo_lib.files import (
+    DRAFT,
+    LOCK,
+    delete_abandoned_drafts,
+    locked_draft,
+    only_process,
+    write_atomic,
+    written_together,
+)
 
 BEFORE = {"b.txt": "old b", "d.txt": "old d", "end.json": "old end", "stale.png": "old picture"}
 
@@ -95,6 +103,29 @@ def test_drafts_of_killed_processes_are_deleted_by_the_next_one(folder: Path) ->
     with only_process(folder):
         pass
     assert texts(folder) == BEFORE
+
+
+@pytest.mark.parametrize(
+    ("name", "remaining"),
+    [
+        ("film", ["", "film.2", "film2"]),
+        ("film.2", ["", "film", "film2"]),
+        ("fil", ["", "film", "film.2", "film2"]),
+        ("", ["", "film", "film.2", "film2"]),
+        (None, [""]),
+    ],
+)
+def test_only_the_drafts_of_the_named_file_are_deleted(
+    tmp_path: Path, name: str | None, remaining: list[str]
+) -> None:
+    for of in ("film", "film.2", "film2", ""):  # the last one is no name of a draft
+        draft = f".{of}.1.2{DRAFT}"
+        for file in (draft, draft + LOCK):  # a lock that nobody holds
+            (tmp_path / file).write_text("half", encoding="utf-8")
+    deleted = delete_abandoned_drafts(tmp_path, name)
+    drafts = {f".{of}.1.2{DRAFT}": of for of in ("film", "film.2", "film2", "")}
+    assert sorted(drafts[path.name] for path in tmp_path.iterdir() if path.name in drafts) == remaining
+    assert deleted == len("half") * (len(drafts) - len(remaining))
 
 
 def test_a_draft_in_use_stays_while_others_work_in_the_folder(folder: Path) -> None:

@@ -46,6 +46,7 @@ KIT: dict[str, KitConfig] = {
 }
 VARIANTS: dict[str, Mapping[str, MethodConfig]] = {"published": PUBLISHED, "kit": KIT}
 CONFIG_CLASSES: dict[str, type[MethodConfig]] = {"published": PublishedConfig, "kit": KitConfig}
+# The settings of both variants by dotted name; of a name that both have, the kit's.
 SETTINGS = {item.name: item for cls in CONFIG_CLASSES.values() for item in settings.declared(cls)}
 METHODS = tuple(KIT)  # the paper's four methods and moving_selection, which only variant `kit` has
 
@@ -67,7 +68,7 @@ def preset(method: str, *, variant: str = "published", seed: int = 0) -> MethodC
 
     An unknown name raises `DataError` with the nearest valid name.
     """
-    config_class(variant)
+    config_class(variant)  # refuses an unknown variant
     methods = VARIANTS[variant]
     if method in METHODS and method not in methods:
         raise DataError(f"{method} is not in the paper, only in variant kit", remedy="variant kit")

@@ -31,7 +31,8 @@ class DataError(Exception):
     ----------
     message : the fault, and what is expected.
     path, line : the file and the line at fault; without a file, the line does not matter.
-    remedy : name of a parameter that would help, such as "fresh"; the `vo` command adds how to type it.
+    remedy : what would help, as a key of `commands.console.REMEDIES` ("fresh", "variant kit", …), which says
+        how to type it; "" for none.
     """
 
     def __init__(

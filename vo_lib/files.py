@@ -23,7 +23,8 @@ from .errors import DataError
 
 LOCK = ".lock"  # ending of the name of a file that shows that a process uses another file or folder
 DRAFT = ".tmp"  # ending of the name of a partly written file
-DRAFT_NAME = re.compile(r"\..+\.\d+\.\d+" + re.escape(DRAFT))  # names from `_draft_of`
+# A name from `_draft_of`, with the name of the file or folder that the draft is for.
+DRAFT_NAME = re.compile(r"\.(.+)\.\d+\.\d+" + re.escape(DRAFT))
 LOCK_POLL_S = 0.2  # interval at which a waiting process tries the lock again
 
 
@@ -31,8 +32,8 @@ LOCK_POLL_S = 0.2  # interval at which a waiting process tries the lock again
 def open_binary(path: str | Path) -> Iterator[io.BufferedReader]:
     """A file open for reading; `DataError` if the file is missing, not a file on a disk, or unreadable.
 
-    An `OSError` inside the context counts as one of reading this file. So what is written there is written by
-    `writing`, which reports its own errors.
+    An `OSError` inside the context counts as one of reading this file. So code in this context that writes
+    another file does it with `writing`, whose errors are `DataError` and name that file.
     """
     try:
         # Before the file is opened: a pipe without a writer would wait, and a device may have no end.
@@ -209,15 +210,16 @@ def _lock_of(draft: Path) -> Path:
     return draft.with_name(draft.name + LOCK)
 
 
-def delete_abandoned_drafts(folder: Path, name: str = "") -> int:
+def delete_abandoned_drafts(folder: Path, name: str | None = None) -> int:
     """Delete the drafts of killed processes (see `locked_draft`) in a folder; return the number of bytes.
 
-    name : the name of the file or folder that the drafts were for; by default, any.
+    name : the name of the file or folder that the drafts were for; None for any.
     """
     size = 0
     for lock_file in folder.glob(f".*{DRAFT}{LOCK}"):
         draft = lock_file.with_name(lock_file.name.removesuffix(LOCK))
-        if not DRAFT_NAME.fullmatch(draft.name) or not draft.name.startswith(f".{name}"):
+        found = DRAFT_NAME.fullmatch(draft.name)
+        if found is None or name not in (None, found[1]):
             continue
         lock = FileLock(lock_file)
         with suppress(Timeout, OSError):  # in use, or just deleted by another process

@@ -35,6 +35,8 @@ def explanation(error: BaseException, notebook: str = "") -> str:
     notebook : file name of the notebook, if it is known.
     """
     current = _current_versions_of(notebook) if notebook else _current_versions()
+    # An attribute that an object lacks is mostly a slip of the reader. It is put down to an old notebook only
+    # where a single newer one lies beside it, which can be named.
     missing = _missing_name(error, also_objects=len(current) == 1)
     if not missing:
         return ""

@@ -125,7 +125,7 @@ def _new_folder(out: Path) -> Iterator[Path]:
     require_new(out)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        delete_abandoned_drafts(out.parent, f"{out.name}.")
+        delete_abandoned_drafts(out.parent, out.name)
         with locked_draft(out) as working:
             for side in ("image_0", "image_1"):
                 (working / side).mkdir(parents=True)
