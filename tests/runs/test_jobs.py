@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
@@ -141,6 +142,19 @@ def test_bad_image_fails_its_sequence_only(two: list[Sequence], tmp_path: Path) 
         assert str(outcome.error).startswith(str(folder / "image_1" / "000006.png"))
         assert not outcome.job.folder.exists()
     assert [outcome.error for outcome in outcomes[4:]] == [None] * 4
+
+
+def test_a_finished_run_that_cannot_be_read_fails_by_itself(two: list[Sequence], tmp_path: Path) -> None:
+    jobs = all_jobs(two[:1], tmp_path / "runs")
+    run_jobs(jobs, cache=tmp_path / "cache")
+    config_file = jobs[1].folder / "config.json"
+    config = json.loads(config_file.read_text(encoding="utf-8"))
+    del config["files"]  # as a version without digests of the files wrote it, so the damage is not seen
+    config_file.write_text(json.dumps(config), encoding="utf-8")
+    (jobs[1].folder / "frames.csv").write_text("frame,count\n", encoding="utf-8")
+    first, damaged, *others = run_jobs(jobs, cache=tmp_path / "cache")
+    assert str(damaged.error).startswith(str(jobs[1].folder / "frames.csv"))
+    assert [outcome.error for outcome in (first, *others)] == [None] * 3
 
 
 def test_killed_worker_gives_one_line(

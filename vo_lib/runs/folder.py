@@ -107,7 +107,8 @@ def run_folder(folder: str | Path) -> Iterator[Path]:
 def refuse_foreign_files(folder: Path, fresh: bool = False) -> None:
     """Raise `DataError` if a folder contains files that no run of the kit wrote.
 
-    A folder is the kit's if it has the config.json of a run, or the lock of a process that was killed.
+    A folder with the config.json of a run may have other files. In one with the lock of a killed process,
+    files with the names of a run's are the kit's, but other files are still refused.
 
     fresh : allow other files, as long as a run does not replace them.
     """

@@ -44,8 +44,8 @@ if TYPE_CHECKING:
     from ..kit.calibration import Calibration
 
 MATCHING_FRAMES = 4  # the matches of a frame take as long as the back end takes for so many frames
-# A job of each kind (`durations.Task`) is done before the others, whose time is then estimated. Where these
-# would be more than this share of the jobs, it is only a job of each family.
+# First, a job of each kind (`durations.Task`) is done, and the time of the others is then estimated. If the
+# first jobs would be more than this share of all jobs, it is only one of each family.
 MOST_FIRST_JOBS = 0.25
 SIZE_CLASSES = 4  # images of twice as many pixels are so many classes further on, see `_size_class`
 NAMED_INPUTS = 3  # of those that differ, a message names so many
@@ -293,7 +293,8 @@ def run_jobs(
     with_first_matches = [*first_runs, *_first_jobs(unfilled, matching_task, workers)]
     first_front_ends = {_front_end(job): job_for_front_end[_front_end(job)] for job in with_first_matches}
     other_front_ends = {key: job for key, job in job_for_front_end.items() if key not in first_front_ends}
-    other_runs = [job for job in jobs if job not in first_runs]  # also finished ones: `_run` reads them back
+    # Also the finished ones: `_run` reads them back, so one that cannot be read fails here, and by itself.
+    other_runs = [job for job in jobs if job not in first_runs]
     matching = _Stage(partial(_fill, cache=cache), matching_task, MATCHING_FRAMES)
     running = _Stage(partial(_run, cache=cache, fresh=fresh), running_task, 1)
     frames_done = _FramesDone(matching.cost(job_for_front_end.values()) + running.cost(jobs), progress)
@@ -449,7 +450,8 @@ def _add_kept_times(
 ) -> None:
     """Count the durations of finished runs and of cached matches, as far as they are known.
 
-    to_run : those of the jobs that have no finished run; unfilled : a job for each front end without matches.
+    to_run : those of the jobs whose run will be computed.
+    unfilled : a job for each front end without matches.
     """
     job_for_front_end = {_front_end(job): job for job in jobs}
     without_matches = {_front_end(job) for job in unfilled}
@@ -458,9 +460,9 @@ def _add_kept_times(
             seconds = seconds_of_matches(CachedMatches(job.sequence, job.config, cache))
             if seconds is not None:
                 durations.add_kept(matching_task(job), seconds)
-    unfinished = {job.folder for job in to_run}
+    to_compute = {job.folder for job in to_run}
     for job in jobs:
-        if job.folder not in unfinished:
+        if job.folder not in to_compute:
             seconds = seconds_of_run(job.folder, len(job.sequence))
             if seconds is not None:
                 durations.add_kept(running_task(job), seconds)
