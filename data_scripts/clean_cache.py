@@ -19,7 +19,7 @@ from fetch.download import format_bytes
 from vo_lib.commands.cache_contents import cache_items, clean_cache
 from vo_lib.commands.common import add_cache
 from vo_lib.commands.console import print_wrapped
-from vo_lib.data.drawn import cache_folder
+from vo_lib.data.drawn import user_cache
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -33,6 +33,6 @@ def run(options: argparse.Namespace) -> int:
     """Clean the cache and print the number of bytes deleted."""
     deleted = clean_cache(options.cache, options.everything)
     remain = sum(item.size for item in cache_items(options.cache))
-    folder = options.cache or cache_folder().parent
+    folder = options.cache or user_cache()
     print_wrapped(f"{folder}: {format_bytes(deleted)} deleted, {format_bytes(remain)} remain")
     return 0

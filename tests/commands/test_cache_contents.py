@@ -103,7 +103,7 @@ def user_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "user"))
     folder = tmp_path / "user" / "stereo-vo-kit"
     for module in ("image_hashes", "imports"):
-        monkeypatch.setattr(f"vo_lib.data.{module}.cache_folder", lambda: folder / "synthetic")
+        monkeypatch.setattr(f"vo_lib.data.{module}.user_cache", lambda: folder)
     return folder
 
 

@@ -103,7 +103,7 @@ def test_a_run_takes_a_part_of_the_frames_and_a_label_folder(bands: Path, done: 
 def test_kept_matches_are_used_again(
     bands: Path, done: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("vo_lib.runs.match_cache.cache_folder", lambda: bands.parent / "user" / "synthetic")
+    monkeypatch.setattr("vo_lib.runs.match_cache.user_cache", lambda: bands.parent / "user")
     for name, cache in (("filled", []), ("used", []), ("elsewhere", ["--cache", str(bands.parent / "mine")])):
         done(name, "--keep-matches", *cache)
     done("without", "--cache", str(bands.parent / "empty"))

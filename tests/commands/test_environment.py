@@ -32,7 +32,7 @@ def test_check_lists_next_steps_and_cache_sizes(capsys: pytest.CaptureFixture[st
     printed = capsys.readouterr().out
     assert f"opencv {cv2.__version__}" in printed
     assert np.__version__ in printed
-    assert "matches of other versions: 2.0 MB" in printed
+    assert "matches: 2.0 MB, 2.0 MB without use" in printed
     assert "vo data clean_cache" in printed
     steps = {line.split()[2] for line in printed.splitlines() if line.startswith("  vo data ")}
     assert {"get_kitti", "get_detector", "clean_cache"} < steps < scripts().keys()
@@ -78,7 +78,7 @@ def test_list_fits_80_columns(
     bands: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.setattr("vo_lib.data.drawn.cache_folder", lambda: tmp_path / "nothing")
+    monkeypatch.setattr("vo_lib.data.drawn.user_cache", lambda: tmp_path / "nothing")
     root = tmp_path / "KITTI_ROOT" / "sequences"
     for name in ("04", "05"):
         shutil.copytree(bands, root / name)

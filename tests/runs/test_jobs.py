@@ -89,7 +89,7 @@ def test_jobs_share_matches_and_hashes(
         hashed.append(path)
         return file_sha256(path)
 
-    monkeypatch.setattr("vo_lib.data.image_hashes.cache_folder", lambda: tmp_path / "user" / "synthetic")
+    monkeypatch.setattr("vo_lib.data.image_hashes.user_cache", lambda: tmp_path / "user")
     monkeypatch.setattr("vo_lib.data.image_hashes.file_sha256", watched)
     monkeypatch.setattr(Sequence, "stereo", counted)
     jobs = all_jobs(two[:1], tmp_path / "runs")

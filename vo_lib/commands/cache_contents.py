@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..data.drawn import cache_folder, scene_key
+from ..data.drawn import scene_key, scenes_folder, user_cache
 from ..data.image_hashes import hash_folder
 from ..data.imports import import_records
 from ..data.label_names import DETECTOR_RECORD
@@ -43,7 +43,8 @@ class CacheItem:
 
     kind : one of `KINDS`.
     size : bytes.
-    useful : whether this version has a use for it; a draft without use was left by a killed process.
+    useful : whether `clean_cache` keeps it: this version has a use for it, and does not make it again in
+        seconds. A draft without use was left by a killed process.
     """
 
     path: Path
@@ -55,8 +56,8 @@ class CacheItem:
 def cache_items(cache: Path | None = None) -> list[CacheItem]:
     """Everything in a cache folder, by default the user's, that the kit wrote there."""
     # In the user's cache, drawn scenes have a folder beside those of the others; elsewhere, they have none.
-    scenes = cache_folder() if cache is None else cache
-    root = cache_folder().parent if cache is None else cache
+    scenes = scenes_folder() if cache is None else cache
+    root = user_cache() if cache is None else cache
     items = [*_scenes(scenes), *_matches(cache), *_labels(root / "labels")]
     # Only the user's cache has hashes of images, records of imported sequences, and drafts of scenes by
     # versions that did not lock them.
@@ -69,7 +70,7 @@ def cache_items(cache: Path | None = None) -> list[CacheItem]:
 
 def clean_cache(cache: Path | None = None, everything: bool = False) -> int:
     """Delete what has no use for this version, or everything that the kit wrote; return the bytes deleted."""
-    folders = [cache_folder() if cache is None else cache]
+    folders = [scenes_folder() if cache is None else cache]
     folders += [code_folder(variant, cache) for variant in FRONT_END_CODE]
     deleted = sum(delete_abandoned_drafts(folder) for folder in folders)
     for item in cache_items(cache):

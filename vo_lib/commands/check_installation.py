@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from ..checkout import checkout_folder, missing_folder_text
 from ..data.catalogue import KITTI, available, kitti_places, kitti_root
-from ..data.drawn import cache_folder
+from ..data.drawn import user_cache
 from ..data.kitti import count_pairs, wanted_frames
 from ..detection.models import detector_folder, list_detectors
 from ..runs.identity import library_versions
@@ -99,14 +99,12 @@ def _detectors() -> Finding:
 def _cache() -> Finding:
     """The size of the cache by kind, and how to free space."""
     items = cache_items()
-    facts = [f"{cache_folder().parent}: {megabytes(items)}"]
+    facts = [f"{user_cache()}: {megabytes(items)}"]
     for kind in KINDS:
         of_kind = [item for item in items if item.kind == kind]
         unused = [item for item in of_kind if not item.useful]
         if of_kind:
             facts.append(f"{kind}: {megabytes(of_kind)}, {megabytes(unused)} without use")
-    stale = [item for item in items if item.kind == "matches" and not item.useful]
-    facts.append(f"matches of other versions: {megabytes(stale)}")
     steps_to_free = {
         "vo data clean_cache": "deletes what this version has no use for",
         "vo data clean_cache --all": (

@@ -162,7 +162,7 @@ def _evaluate(options: argparse.Namespace) -> int:
     measure = _read_measure(options)
     if options.out is not None:
         require_drawing()
-    if not options.t_max_diff >= 0:
+    if not options.t_max_diff >= 0:  # also refuses NaN
         raise DataError(f"--t-max-diff {options.t_max_diff:g}: expected 0 s or more")
     for folder in options.paths:
         changed = {POSES, POSES_TUM}.intersection(changed_files(folder))

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from ..data.catalogue import KITTI, SYNTHETIC, available, kitti_places, kitti_roots
-from ..data.drawn import cache_folder, scene_frames
+from ..data.drawn import scene_frames, scenes_folder
 from ..data.imports import imported_folders
 from ..data.label_remarks import missing_labels
 from ..data.scenes import SCENES
@@ -41,7 +41,7 @@ def _list(options: argparse.Namespace) -> int:
             rows.append([name, *[NO_NUMBER] * (len(COLUMNS) - 1)])
             problems.append(f"{name} is not usable: {error}")
     show_table(COLUMNS, rows)
-    print_wrapped("A scene without a size in MB is drawn on first use.", f"drawn scenes: {cache_folder()}")
+    print_wrapped("A scene without a size in MB is drawn on first use.", f"drawn scenes: {scenes_folder()}")
     print_wrapped(*(f"KITTI: {root / 'sequences'}" for root in kitti_roots()), *problems)
     if not any(name.startswith(KITTI) for name, *_ in rows):
         print_wrapped(
@@ -70,7 +70,7 @@ def _facts(name: str, folder: Path | None) -> list[str]:
     truth = sequence.truth
     length = NO_NUMBER
     if truth is not None:
-        # A gap between two pieces of a sequence is no way that its frames show.
+        # The way across a gap between two pieces is not counted, since no frames show it.
         metres = sum(trajectory_distances(truth[piece.start : piece.stop])[-1] for piece in sequence.pieces)
         length = f"{metres:.0f}"
     boxes = "no"

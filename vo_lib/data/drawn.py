@@ -24,9 +24,14 @@ from .scenes import SCENES, SceneConfig, scene_config
 RENDERER_VERSION = 2
 
 
-def cache_folder() -> Path:
-    """The default folder of drawn scenes; its parent has those of all else that the kit stores."""
-    return platformdirs.user_cache_path("stereo-vo-kit", appauthor=False) / "synthetic"
+def user_cache() -> Path:
+    """The user's cache folder, with a folder for each kind of file that the kit stores."""
+    return platformdirs.user_cache_path("stereo-vo-kit", appauthor=False)
+
+
+def scenes_folder() -> Path:
+    """The folder of drawn scenes in the user's cache."""
+    return user_cache() / "synthetic"
 
 
 def scene_key(config: SceneConfig) -> str:
@@ -48,7 +53,7 @@ def scene_key(config: SceneConfig) -> str:
 
 def scene_folder(config: SceneConfig, cache: Path | None = None) -> Path:
     """The path of a scene's folder, by default in the user's cache; drawing the scene creates the folder."""
-    scenes = cache_folder() if cache is None else Path(cache)
+    scenes = scenes_folder() if cache is None else Path(cache)
     return scenes.absolute() / scene_key(config)
 
 

@@ -11,12 +11,12 @@ from pathlib import Path
 
 from ..errors import DataError
 from ..files import file_sha256, read_mapping, write_atomic
-from .drawn import cache_folder
+from .drawn import user_cache
 
 
 def hash_folder() -> Path:
     """The folder of the stored hashes of images."""
-    return cache_folder().parent / "hashes"
+    return user_cache() / "hashes"
 
 
 def image_hashes(folder: Path, names: Iterable[str]) -> dict[str, str]:

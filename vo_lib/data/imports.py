@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ..errors import DataError
 from ..files import read_text, write_atomic
-from .drawn import cache_folder
+from .drawn import user_cache
 from .kitti import has_images
 
 
@@ -46,4 +46,4 @@ def _folder_of(record: Path) -> Path | None:
 
 def _record_folder() -> Path:
     """The folder with a file for each imported sequence, which has the path of its folder."""
-    return cache_folder().parent / "imported"
+    return user_cache() / "imported"

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from ..data.class_names import ClassesError, ClassNames, label_numbers
-from ..data.drawn import cache_folder
+from ..data.drawn import user_cache
 from ..data.image_hashes import image_hashes
 from ..data.kitti import COLOUR, GREY, IMAGE_BITS, list_frames, read_image
 from ..data.label_files import label_files, read_label_rows, write_labels
@@ -83,7 +83,7 @@ def label_folder(sequence: Sequence, record: dict[str, Any], cache: Path | None 
     The name has a digest of the record and one of the names and contents of the images, so that other images
     in the same place have another folder, and the same images in another place have the same folder.
     """
-    root = cache_folder().parent if cache is None else cache
+    root = user_cache() if cache is None else cache
     images = _digest([sequence.frames, list(_image_digests(sequence).values())])
     return root / "labels" / f"{_folder_prefix(record)}-{images}"
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..data.drawn import cache_folder
+from ..data.drawn import user_cache
 from ..data.sequence import Sequence
 from ..errors import DataError
 from ..files import delete_abandoned_drafts, writing
@@ -30,7 +30,7 @@ POSITIONS = 4  # of a match, in the left and right images of the previous and of
 
 def match_folder(cache: Path | None) -> Path:
     """The folder of matches: `matches` in `cache`, by default in the user's cache folder."""
-    return (cache_folder().parent if cache is None else cache) / "matches"
+    return (user_cache() if cache is None else cache) / "matches"
 
 
 def code_folder(variant: str, cache: Path | None = None) -> Path:
