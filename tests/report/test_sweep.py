@@ -22,6 +22,7 @@ from vo_lib.report.blocks import parse_axis
 from vo_lib.report.sweep_table import DEFAULT, Measured, Sweep, heat_map, run_sweep, sweep_table
 from vo_lib.runs.drive import run_methods
 from vo_lib.runs.jobs import Job, Outcome, run_jobs
+from vo_lib.runs.run_quality import warnings_of
 
 
 @pytest.fixture(scope="module")
@@ -226,10 +227,16 @@ def test_a_sweep_without_truth_compares_with_the_default(
     sequence = open_sequence(folder)
     for record in records_of(tmp_path / "out"):
         ends = []
+        warnings = set[str]()
         for seed in (0, 1):
             config = preset("mesvo_f", seed=seed)
             changed = change(config, "selection.sets", int(record["selection.sets"]))
-            ends.append(np.linalg.norm(run(sequence, changed).poses[-1] - run(sequence, config).poses[-1]))
+            result = run(sequence, changed)
+            ends.append(np.linalg.norm(result.poses[-1] - run(sequence, config).poses[-1]))
+            warnings.update(warnings_of(result))
+        # Two seeds may have a warning with different numbers: it is said once.
+        assert record["warnings"].count("stereo contradicts the motion of") == min(1, len(warnings))
+        assert ("(for some seeds with other numbers)" in record["warnings"]) == (len(warnings) > 1)
         assert float(record["end_apart_m"]) == pytest.approx(np.mean(ends), abs=1e-3)
         assert "te_percent" not in record
     # The preset has 200 sets; as a value on the axis, it is nothing apart from itself.

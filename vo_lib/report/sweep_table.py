@@ -47,7 +47,15 @@ from .page import (
     without_empty_columns,
 )
 from .plots import LETTERS, LINE_HEIGHT, SMALL_PAGE, figure_page, letters_beside, png
-from .table1 import ERROR_KINDS, POSITION_NOTE, back_end_ms, measure_runs, number_fields, too_short_words
+from .table1 import (
+    ERROR_KINDS,
+    POSITION_NOTE,
+    alike_warnings,
+    back_end_ms,
+    measure_runs,
+    number_fields,
+    too_short_words,
+)
 from .table1_plan import jobs_of, slug
 
 if TYPE_CHECKING:
@@ -326,14 +334,23 @@ def _record(
         record |= number_fields(no_errors, None)
     unused = [name for name, _ in cell.changes if settings.unused_because(cell.config, name)]
     record["not_used"] = " ".join(unused)
-    warnings = dict.fromkeys(warning for result in runs for warning in warnings_of(result))
-    record["warnings"] = "; ".join(warnings)
+    record["warnings"] = _warning_words(runs)
     failures = []
     for job in cell.jobs:
         if error_of_job[job.folder]:
             failures.append(f"seed {job.config.seed}: {error_of_job[job.folder]}")
     record["failed"] = "; ".join(failures)
     return record
+
+
+def _warning_words(runs: list[Run]) -> str:
+    """The warnings of a cell's runs; those that differ only in numbers are said once."""
+    different = dict.fromkeys(warning for result in runs for warning in warnings_of(result))
+    words = []
+    for warnings in alike_warnings(different):
+        numbers = " (for some seeds with other numbers)" if len(warnings) > 1 else ""
+        words.append(f"{warnings[0]}{numbers}")
+    return "; ".join(words)
 
 
 def _fields_without_truth(runs: list[Run], reference_runs: list[Run]) -> dict[str, float | None]:

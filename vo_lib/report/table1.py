@@ -421,15 +421,20 @@ def _warning_sentences(warned: Mapping[str, list[str]]) -> list[str]:
 
     warned : names of the runs by the sentence of the warning.
     """
-    alike: dict[str, list[str]] = {}  # warnings by their words without numbers
-    for warning in warned:
-        alike.setdefault(_DECIMAL.sub("", warning), []).append(warning)
     sentences = []
-    for warnings in alike.values():
+    for warnings in alike_warnings(warned):
         names = [name for warning in warnings for name in warned[warning]]
         numbers = " with other numbers" if len(warnings) > 1 else ""
         sentences.append(f"Warning: {_first_of(names)}{numbers}: {warnings[0]}")
     return sentences
+
+
+def alike_warnings(warnings: Iterable[str]) -> list[list[str]]:
+    """The warnings, with those together that differ only in numbers."""
+    by_words: dict[str, list[str]] = {}  # by their words without numbers
+    for warning in warnings:
+        by_words.setdefault(_DECIMAL.sub("", warning), []).append(warning)
+    return list(by_words.values())
 
 
 def _first_of(names: list[str]) -> str:
