@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,10 +31,21 @@ class Vehicle:
     poses: Array
     gain: float
 
-    @property
+    @functools.cached_property
     def parked(self) -> bool:
         """Whether the vehicle never moves."""
         return bool(np.ptp(self.poses[:, :3, 3], axis=0).max() < 1e-9)
+
+    @functools.cached_property
+    def light(self) -> tuple[Array, Array]:
+        """Brightness of the faces of the vehicle, and of its shadow's.
+
+        The light is computed for the middle of the drive, so that the brightness of a vehicle is constant.
+        """
+        middle = self.poses[len(self.poses) // 2]
+        faces = self.model.faces.moved(middle).lit().gain * self.gain
+        shadow = self.model.shadow.moved(middle).lit().gain * self.gain
+        return faces, shadow
 
 
 class Traffic:

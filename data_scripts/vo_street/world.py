@@ -90,15 +90,13 @@ class World:
 
 
 def place_vehicle(vehicle: Vehicle, instance: int, shadow: int, frame: int) -> Faces:
-    """Faces of a vehicle and of its shadow in the street frame.
-
-    The light is computed for the middle of the drive, so that the brightness of a vehicle is constant.
-    """
+    """Faces of a vehicle and of its shadow in the street frame."""
     parts = []
-    for faces, number in ((vehicle.model.faces, instance), (vehicle.model.shadow, shadow)):
-        numbered = dataclasses.replace(faces, instance=np.full(len(faces), number, np.int32))
-        light = numbered.moved(vehicle.poses[len(vehicle.poses) // 2]).lit().gain * vehicle.gain
-        parts.append(dataclasses.replace(numbered.moved(vehicle.poses[frame]), gain=light))
+    both = (vehicle.model.faces, instance), (vehicle.model.shadow, shadow)
+    for (faces, number), light in zip(both, vehicle.light, strict=True):
+        numbers = np.full(len(faces), number, np.int32)
+        moved = faces.moved(vehicle.poses[frame])
+        parts.append(dataclasses.replace(moved, instance=numbers, gain=light))
     return joined(parts)
 
 
