@@ -100,6 +100,7 @@ def test_a_run_takes_a_part_of_the_frames_and_a_label_folder(bands: Path, done: 
     assert int(rows[0]["removed_by_boxes"]) > 0
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_kept_matches_are_used_again(
     bands: Path, done: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -114,6 +115,7 @@ def test_kept_matches_are_used_again(
     assert float(row["cached_matches_ms"]) >= 0
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_missing_boxes_cause_a_warning(
     bands: Path, done: Callable[..., str], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -139,6 +141,7 @@ def test_missing_boxes_cause_a_warning(
     assert "No vehicle boxes" not in done("e")
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_a_detector_without_effect_causes_a_note(bands: Path, done: Callable[..., str]) -> None:
     answer = np.zeros((1, 5, yolox_cells(64, 64)), np.float32)
     model = write_answering(bands / "blind.onnx", answer, names="['car']")
@@ -151,6 +154,7 @@ def test_a_detector_without_effect_causes_a_note(bands: Path, done: Callable[...
         assert (unused in printed) == (method == "solution_selection")
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 @pytest.mark.parametrize(
     ("rows", "words"), [(60, "25 % of the image is masked wa"), (180, "75 % of the image is masked; f")]
 )
@@ -199,6 +203,7 @@ def test_lost_tracking_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture
     assert "Tracking was lost: 11 of 13 frames have no motion" in printed
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_config_repeats_a_run_and_options_override_it(
     bands: Path, done: Callable[..., str], tmp_path: Path
 ) -> None:
@@ -219,6 +224,7 @@ def test_config_repeats_a_run_and_options_override_it(
     assert [path.read_bytes() for path in tmp_path.glob("[de]/**/poses.txt")] == [a, a]
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_run_starts_from_another_calibration(bands: Path, done: Callable[..., str]) -> None:
     done("first", variant="kit")
     calibration = ("--calibration", str(bands.parent / "first" / "calibration.json"))
@@ -305,6 +311,7 @@ def test_library_warnings_are_printed_after_success(
     assert text == line if error is not None else text.startswith(line)
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_every_flag_of_a_frame_is_explained(bands: Path, done: Callable[..., str]) -> None:
     assert set(FLAG_MEANINGS) == set(Flag)
     printed = " ".join(done("still", "--min_matches", "1000").split())

@@ -20,13 +20,19 @@ Say = Callable[..., tuple[int, str]]
 BOX = "0.5 0.5 0.4 0.6\n"
 
 
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A cache that the tests share, so that the bands are matched once."""
+    return tmp_path_factory.mktemp("cache")
+
+
 @pytest.fixture
-def run(bands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Say:
+def run(bands: Path, tmp_path: Path, cache: Path, capsys: pytest.CaptureFixture[str]) -> Say:
     """A function that calls `vo run` on the bands with further options, and returns exit code and words."""
 
     def call(*words: str) -> tuple[int, str]:
         usual = ["run", str(bands), "--out", str(tmp_path / "out"), "--fresh", "--features.blob_cell", "9"]
-        code = main([*usual, *words])
+        code = main([*usual, "--cache", str(cache), "--keep-matches", *words])
         captured = capsys.readouterr()
         return code, " ".join((captured.out + captured.err).split())
 
@@ -49,6 +55,7 @@ def removed(said: str) -> float:
     return float(found[1])
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_class_numbers_without_names_are_not_taken_for_cocos(run: Say, labels: Path) -> None:
     code, said = run("--labels", str(labels))
     assert code == 2
@@ -99,6 +106,7 @@ def test_names_of_other_labels_above_do_not_count(run: Say, labels: Path) -> Non
     assert removed(said) > 0
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_class_numbers_that_do_not_count_are_listed(run: Say, labels: Path) -> None:
     (labels / "000003.txt").write_text(f"2 {BOX}7 {BOX}", encoding="utf-8")
     code, said = run("--labels", str(labels))
@@ -130,21 +138,21 @@ def test_removal_of_no_feature_or_of_all_causes_a_warning(run: Say, labels: Path
 
 
 def test_tables_and_sweeps_have_the_warnings(
-    bands: Path, labels: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    bands: Path, labels: Path, tmp_path: Path, cache: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for path in labels.iterdir():
         path.write_text("2 0.01 0.01 0.01 0.01\n", encoding="utf-8")
     labels.rename(bands / "labels")
-    cache = ["--seeds", "1", "--cache", str(tmp_path / "cache"), "--variant", "published"]
+    few = ["--seeds", "1", "--cache", str(cache), "--variant", "published"]
     table = ["--methods", "feature_selection", "--out", str(tmp_path / "t")]
-    main(["reproduce", "--sequences", str(bands), *table, *cache])
+    main(["reproduce", "--sequences", str(bands), *table, *few])
     assert "0.0 % of the features are removed" in (tmp_path / "t" / "report.html").read_text(encoding="utf-8")
     capsys.readouterr()
     axis = ["--set", "filter.classes=car;truck,2", "--out", str(tmp_path / "s")]
-    assert main(["sweep", "--sequence", str(bands), *axis, *cache]) == 0
+    assert main(["sweep", "--sequence", str(bands), *axis, *few]) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "Warning: filter.classes=car: 0.0 % of the features are removed" in said
-    assert main(["sweep", "--sequence", str(bands), "--set", "filter.classes=9", *axis[2:], *cache]) == 2
+    assert main(["sweep", "--sequence", str(bands), "--set", "filter.classes=9", *axis[2:], *few]) == 2
     assert "add classes.txt or --set filter.classes=2" in " ".join(capsys.readouterr().err.split())
 
 
@@ -159,6 +167,7 @@ def config_of(method: str) -> dict[str, Any]:
     return {"method": method, "variant": "published", "settings": to_dict(preset(method))}
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_settings_of_earlier_versions_are_read(run: Say, tmp_path: Path) -> None:
     path = tmp_path / "out" / "config.json"
     data = config_of("feature_selection")
@@ -173,6 +182,7 @@ def test_settings_of_earlier_versions_are_read(run: Say, tmp_path: Path) -> None
 UNUSED = "selection.sets: viso2 does not use this setting, since estimator is reprojection"
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 @pytest.mark.parametrize(
     ("method", "sets", "told", "hand_made"),
     [
@@ -191,6 +201,7 @@ def test_settings_without_effect_are_refused_in_a_config_as_with_set(
     sets: int,
     told: str,
     hand_made: bool,
+    cache: Path,
 ) -> None:
     assert run("--method", method)[0] == 0
     data = json.loads((tmp_path / "out" / "config.json").read_text(encoding="utf-8"))
@@ -203,7 +214,7 @@ def test_settings_without_effect_are_refused_in_a_config_as_with_set(
     assert code == (2 if told else 0)
     assert told in said
     assert "does not use" not in said.replace(told, "") if told else "does not use" not in said
-    config = ["--config", str(path), "--seeds", "1", "--cache", str(tmp_path / "cache")]
+    config = ["--config", str(path), "--seeds", "1", "--cache", str(cache)]
     config += ["--out", str(tmp_path / "table")]
     for words in (
         ["reproduce", "--sequences", str(bands)],
@@ -219,8 +230,9 @@ def test_settings_without_effect_are_refused_in_a_config_as_with_set(
         assert f"note: {told}" in capsys.readouterr().out
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_the_config_of_a_run_is_read_again_even_with_settings_without_effect(
-    run: Say, bands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    run: Say, bands: Path, tmp_path: Path, cache: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     changes = ["--method", "mesvo_f", "--loops", "--reprojection.threshold", "1.5"]
     assert run(*changes)[0] == 0  # the loops use it
@@ -229,7 +241,7 @@ def test_the_config_of_a_run_is_read_again_even_with_settings_without_effect(
     code, said = run("--config", str(tmp_path / "kept.json"))
     assert code == 0
     assert "mesvo_f does not use reprojection.threshold 1.5" in said
-    config = ["--config", str(tmp_path / "kept.json"), "--seeds", "1", "--cache", str(tmp_path / "cache")]
+    config = ["--config", str(tmp_path / "kept.json"), "--seeds", "1", "--cache", str(cache)]
     assert main(["reproduce", "--sequences", str(bands), *config, "--out", str(tmp_path / "a")]) == 0
     sweep = ["sweep", "--sequence", str(bands), "--set", "selection.sets=20", *config]
     assert main([*sweep, "--out", str(tmp_path / "b")]) == 0

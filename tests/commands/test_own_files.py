@@ -59,6 +59,7 @@ def test_a_file_of_somebody_else_is_refused_by_name(
     assert contents(out) == {name: b"mine"}
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 @pytest.mark.parametrize("command", ["run", "sweep", "reproduce"])
 def test_own_files_are_replaced(bands: Path, tmp_path: Path, command: str) -> None:
     out = tmp_path / "out"
@@ -91,6 +92,7 @@ def test_input_is_never_replaced_by_the_result(
         assert contents(folder) == before[folder]
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_a_damaged_run_is_computed_again_with_a_note(
     bands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -142,6 +144,7 @@ def test_an_unknown_backend_of_matplotlib_is_refused_before_the_work(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 @pytest.mark.parametrize(("jobs", "note"), [("1", False), ("999", True)])
 def test_jobs_are_at_most_the_runs(
     bands: Path,
