@@ -17,7 +17,10 @@ MAX_AGREEMENT_RESIDUAL_PX = 2.0  # a match with a smaller residual norm agrees w
 
 
 class MotionFit(NamedTuple):
-    """A motion T_cp (4, 4), and the residual norm of each match over its four coordinates, (N,) pixels."""
+    """A motion T_cp (4, 4), and the residual norm of each match over its four coordinates, (N,) pixels.
+
+    The residual of a point without depth or behind the camera is infinite.
+    """
 
     T_cp: Array
     residual: Array
@@ -35,7 +38,7 @@ def fit_motion(
 
     Parameters
     ----------
-    matches : N matches; those whose points have no depth do not count, and their residuals are infinite.
+    matches : N matches; those whose points have no depth do not count.
     start : T_cp (4, 4) at which the iteration starts.
     scale : residual, pixels, at which a point's weight is halved (Cauchy weights, 1 / (1 + r² / scale²)); the
         median residual takes its place as long as it is larger.

@@ -76,7 +76,7 @@ class Winner(NamedTuple):
 
 
 class Rotation(NamedTuple):
-    """What the winner gives: the rotation R_cp (3, 3), E (3, 3), and a mask (N,) of its inliers."""
+    """What the winner gives: its rotation R_cp (3, 3), its E (3, 3), and a mask (N,) of its inliers."""
 
     R_cp: Array
     E: Array

@@ -104,7 +104,7 @@ def candidates_near_prior(
 ) -> BoolArray:
     """Mask (M,) of the candidates that may win: those near the prior `e_prev` (9,).
 
-    In the first frame there is no `e_prev`, and `config.prior` may be off: then all candidates may win.
+    Before the first winner there is no `e_prev`, and `config.prior` may be off: then all candidates may win.
     """
     if not config.prior or e_prev is None:
         return np.ones(len(E), np.bool_)

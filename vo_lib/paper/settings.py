@@ -117,7 +117,7 @@ class SelectionConfig(Checked):
     """The rotation: five-point sets and solution selection (chapters 2 and 3)."""
 
     sets: int = setting(
-        200, "five-point sets drawn per frame (n of the paper)", low=1, high=5000, when=ESSENTIAL
+        200, "five-point sets drawn per frame (n and N of the paper)", low=1, high=5000, when=ESSENTIAL
     )
     winner: str = setting(
         "error",
@@ -138,7 +138,12 @@ class SelectionConfig(Checked):
         when=PRIOR,
     )
     threshold: float = setting(
-        0.5, "largest Sampson distance of an inlier", unit="px", low=0.05, high=10, when=ESSENTIAL
+        0.5,
+        "largest Sampson distance of an inlier; the error of a match does not grow beyond it",
+        unit="px",
+        low=0.05,
+        high=10,
+        when=ESSENTIAL,
     )
     standstill_flow: float = setting(
         0.5,
