@@ -181,6 +181,8 @@ def track_warped(
         return np.zeros((0, 2)), np.zeros(0)
     # A tile contains the window at its largest displacement, and the border that Lucas-Kanade needs.
     tile = window + 2 * int(np.ceil(MAX_REFINEMENT_PX)) + 1
+    # The tile of the first image is centred on a whole pixel, so its window is off this centre by a fraction.
+    # That of the second image is centred on the start, rounded to the grid: the search begins at its centre.
     pixel = np.rint(uv)
     anchor = np.rint(start * GRID_CELLS_PER_PX) / GRID_CELLS_PER_PX
     row, column = np.divmod(np.arange(count), TILES_IN_A_ROW)

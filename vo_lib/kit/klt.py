@@ -136,6 +136,7 @@ class KltMatcher:
         search begins at the previous positions, and the one with which more matches agree counts.
         """
         without = self.config.without
+        # Without a motion to predict with, this search without matches stays, and counts as failed.
         search = _Search(NO_MATCHES, last, 0)
         searches_again = True
         if last is not None and "prediction" not in without:
@@ -167,7 +168,9 @@ class KltMatcher:
         """A wide search that begins at the previous positions, in images of equal exposure.
 
         It is for a start without a motion, and for an abrupt change of motion or exposure, after which many
-        of the predicted matches may be wrong. motion : T_cp (4, 4), by which windows are warped, or None.
+        of the predicted matches may be wrong.
+
+        motion : T_cp (4, 4) by which windows are warped, from the failed search or the last pair; or None.
         """
         if "equal-exposure" not in self.config.without:
             left = lit_like(before.images[0], pair.images[0])

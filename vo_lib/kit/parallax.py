@@ -14,7 +14,9 @@ MIN_PARALLAX_DISPARITY_PX = 0.3  # features with a smaller disparity are not use
 MIN_DEPTH_RATIO = 0.05  # smallest ratio of the depths in the current and the previous frame
 MIN_PARALLAX_FEATURES = 10  # with fewer features, a frame gives no information
 MIN_NOISE_PX = 0.1  # lower bound of the estimated noise
-MEDIAN_SQUARED_RESIDUAL = 2.366  # median of the squared residual for unit noise and three degrees of freedom
+# Median of a feature's squared residual for unit noise: that of χ² with three degrees of freedom, since D
+# takes one of the four measurements.
+MEDIAN_SQUARED_RESIDUAL = 2.366
 
 
 def parallax_information(

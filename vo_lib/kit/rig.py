@@ -181,6 +181,7 @@ class Rig:
         """
         if len(matches) == 0 or "rows" in self.config.without:
             return
+        # Errors are functions of the true positions; the row differences below are as measured.
         left, right = self._true_pixels(matches.cur_left, matches.cur_right, self.errors)
         # (19, N): the row difference of each match for 1 px of each error.
         row_effects = effects(self.camera, self.camera.normalise(left).T, (left - right)[:, 0])[:, 3]
