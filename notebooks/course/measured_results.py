@@ -31,7 +31,8 @@ def results_table(title: str, only: str = "") -> ReportTable:
 def whole_drive_errors(section: str, row: str) -> dict[str, Array]:
     """Of a whole drive by method, from `results.md`: TE (%), RE (deg/100 m), and their deviations, (4,).
 
-    The deviations are standard deviations over the seeds.
+    The deviations are standard deviations over the seeds. A method with the numbers of `solution_selection` is left
+    out.
     """
 
     def cells(title: str) -> dict[str, str]:
@@ -48,7 +49,7 @@ def whole_drive_errors(section: str, row: str) -> dict[str, Array]:
     numbers = {}
     for method in list(te)[1:]:
         words = (te[method], re[method], te_sd.get(method, "0"), re_sd.get(method, "0"))
-        # The sign = stands for the number in the column before.
+        # The sign = stands for the number of `solution_selection`.
         if "=" not in words:
             numbers[method] = np.array([float(word) for word in words])
     return numbers

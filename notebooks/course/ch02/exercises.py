@@ -11,7 +11,7 @@ import numpy as np
 from course.simulation.problems import FOCAL, random_problems
 from vo_lib.geometry.motion import skew
 from vo_lib.geometry.types import Array, BoolArray, Index
-from vo_lib.paper.five_point import cubic_constraints, eliminate, five_point
+from vo_lib.paper.five_point import cubic_constraints, eliminate, five_point, hidden_variable_matrix
 from vo_lib.paper.sampson import sampson_distance
 from vo_lib.paper.selection import truncated_errors
 
@@ -21,8 +21,8 @@ from ..rotation_errors import rotation_errors
 from . import library
 from .library import homogeneous, null_space, rows
 
-FIRST = "rotation error of solution 1"
-SCENE_POINTS = 65
+FIRST = "rotation error of solution 1"  # a fact of the panel
+SCENE_POINTS = 65  # matches of a scene, of which the first five are the set
 FAR_BEHIND = 5000.0  # depth of a distant point whose rays meet on the wrong side, in the unit of t
 GOOD_PX = 1.0  # image errors are truncated at this distance
 
@@ -102,7 +102,7 @@ def without_signs(E: Array) -> Array:
 
 
 def is_reflection(motions: Array, E: Array) -> bool:
-    """Whether some R of motions (M, 3, 4) is orthogonal, with a determinant of -1."""
+    """Whether all R of motions (M, 3, 4) are orthogonal, but some have a determinant of -1."""
     R = motions[:, :, :3]
     orthogonal = np.allclose(R @ np.swapaxes(R, 1, 2), np.eye(3), atol=1e-9)
     return bool(orthogonal and np.linalg.det(R).min() < 0.0)
@@ -151,7 +151,10 @@ def by_length_of_normal(motion: Array, x_p: Array, x_c: Array) -> tuple[Array, A
 
 
 def twisted_first(motions: Array, x_p: Array, x_c: Array) -> Array:
-    """The motions (4, 3, 4) in the order of how often a point has a positive and a negative depth, d_p + d_c > 0."""
+    """The motions (4, 3, 4), first the one that deceives the wrong test d_p + d_c > 0 most.
+
+    Deceiving are the points in front of one camera and behind the other whose d_p + d_c is positive.
+    """
     counts = []
     for motion in motions:
         d_p, d_c = library.two_depths(motion, x_p, x_c)
@@ -248,9 +251,12 @@ def up_to_scale(values: Array) -> Array:
             given = np.sort(np.abs(nine))
             right = np.sort(np.abs(constraints[:9]))
             scale = given[-1] / right[-1]
+            has_nine = scale > 1e-9 and np.allclose(given, scale * right)
+            # The determinant may have the scale of the nine or one of its own.
             factors = np.array([0.5, 1.0, 2.0, scale])
-            is_determinant = np.isclose(abs(determinant), abs(constraints[9]) * factors).any()
-            if is_determinant and scale > 1e-9 and np.allclose(given, scale * right) and values.min() < 0.0:
+            has_determinant = np.isclose(abs(determinant), abs(constraints[9]) * factors).any()
+            has_signs = values.min() < 0.0  # absolute values are no constraints
+            if has_nine and has_determinant and has_signs:
                 return np.ones(10)
     return np.asarray(values)
 
@@ -282,11 +288,9 @@ def columns_from_the_start(six: Array, z: float) -> Array:
 
 
 def powers_of_w(six: Array, z: float) -> Array:
-    """Wrong answer: C at (z, w) = (1, z): the powers of z and w exchanged."""
-    degrees = np.array([1, 1, 1, 2, 2, 3])
-    if z == 0.0:
-        return library.hidden_matrix(six, 1e12) / 1e12**degrees
-    return np.asarray(library.hidden_matrix(six, 1.0 / z) * z**degrees)
+    """Wrong answer: the powers of z and w exchanged, which is C at z = 1 and w = `z`."""
+    one = np.ones(1)
+    return np.asarray(hidden_variable_matrix(six[:, :, None], one, z * one)[..., 0])
 
 
 def in_basis(E: Array, x_p: Array, x_c: Array) -> Array:

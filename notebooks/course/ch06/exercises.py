@@ -17,7 +17,9 @@ from ..perturbed_path import block_tour, perturbed_path
 
 YAW = 1.0  # deg/100 m, on the straight road
 LENGTH = 400.0  # metres, of the straight road
-ANGLE = float(np.radians(YAW * LENGTH / 100.0))
+ANGLE = float(np.radians(YAW * LENGTH / 100.0))  # of the heading at its end
+# TE of the whole road in %. The estimate is an arc, which ends at sin(ANGLE) / ANGLE of the length ahead and at
+# (1 - cos(ANGLE)) / ANGLE of it to the side; the truth ends at the length ahead.
 TE = 100.0 * float(np.hypot(1.0 - np.sin(ANGLE) / ANGLE, (1.0 - np.cos(ANGLE)) / ANGLE))
 
 
@@ -41,7 +43,7 @@ def end(path: Array, first: int, length: float) -> int | None:
 def judged_pair() -> tuple[Array, Array]:
     """A truth (N, 4, 4) and an estimate (N, 4, 4) with all kinds of errors, rotations about all axes too.
 
-    The car drives 1 to 3 m per frame, so a length in metres is not a number of frames. The camera is tilted,
+    The car drives 0 to 3 m per frame, so a length in metres is not a number of frames. The camera is tilted,
     so the rotation error has components about all axes.
     """
     metres = np.cumsum(np.resize([0, 1, 2, 3, 2], 400))  # at each frame

@@ -23,14 +23,19 @@ from vo_lib.runs.front_end import TimedMatches
 from ..checker import Case, Condition, Exercise
 from ..simulation.drives import CAMERA, drive
 
+# The sweep: simulated frames, lengths of the sub-sequences in metres, and numbers of five-point sets.
 FRAMES = 30
 LENGTHS = (20.0,)
 VALUES = (8, 16, 100)
+
 NO_DIGIT = "the paper rounds, too: half a unit of the last printed digit is missing"
 
 
 def rows(te: dict[str, Any], without: str = "01", none: Any = None) -> list[float]:
-    """The numbers of a column without the row `without`; `none` replaces None, which is left out by default."""
+    """The numbers of a column without the row `without`.
+
+    te : numbers by the name of their row. none : what replaces None, which is left out by default.
+    """
     values = []
     for name, value in te.items():
         number = none if value is None else value
@@ -44,7 +49,7 @@ def allowed_difference(
 ) -> float:
     """How far one more run may be from the mean of runs (n,), with a part of the last printed digit.
 
-    digits : printed decimals. t : Student's factor. over : the deviation is over n - `over`. further : the number of
+    values : errors of the runs. digits : printed decimals. t : Student's factor. over : the deviation is over n - `over`. further : the number of
     further runs that scatter by themselves, 1 or 0. digit : the part of the last digit, ½ for rounding.
     """
     deviation = float(np.std(values, ddof=over))
@@ -66,7 +71,7 @@ def errors_of_seeds() -> list[Case]:
 
 @functools.cache
 def simulated() -> tuple[Sequence, list[TimedMatches]]:
-    """A sequence of FRAMES simulated frames, and its matches, of which a third are wrong."""
+    """A sequence of FRAMES simulated frames, and its matches, of which 30 % are wrong."""
     truth = drive(FRAMES - 1)
     tracks = TrackConfig(points=200, noise=0.3, wrong=0.3)
     matches: list[TimedMatches] = [(empty_matches(), {})]

@@ -134,7 +134,7 @@ def choice_ratios(path: Path = CHOICES) -> dict[str, dict[str, dict[str, float]]
     plain = {row["sequence"]: float(row["te"]) for row in rows if not row["alternative"]}
     ratios: dict[str, dict[str, dict[str, float]]] = {}
     for row in rows:
-        if row["alternative"]:
+        if row["alternative"]:  # the row has the change of the error
             cells = ratios.setdefault(row["choice"], {}).setdefault(row["alternative"], {})
             cells[row["sequence"]] = 1 + float(row["te"]) / plain[row["sequence"]]
 
@@ -221,7 +221,7 @@ def measured_columns(methods: Sequence[str], kind: str) -> tuple[str, list[dict[
     table = results_table(f"Variant published: {title}", KITTI)
     rows: dict[str, dict[str, list[str]]] = {}  # by length and clip
     for row in table.rows:
-        parts = [part.strip() for part in row[0].split(",")]
+        parts = [part.strip() for part in row[0].split(",")]  # as of "kitti/00, 50 m, axes removed"
         name = parts[0]
         length = parts[1] if len(parts) > 1 else ""
         rows.setdefault(length, {})[name] = row
