@@ -1,4 +1,8 @@
-"""Options that several commands share, and the parsing of their values."""
+"""What several commands share.
+
+These are options and the parsing of their values; opening a sequence, doing runs and drawing a film, each
+with a progress bar; notes and warnings.
+"""
 
 from __future__ import annotations
 
@@ -218,7 +222,7 @@ def read_method(options: argparse.Namespace) -> tuple[str, MethodConfig]:
 def _refuse_contradiction(path: Path, name: str, in_file: str, typed: str | None) -> None:
     """Raise `DataError` if --method or --variant (`name`) is not that of --config."""
     if typed not in (None, in_file):
-        raise DataError(f"is a run of {name} {in_file}, not {typed}: omit --{name}", path)
+        raise DataError(f"is a run of {name} {in_file}, not {typed}: omit --{name} or --config", path)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -240,13 +244,13 @@ class TableMethods:
 def read_table_methods(options: argparse.Namespace) -> TableMethods:
     """The methods of a table with many runs; --config decides on what is not typed.
 
-    Raises `DataError` if the method in --config is unknown, or if its variant differs from the option.
+    Raises `DataError` if the method in --config is unknown, or if its variant differs from the option. It
+    always differs from --variant both, since the settings of a run are those of one variant.
     """
     if options.config is None:
         return TableMethods(options.variant, options.methods)
     method, config = _method_of_file(options.config)
-    if options.variant not in (None, BOTH, config.variant):
-        raise DataError(f"is a run of variant {config.variant}, not {options.variant}", options.config)
+    _refuse_contradiction(options.config, "variant", config.variant, options.variant)
     methods = method if options.methods is None else options.methods
     changes = differences(config, preset(method, variant=config.variant))
     is_repeated = method in methods.split(",") and is_as_written(read_config(options.config))
@@ -325,7 +329,7 @@ def run_with_options(
 def parse_methods(text: str | None, variant: str | None) -> dict[str, list[str]]:
     """For each variant, the methods in a comma-separated list, each once; without a list, all methods.
 
-    Raises `DataError` for a name that no variant has.
+    Raises `DataError` for a name that none of the chosen variants has.
     """
     variants = list(VARIANTS) if variant in (None, BOTH) else [str(variant)]
     if text is None:

@@ -1,10 +1,13 @@
-"""`vo reproduce`: Table 1 and Figure 4 from runs of several methods, sequences and seeds."""
+"""`vo reproduce`: Table 1 and Figure 4 from runs of several methods, sequences and seeds.
+
+The words block, cell, entry and group are those of `report`.
+"""
 
 from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +20,7 @@ from ..errors import DataError
 from ..evaluation.kitti_errors import SubsequenceProtocol
 from ..files import only_process, refuse_foreign
 from ..loops.settings import LoopConfig
+from ..paper.settings import MethodConfig
 from ..report.blocks import Axes, Block, make_blocks, parse_axes
 from ..report.film import FILM_ENDING, Film, film_frames, refuse_foreign_film
 from ..report.page import ReportTable
@@ -75,8 +79,8 @@ def add(parser: argparse.ArgumentParser) -> None:
     option("--methods", metavar="M,M,…", help="methods to run; by default all methods of the variant")
     common.add_set(parser, "each value makes a block of the table with all methods")
     text = (
-        "config.json of a run: what differs there from the preset is changed in all methods of the table; "
-        "without --methods, only the method of that run"
+        "config.json of a run: the table has its variant, and what differs there from the preset is changed "
+        "in all methods of the table; without --methods, only the method of that run"
     )
     option("--config", type=Path, metavar="FILE", help=text)
     text = "sub-sequence lengths, metres, from every frame on; default KITTI's, or 20,50,100 for short paths"
@@ -199,12 +203,17 @@ def _do_runs(
     sequences: list[Sequence],
     durations: Durations,
 ) -> _Done:
-    """Do the runs of a table in its folder; before, print what is doubtful or has no effect.
+    """Detect the boxes, as --detector says, and do the runs of a table in its folder.
+
+    Before the runs, print what is doubtful or has no effect.
 
     Raises `DataError` for finished runs with other inputs, and for films that the kit did not write.
     """
     opener = vehicle_boxes.Opener(sequences, options, durations)
-    cells = _plan(table, folder, opener, options.fresh)
+    if not options.fresh:  # another detector is refused before it detects
+        undetected = _plan(table, folder, opener.names, opener.undetected)
+        refuse_other_runs(jobs_of(undetected), opener.detector_of, common.REPLACE_RUNS)
+    cells = _plan(table, folder, opener.names, opener)  # detects all boxes, which may take minutes
     jobs = jobs_of(cells)
     if options.films:
         for job in _filmed(jobs):
@@ -275,14 +284,11 @@ def _write(
     return report_tables
 
 
-def _plan(table: _Table, folder: Path, opener: vehicle_boxes.Opener, fresh: bool) -> list[Cell]:
-    """The cells of a table; unless finished runs are to be done again, `DataError` if others are there."""
-    if not fresh:  # another detector is refused before it detects
-        undetected = plan_cells(
-            table.blocks, table.methods, opener.names, table.seeds, folder, opener.undetected
-        )
-        refuse_other_runs(jobs_of(undetected), opener.detector_of, common.REPLACE_RUNS)
-    return plan_cells(table.blocks, table.methods, opener.names, table.seeds, folder, opener)
+def _plan(
+    table: _Table, folder: Path, names: list[str], opened: Callable[[str, MethodConfig], Sequence]
+) -> list[Cell]:
+    """The cells of a table on the sequences of these names; `opened` : as in `plan_cells`."""
+    return plan_cells(table.blocks, table.methods, names, table.seeds, folder, opened)
 
 
 def _tables_with_truth(

@@ -12,6 +12,7 @@ from pathlib import Path
 from .. import settings
 from ..config import METHODS, preset
 from ..data.catalogue import parse_sequences
+from ..data.sequence import Sequence
 from ..detection.models import find_model
 from ..errors import DataError
 from ..files import only_process, refuse_foreign, write_atomic, written_together
@@ -69,8 +70,9 @@ def add(parser: argparse.ArgumentParser) -> None:
 class _Grid:
     """The runs that the options of `vo sweep` ask for.
 
-    bases : by method, its configuration before an axis changes it.
-    reference_words : `bases` in words.
+    bases : by method, its complete configuration before an axis changes it. This is the reference, which is
+        run as well on a sequence without ground truth.
+    reference_words : its settings in words.
     axes : the settings that vary, with their values.
     seeds : number of runs with each combination of the values.
     names : of the sequences.
@@ -133,7 +135,7 @@ def _sweep(options: argparse.Namespace) -> int:
                 opener.names, grid.bases, grid.axes, grid.seeds, folder, opener.undetected
             )
             refuse_other_runs(undetected, opener.detector_of, common.REPLACE_RUNS)
-        _print_remarks_on_boxes(grid, opener)
+        _print_remarks_on_boxes(_detect_boxes(grid, opener))
         stack.enter_context(only_process(folder))
         with reporting(f"{', '.join(opener.names)}; {', '.join(grid.bases)}") as report:
 
@@ -154,13 +156,21 @@ def _sweep(options: argparse.Namespace) -> int:
     return 1 if has_failed else 0
 
 
-def _print_remarks_on_boxes(grid: _Grid, opener: vehicle_boxes.Opener) -> None:
-    """Detect the boxes of all runs, as --detector says, and print what is doubtful about them."""
+def _detect_boxes(grid: _Grid, opener: vehicle_boxes.Opener) -> list[tuple[str, Sequence, MethodConfig]]:
+    """Detect the boxes for all combinations of the values, as --detector says, which may take minutes.
+
+    Returns the method, the sequence and the settings of the runs, with one run for all seeds.
+    """
     runs = []
     for method, base in grid.bases.items():
         for changes in combinations(grid.axes):
             config = changed(base, changes)
             runs += [(method, opener(name, config), config) for name in opener.names]
+    return runs
+
+
+def _print_remarks_on_boxes(runs: list[tuple[str, Sequence, MethodConfig]]) -> None:
+    """Print what is doubtful about the boxes of runs; `runs` : as from `_detect_boxes`."""
     print_warnings(vehicle_boxes.warnings_without_boxes(runs))
     run_inputs = [(sequence, config) for _, sequence, config in runs]
     print_notes(vehicle_boxes.remarks_on_labels(run_inputs, vehicle_boxes.TYPED_SET_CLASSES))
