@@ -139,7 +139,16 @@ def one_line(message: str, words: Iterable[str]) -> str:
     return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
-def exit_code(program: str, error: BaseException, words: Iterable[str] = ()) -> int:
+def _what_to_type(error: DataError, words: Sequence[str]) -> str:
+    """The end of an error's message: its remedy, for a command with these arguments; "" without one."""
+    text = REMEDIES.get(error.remedy, "")
+    has_config = any(word.split("=")[0] == "--config" for word in words)
+    if has_config and error.remedy.startswith("variant "):  # --config decides on the variant
+        text += ", and omit --config"
+    return text
+
+
+def exit_code(program: str, error: BaseException, words: Sequence[str] = ()) -> int:
     """Print the message of an exception of `ENDINGS` to stderr, and return the exit code.
 
     Code 2: bad input, or an error of the system; 130: Ctrl-C; 1, without a message: a closed output pipe.
@@ -151,7 +160,7 @@ def exit_code(program: str, error: BaseException, words: Iterable[str] = ()) -> 
         return 1
     text = str(error)
     if isinstance(error, DataError):
-        text += REMEDIES.get(error.remedy, "")
+        text += _what_to_type(error, words)
     if isinstance(error, KeyboardInterrupt):
         line = f"{program}: interrupted; {text}" if text else f"{program}: interrupted"
         print(as_shown(line, sys.stderr), file=sys.stderr)

@@ -310,7 +310,7 @@ def _read_calibration(options: argparse.Namespace, config: MethodConfig) -> Cali
     if options.calibration is None:
         return None
     if config.variant == "published":
-        raise DataError("--calibration: the paper uses calib.txt unchanged; add --variant kit")
+        raise DataError("--calibration: the paper uses calib.txt unchanged", remedy="variant kit")
     from ..kit.calibration import read_learnt_calibration
 
     return read_learnt_calibration(options.calibration)
