@@ -1,9 +1,10 @@
 """Answers of an older notebook in the current version of it.
 
-An answer is a function or a variable that the notebook leaves open with `...`, and that a check gets. It is
-found again by its name and its check, so exercises may have other numbers and texts. What cannot take its
-place as code any more is kept as a comment. The older notebook stays as it is: this makes the text of the new
-one.
+An answer is a function or a variable that the notebook leaves open with `...`, and that a check gets. A check
+is the call of a function of a chapter's module with the answer as its first argument, such as
+ch01.maxima(maxima). An answer is found again by its name and its check, so exercises may have other numbers
+and texts. What cannot take its place as code any more is kept as a comment. The older notebook stays as it
+is: this makes the text of the new one.
 """
 
 from __future__ import annotations

@@ -22,7 +22,9 @@ from .carry_over import carry_over
 from .console import install, print_lines, print_wrapped
 
 COURSE = "stereo-vo-course"  # name of the folder in the user's home and of JupyterLab's workspace
-DIGESTS_FILE = ".copied.json"  # in the course's folder: digest of each copied file by name
+# In the course's folder: by name, the digest of each file as it was copied. For a file that the reader has
+# changed, it is that of the version last offered, which lies beside it.
+DIGESTS_FILE = ".copied.json"
 FOR_TEACHERS = {"solutions", "teaching.md"}
 TEACHERS_LINK = re.compile(rb"\[([^][]+)\]\((?:solutions/[^)]+|teaching\.md)\)")
 HAND_IN = "hand_in.zip"
@@ -201,6 +203,8 @@ def copy_course(source: Path, target: Path, teacher: bool) -> None:
         if not file.exists() or _digest(read_bytes(file)) != _digest(content):
             file.parent.mkdir(parents=True, exist_ok=True)
             write_atomic(file, content)
+        # The version that the reader has been offered, wherever it lies, so that it is written once; and what
+        # lies in its place, in a notebook with the answers.
         copied[name] = digest
         copied[place] = _digest(content)
     _delete_old_modules(source, target, copied)
