@@ -24,6 +24,7 @@ from vo_lib.commands.cli import COMMANDS, main
 from vo_lib.commands.run import FLAG_MEANINGS
 from vo_lib.config import CONFIG_CLASSES
 from vo_lib.data.poses import read_kitti_poses, read_tum
+from vo_lib.data.sequence import Sequence
 from vo_lib.detection.network_image import yolox_cells
 from vo_lib.files import read_csv
 from vo_lib.geometry.result import Flag
@@ -152,6 +153,21 @@ def test_a_detector_without_effect_causes_a_note(bands: Path, done: Callable[...
         printed = " ".join(done(out, "--method", method, *words).split())
         assert nothing in printed
         assert (unused in printed) == (method == "solution_selection")
+
+
+@pytest.mark.usefixtures("pictures_not_drawn")
+def test_the_rule_truth_is_not_said_to_use_boxes(
+    street: Sequence, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answer = np.zeros((1, 5, yolox_cells(64, 64)), np.float32)
+    model = write_answering(tmp_path / "blind.onnx", answer, names="['car']")
+    words = ["--frames", "0:4", "--variant", "kit", "--filter.rule", "truth", "--detector", str(model)]
+    out = ["--out", str(tmp_path / "out"), "--cache", str(tmp_path / "cache")]
+    assert main(["run", str(street.folder), *words, *out]) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "note: feature_selection does not use the boxes of --detector" in printed
+    assert "features removed in boxes" not in printed
+    assert re.search(r"features removed as truly moving │ \S+ %", printed)
 
 
 @pytest.mark.usefixtures("pictures_not_drawn")

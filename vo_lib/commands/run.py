@@ -219,7 +219,7 @@ def _with_boxes(
     detector_config: DetectorConfig,
 ) -> Sequence:
     """The sequence with the boxes of --detector if the option is present; notes on its boxes are printed."""
-    if options.detector is not None and config.filter.rule == "none":
+    if options.detector is not None and not config.filter.uses_boxes:
         print_wrapped(f"note: {method} does not use the boxes of --detector; only a film shows the boxes")
     sequence = vehicle_boxes.with_detected_boxes(sequence, options, detector_config, config.filter.classes)
     print_warnings(vehicle_boxes.warnings_without_boxes([(method, sequence, config)]))
@@ -258,9 +258,11 @@ def _quantities(result: Run, flags: list[Flag]) -> list[list[str]]:
         ["length and duration of the path", travelled],
         ["matches per frame, median", format_number(result.matches_per_frame, 0)],
     ]
-    if result.config.filter.rule != "none":
-        share = f"{100 * result.removed_share:.1f} %"
-        rows.append(["features removed in boxes", share if result.sequence.labels else "no labels"])
+    removed = f"{100 * result.removed_share:.1f} %"
+    if result.config.filter.uses_boxes:
+        rows.append(["features removed in boxes", removed if result.sequence.labels else "no labels"])
+    elif result.config.filter.rule != "none":  # `truth` of variant `kit`
+        rows.append(["features removed as truly moving", removed])
     used = format_number(median(motion.used for motion in motions), 0)
     rows.append(["matches used per frame (after buckets), median", used])
     for flag in flags:
