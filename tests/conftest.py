@@ -7,12 +7,16 @@ import gc
 import os
 import shutil
 import signal
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 # For the processes that tests start, too: where two processes share two cores, waiting BLAS threads take half
 # of the processor's time.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# When imported, jsonschema builds the grammars of all kinds of addresses, which takes more than a second in
+# each process. The format of notebooks asks for none of them, and jsonschema does without them.
+sys.modules["rfc3987_syntax"] = None  # type: ignore[assignment]
 
 import cv2
 import numpy as np

@@ -156,6 +156,7 @@ def test_sweep_of_a_short_path_has_distances_from_the_truth(
         assert float(record["end_error_m"]) == pytest.approx(np.mean(ends), abs=1e-3)
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_rows_that_a_setting_does_not_touch_are_marked(
     sequence: Sequence,
     cache: Path,
@@ -183,6 +184,7 @@ def records_of(folder: Path) -> list[dict[str, str]]:
     return [dict(zip(names, cells, strict=True)) for _, cells in rows]
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_a_sweep_of_several_methods_and_sequences(
     sequence: Sequence, cache: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -211,6 +213,7 @@ def test_a_sweep_of_several_methods_and_sequences(
     assert printed.count("20 (not used)") == 2
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_a_sweep_without_truth_compares_with_the_default(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -269,6 +272,7 @@ def test_a_reference_of_which_a_run_failed_does_not_tell_how_far_seeds_are_apart
     )
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_a_sweep_without_truth_names_the_settings_that_it_compares_with(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -320,6 +324,7 @@ def test_a_path_of_several_methods_is_compared_with_its_own_method(
     assert f"those of the default settings with {same}, from the same start" in note
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_a_sweep_detects_its_boxes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = write_bands(tmp_path / "street")
     words = ["sweep", "--sequence", str(folder), "--set", "filter.margin=0,0.1", "--seeds", "1"]
@@ -331,6 +336,7 @@ def test_a_sweep_detects_its_boxes(tmp_path: Path, capsys: pytest.CaptureFixture
     assert list((tmp_path / "cache" / "labels").iterdir())
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 @pytest.mark.parametrize("jobs", ["1", "2"])
 def test_a_sweep_says_how_long_the_rest_will_take(
     sequence: Sequence, cache: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], jobs: str
@@ -345,6 +351,7 @@ def test_a_sweep_says_how_long_the_rest_will_take(
         assert "The other runs will take about" in capsys.readouterr().out
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_equal_paths_of_all_seeds_are_called_equal(
     sequence: Sequence, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
