@@ -137,6 +137,14 @@ def test_a_run_becomes_a_page_in_three_dimensions(bands: Path) -> None:
     assert 5 < depths.min() < depths.max() < 40
 
 
+def test_the_example_of_a_view_runs() -> None:
+    example = [line.strip() for line in (view3d.__doc__ or "").splitlines() if line.startswith("    ")]
+    names: dict[str, Any] = {**vars(view3d), "points": np.eye(3), "corners": np.eye(3), "BAD": "#D55E00"}
+    *before, last = example
+    exec("\n".join(before), names)
+    assert isinstance(eval(last, names), view3d.View)
+
+
 def test_a_view_needs_no_network_and_is_a_picture_where_no_script_runs() -> None:
     plane = view3d.Shape(np.eye(3), "#D55E00", "area", name="a plane <i>")
     shown = view3d.View(plane, view3d.camera_shape(np.eye(4), "left"), title="One plane")._repr_mimebundle_()
