@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import graphlib
 import importlib.metadata as metadata
 import json
@@ -83,7 +84,8 @@ MAY_IMPORT: dict[str, set[str]] = {
 }
 
 
-def imports(path: Path) -> set[str]:
+@functools.cache
+def imports(path: Path) -> frozenset[str]:
     """Dotted names of all imports in a file, at the top level or inside a function."""
     own = path.relative_to(ROOT).with_suffix("").parts
     result: set[str] = set()
@@ -93,7 +95,7 @@ def imports(path: Path) -> set[str]:
             result |= {".".join(filter(None, [*above, node.module, alias.name])) for alias in node.names}
         elif isinstance(node, ast.Import):
             result |= {alias.name for alias in node.names}
-    return result
+    return frozenset(result)
 
 
 def imported_packages(path: Path) -> set[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -13,9 +14,28 @@ from data_command import load
 from file_server import FileServer
 from test_kitti_archive import content, kitti, zipped  # noqa: F401  (one is a fixture)
 
+from fetch import stereo_check
 from fetch.kitti_archive import COLOR
 from vo_lib.commands.cli import main
 from vo_lib.data.kitti import EXPECTED_FRAMES
+from vo_lib.geometry.types import Array, Image
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _each_pair_is_measured_once() -> Iterator[None]:
+    """The tests import the same few images again and again, of which SIFT takes most of the time."""
+    measure = stereo_check._shifts
+    known: dict[tuple[bytes, ...], Array] = {}
+
+    def shifts(left: Image, right: Image) -> Array:
+        key = (str(left.shape).encode(), left.tobytes(), right.tobytes())
+        if key not in known:
+            known[key] = measure(left, right)
+        return known[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stereo_check, "_shifts", shifts)
+        yield
 
 
 def test_get_kitti_asks_downloads_and_continues(
