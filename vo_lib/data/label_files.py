@@ -318,7 +318,8 @@ def _are_corners(rows: LabelRows) -> bool:
 def _reaches_outside(rows: LabelRows) -> bool:
     """Whether a box reaches out of the image clearly, which corners read as centre and size often do."""
     shares = rows.shares[~rows.polygon]
-    # A box as wide or high as the image may reach out of it unless it was clipped; a corner is rarely at 1.
+    # Rows with a share of 1 prove nothing: a true box as wide or high as the image may reach out of it if
+    # nobody clipped it. Few corners are lost with them, since a corner is rarely exactly at 1.
     shares = shares[(shares < 1.0).all(axis=1)]
     low = shares[:, :2] - shares[:, 2:] / 2
     high = shares[:, :2] + shares[:, 2:] / 2

@@ -60,6 +60,7 @@ def has_valid_chunks(png: bytes) -> bool:
             return False
         if kind == b"IEND":
             return True
+        # acTL: the file is animated; fcTL: a frame begins. Without it before IDAT, the image is no frame.
         if kind == b"IDAT" and b"acTL" in kinds and b"fcTL" not in kinds:
             return False
         kinds.add(kind)

@@ -99,7 +99,7 @@ def clock_shift(times: Array, others: Array) -> float | None:
     """Seconds by which `times` (N,) begin and end later than `others` (M,), if by about the same; else None.
 
     Then both may be the same frames by two clocks, or one path begins later and also ends later than the
-    other. None also for a shift of less than an interval.
+    other. None also for a shift of clearly less than an interval.
     """
     start_shift = float(times[0] - others[0])
     end_shift = float(times[-1] - others[-1])
@@ -141,7 +141,7 @@ def time_mismatch(times: Array, true_times: Array, truth_name: str, tolerance: f
         faults = [fault for fault in (interval_fault(times), interval_fault(true_times, theirs)) if fault]
         if faults:
             return "; ".join([problem, *faults])
-        # Is one file's path in the time of the other, if its numbers have another unit?
+        # The unit in which the times of each file overlap those of the other best, if any do.
         own_unit = _common_unit(times, true_times) or 1.0
         true_unit = _common_unit(true_times, times) or 1.0
     reason = _unit_words(own_unit, "its times", as_column=True)

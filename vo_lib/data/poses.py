@@ -91,10 +91,10 @@ def _is_too_far(T: Array) -> NDArray[np.bool_]:
 
 
 def read_tum(path: str | Path) -> tuple[Array, Array]:
-    """Increasing times (N,) in seconds and poses T_w_c (N, 4, 4) in metres, N >= 1, from a TUM file.
+    """Increasing times (N,) as written and poses T_w_c (N, 4, 4) in metres, N >= 1, from a TUM file.
 
-    Lines that start with # are comments. Raises `DataError` with file and line if a row is not a time and a
-    pose, or if the time does not increase.
+    TUM's times are seconds. Lines that start with # are comments. Raises `DataError` with file and line if a
+    row is not a time and a pose, or if the time does not increase.
     """
     rows, lines = read_number_rows(path, TUM_ROW, 8, comment="#")
     times = rows[:, 0]
@@ -182,7 +182,9 @@ def _first_row(lines: list[str]) -> _TextRow:
 
 
 def _with_unit(numbers: Array, poses: Array, path: Path) -> PoseFile:
-    """The poses of a TUM file with their times in seconds; the size of `numbers` (N,) tells the unit.
+    """The poses of a TUM file with their times in seconds.
+
+    numbers : (N,) the times as written; their size tells the unit.
 
     Some systems write this order with the times of the images, as ORB-SLAM3 does for EuRoC.
     """

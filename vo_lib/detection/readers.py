@@ -159,7 +159,10 @@ class SeparateOutputs:
 
 
 def table_of(output: NDArray[Any]) -> NDArray[Any]:
-    """An output without its batch axis, and without axes of length 1 behind the first that is left."""
+    """An output without its batch axis and, above two axes, without those of length 1 behind the first.
+
+    [1, N, 1, 4] becomes (N, 4), and [1, K] stays.
+    """
     table = output[0] if output.ndim > 2 and output.shape[0] == 1 else output
     while table.ndim > 2 and 1 in table.shape[1:]:
         table = table.squeeze(axis=1 + table.shape[1:].index(1))
@@ -169,9 +172,9 @@ def table_of(output: NDArray[Any]) -> NDArray[Any]:
 def corners_of(
     boxes: Array, form: BoxForm, width: int, height: int, objects: BoolArray | None = None
 ) -> Array:
-    """Corners (N, 4), pixels, of boxes (N, 4) in pixels or as shares of the network's image.
+    """Corners (N, 4), pixels, of boxes (N, 4) in pixels or as shares of an image.
 
-    form : see `BoxForm`. width, height : size of the network's image, pixels.
+    form : see `BoxForm`. width, height : size of this image, pixels, as in `Reader.read`.
     objects : mask (N,) of the boxes that decide whether all are shares; None: all boxes.
     """
     if form == "cell":

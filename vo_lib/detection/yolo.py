@@ -31,10 +31,10 @@ from .suppression import best_boxes
 
 PROVIDERS = {"cpu": "CPUExecutionProvider", "cuda": "CUDAExecutionProvider"}
 USUAL_INPUT_PX = 640  # longer side of the training images of most models
-# Size of the test image of a network that takes every size, pixels: small, but with more cells than the 300
-# boxes that a network selects.
+# Size of the test image of a network that takes every size, pixels: small, but no grid of
+# `outputs.STRIDE_SETS` has 300 cells, the usual number of boxes that a network selects itself.
 TEST_WIDTH = 320
-TEST_HEIGHT = 192
+TEST_HEIGHT = 256
 # Sides of an original image, pixels. Given to RT-DETR in both orders, they show which it takes for the width.
 LONG_SIDE = 1000
 SHORT_SIDE = 100

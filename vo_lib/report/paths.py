@@ -39,8 +39,9 @@ NEAREST_RUNS = 3  # number of run folders that a message names
 # nothing and is refused, and less than a half causes a warning.
 LEAST_MATCHED_SHARE = 0.25
 USUAL_MATCHED_SHARE = 0.5
-# If another clock were the reason, positions of equal time would differ by the way that is driven in the
-# difference of the clocks. Paths that differ by less than this share of that way have one clock.
+# A file that begins and ends later than the truth may have another clock (`_clock_doubt`). Positions of equal
+# time would then differ by the way that is driven meanwhile. Paths that differ by less than this share of
+# that way have one clock.
 AGREEING_SHARE = 0.25
 # The end of a sentence on times that differ.
 OTHER_CLOCK = "so its clock may differ by this, and then every pose is compared with that of another frame."
@@ -299,6 +300,8 @@ def _read_without_truth(
     result = []
     for name, group in groups.items():
         runs = [configs[source] for source in group if source in configs]
+        # "images" is a digest of the run's images, so runs of one name with other images are of other
+        # sequences.
         if any(config["images"] != runs[0]["images"] for config in runs):
             raise DataError(f"two sequences have the name {name}: evaluate them separately")
         members = [_member(source, configs.get(source), POSES_TUM) for source in group]

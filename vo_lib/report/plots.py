@@ -59,7 +59,8 @@ METHOD_MARKERS = {
 TRUTH_COLOUR = "#222222"
 LOOP_COLOUR = CYCLE[5]
 LINE_WIDTHS = {PROPOSAL: 4.0, TRUTH: 0.9}  # points
-# The other lines, points: the last one has this width, and each one before it is wider by this step.
+# The other lines, points: this width, and one step more for each line that is drawn after it, the truth
+# included.
 LAST_LINE_WIDTH = 1.0
 LINE_WIDTH_STEP = 0.4
 TRUTH_EDGE = 0.6  # points, of the white edge on each side of the truth

@@ -117,7 +117,7 @@ def _notes_below(group: Group, records: list[dict[str, Any]]) -> list[str]:
             f"{mean}: all sequences have equal weight; pooled: all sub-sequences, as on KITTI's server."
         )
     if seeds > 1:
-        notes.append(COUNTED)
+        notes.append(COUNTED)  # when a change counts: if one run would show it
     if any(record["sub_sequence_count"] < FEW_SUBSEQUENCES for record in records):
         notes.append(FEW_NOTE)
     return notes
@@ -390,6 +390,7 @@ def _change(error: str, before: Array, after: Array, claim: float | None) -> str
     if shown:
         verb = "lowers" if gain_percent > 0 else "raises"
     elif shown is False:
+        # Within 2 %, or two standard deviations of the difference between two runs.
         change = f"which one run would not show: {NO_CHANGE}"
     if claim is not None:
         change += f", in the paper −{claim:g} %"
