@@ -139,6 +139,7 @@ def only_process(folder: Path, waiting: Callable[[Path], None] | None = None) ->
         lock.acquire(poll_interval=LOCK_POLL_S)
     try:
         delete_abandoned_drafts(folder)
+        # Those without a lock of their own are written in moments, so one that is still here was left behind.
         for draft in folder.iterdir():
             if DRAFT_NAME.fullmatch(draft.name) and not _lock_of(draft).exists():
                 delete_tree(draft)

@@ -152,7 +152,7 @@ def exit_code(program: str, error: BaseException, words: Sequence[str] = ()) -> 
     """Print the message of an exception of `ENDINGS` to stderr, and return the exit code.
 
     Code 2: bad input, or an error of the system; 130: Ctrl-C; 1, without a message: a closed output pipe.
-    `words` : the arguments of the command, for `one_line`.
+    `words` : the arguments of the command, on which the message depends.
     """
     if isinstance(error, BrokenPipeError):
         # At its end, Python writes the rest of its buffer, here to the null device.

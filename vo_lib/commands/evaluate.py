@@ -164,12 +164,10 @@ def _evaluate(options: argparse.Namespace) -> int:
         require_drawing()
     if not options.t_max_diff >= 0:  # also refuses NaN
         raise DataError(f"--t-max-diff {options.t_max_diff:g}: expected 0 s or more")
-    for folder in options.paths:
-        changed = {POSES, POSES_TUM}.intersection(changed_files(folder))
+    for path in options.paths:
+        changed = {POSES, POSES_TUM}.intersection(changed_files(path))  # none for a pose file
         if changed:
-            warn(
-                f"{changed_words(sorted(changed))} in {folder} since the run: the errors are not of this run"
-            )
+            warn(f"{changed_words(sorted(changed))} in {path} since the run: the errors are not of this run")
     results: list[_Result] = []
     for paths in read_paths(options.paths, options.truth, options.t_max_diff):
         if isinstance(paths, PathsWithoutTruth):

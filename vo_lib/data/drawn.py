@@ -68,7 +68,7 @@ def ensure_scene(
 
     Parameters
     ----------
-    cache : folder of drawn scenes; default the user's cache folder.
+    cache : folder of drawn scenes; default that in the user's cache.
     jobs : number of processes that draw; the images do not depend on this number.
     frames : if the complete scene is not in the cache, draw only these frames, in a separate folder.
 
