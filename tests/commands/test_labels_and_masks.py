@@ -71,7 +71,39 @@ def test_class_numbers_without_names_are_not_taken_for_cocos(run: Say, labels: P
     code, said = run("--labels", str(labels))
     assert "note: boxes of car; not person (names from x/classes.txt)" in said
     assert removed(said) == by_number > 0
-    assert run("--labels", str(labels), "--method", "solution_selection")[0] == 0
+    assert "does not use the boxes" not in said
+    code, said = run("--labels", str(labels), "--method", "solution_selection")
+    assert code == 0
+    assert "note: solution_selection does not use the boxes of --labels; only a film shows the boxes" in said
+
+
+@pytest.mark.usefixtures("pictures_not_drawn")
+@pytest.mark.parametrize("option", ["labels", "detector"])
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["reproduce", "--variant", "published", "--sequences"],
+        ["sweep", "--set", "min_matches=6", "--sequence"],
+    ],
+    ids=["reproduce", "sweep"],
+)
+def test_a_table_without_a_method_for_the_boxes_says_so(
+    bands: Path,
+    labels: Path,
+    cache: Path,
+    capsys: pytest.CaptureFixture[str],
+    command: list[str],
+    option: str,
+) -> None:
+    value = {"labels": str(labels), "detector": "street"}[option]
+    places = ["--out", str(bands.parent / "out"), "--cache", str(cache)]
+    words = [*command, str(bands), "--seeds", "1", f"--{option}", value, *places]
+    note = f"note: no method of the table uses the boxes of --{option}"
+    assert main([*words, "--methods", "mesvo_f"]) == 0
+    assert note in capsys.readouterr().out
+    (labels / "classes.txt").write_text("car\n", encoding="utf-8")
+    assert main([*words, "--methods", "mesvo_f,feature_selection"]) == 0
+    assert note not in capsys.readouterr().out
 
 
 def test_the_number_of_the_vehicles_is_not_guessed(run: Say, labels: Path) -> None:

@@ -81,6 +81,7 @@ def _lab(options: argparse.Namespace) -> int:
     """Update the copy of the course; then open it, write the zip for the teacher, or only say where it is."""
     if options.jupyter and not options.jupyter[0].startswith("-"):
         raise DataError(f"unexpected {options.jupyter[0]!r}: --copy DIR chooses the folder of the course")
+    _refuse_without_effect(options)
     notebooks = folder_of_checkout("notebooks")
     if not (notebooks / FIRST_NOTEBOOK).is_file():
         raise DataError(f"no {FIRST_NOTEBOOK}: install the kit from its folder, {install()}", notebooks)
@@ -110,6 +111,14 @@ def _lab(options: argparse.Namespace) -> int:
     url = f"--LabApp.default_url=/lab/workspaces/{COURSE}/tree/{FIRST_NOTEBOOK}"
     LabApp.launch_instance([f"--ServerApp.root_dir={folder}", url, *options.jupyter])
     return 0
+
+
+def _refuse_without_effect(options: argparse.Namespace) -> None:
+    """Raise `DataError` for options that another option leaves without an effect."""
+    if options.jupyter and options.copy_only:
+        raise DataError("--copy-only: JupyterLab does not start, so omit its options")
+    if options.hand_in is not None and (options.jupyter or options.teacher):
+        raise DataError("--hand-in: only the zip is written, so omit --teacher and JupyterLab's options")
 
 
 def _refuse_other_folder(folder: Path, notebooks: Path) -> None:

@@ -129,11 +129,15 @@ def _read_table(options: argparse.Namespace) -> _Table:
     measure = None
     if options.lengths is not None:
         measure = SubsequenceProtocol(common.parse_lengths(options.lengths), 1)
+    if options.films and not any(PROPOSAL in of_variant for of_variant in methods.values()):
+        raise DataError(f"--films: films show {PROPOSAL}: add it to --methods, or omit --films")
     if options.detector is not None:
         find_model(options.detector)
     candidates = default_sequences() if options.sequences is None else parse_sequences(options.sequences)
     names, missing = split_missing(common.distinct_sequences(candidates, options.cache))
-    vehicle_boxes.refuse_labels_of_several(options, names)
+    vehicle_boxes.check_options(options, names)
+    configs = [block.config(method) for block in blocks for method in methods[block.variant]]
+    vehicle_boxes.note_unused_boxes(options, configs)
     common.warn_missing(missing, len(names) + len(missing), accepted=options.missing == "ok")
     return _Table(blocks, methods, seeds, measure, names, missing)
 

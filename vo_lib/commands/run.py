@@ -219,8 +219,9 @@ def _with_boxes(
     detector_config: DetectorConfig,
 ) -> Sequence:
     """The sequence with the boxes of --detector if the option is present; notes on its boxes are printed."""
-    if options.detector is not None and not config.filter.uses_boxes:
-        print_wrapped(f"note: {method} does not use the boxes of --detector; only a film shows the boxes")
+    for name in ("labels", "detector"):
+        if getattr(options, name) is not None and not config.filter.uses_boxes:
+            print_wrapped(f"note: {method} does not use the boxes of --{name}; only a film shows the boxes")
     sequence = vehicle_boxes.with_detected_boxes(sequence, options, detector_config, config.filter.classes)
     print_warnings(vehicle_boxes.warnings_without_boxes([(method, sequence, config)]))
     print_notes(vehicle_boxes.remarks_on_labels([(sequence, config)], vehicle_boxes.TYPED_CLASSES))
@@ -296,8 +297,7 @@ def _check_options(options: argparse.Namespace) -> None:
         raise DataError(f"missing: {' and '.join(missing)}{hint}")
     if getattr(options, FORMER_CLASSES.strip("-")) is not None:
         raise DataError(f"{FORMER_CLASSES}: filter.classes chooses the classes: --filter.classes NAME,NAME,…")
-    if options.detector is not None and options.labels is not None:
-        raise DataError("--labels and --detector: use only one of them, since both give boxes")
+    vehicle_boxes.check_options(options, [options.sequence])
     film = options.video
     if film is not None:
         folder = film.absolute().parent

@@ -110,7 +110,9 @@ def _read_grid(options: argparse.Namespace) -> _Grid:
             "several sequences or methods need a single --set: for a grid of more settings, call the command "
             "once for each of them"
         )
-    vehicle_boxes.refuse_labels_of_several(options, names)
+    vehicle_boxes.check_options(options, names)
+    configs = [changed(base, changes) for base in bases.values() for changes in combinations(axes)]
+    vehicle_boxes.note_unused_boxes(options, configs)
     return _Grid(bases, reference_words, axes, seeds, names)
 
 

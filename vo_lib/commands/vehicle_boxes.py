@@ -25,6 +25,7 @@ from ..runs.jobs import Job
 from .console import continues_when_repeated, print_wrapped, reporting
 
 DETECT = "For boxes, add `--detector MODEL`, an ONNX file or a model of `vo data get_detector`."
+DEFAULT_PROVIDER = "cpu"
 TYPED_CLASSES = "--filter.classes {}"  # how `vo run` takes the setting
 TYPED_SET_CLASSES = "--set filter.classes={}"  # how `vo reproduce` and `vo sweep` take it
 
@@ -39,12 +40,17 @@ def add_detector(parser: argparse.ArgumentParser, where: str = "") -> None:
         "downloaded model, or an ONNX file"
     )
     parser.add_argument("--detector", metavar="MODEL", help=text)
-    text = "the processor on which the detector runs; default cpu"
-    parser.add_argument("--provider", default="cpu", choices=list(PROVIDERS), help=text)
+    text = f"the processor on which the detector runs; default {DEFAULT_PROVIDER}"
+    parser.add_argument("--provider", default=DEFAULT_PROVIDER, choices=list(PROVIDERS), help=text)
 
 
-def refuse_labels_of_several(options: argparse.Namespace, names: list[str]) -> None:
-    """Raise `DataError` for a folder of labels beside a detector, or for several sequences."""
+def check_options(options: argparse.Namespace, names: list[str]) -> None:
+    """Raise `DataError` for options on boxes that contradict each other, or that have no effect.
+
+    A folder of labels contradicts a detector, and several sequences (`names`).
+    """
+    if options.provider != DEFAULT_PROVIDER and options.detector is None:
+        raise DataError("--provider has no effect without --detector")
     if options.labels is not None and options.detector is not None:
         raise DataError("--labels and --detector: use only one of them, since both give boxes")
     if options.labels is not None and len(names) > 1:
@@ -52,6 +58,15 @@ def refuse_labels_of_several(options: argparse.Namespace, names: list[str]) -> N
             f"--labels: one folder of labels belongs to one sequence, and there are {len(names)}; labels/ in "
             "the folder of each sequence is found without this option"
         )
+
+
+def note_unused_boxes(options: argparse.Namespace, configs: Iterable[MethodConfig]) -> None:
+    """Print a note if --labels or --detector has been typed, and no configuration of a table uses boxes."""
+    if any(config.filter.uses_boxes for config in configs):
+        return
+    for name in ("labels", "detector"):
+        if getattr(options, name) is not None:
+            print_wrapped(f"note: no method of the table uses the boxes of --{name}")
 
 
 class Opener:
