@@ -101,7 +101,8 @@ def turn_agreement(times: Array, poses: Array, others: Array, other_poses: Array
         compared = _AtFullRate(times, poses, others, other_poses, sign=1.0)
     else:
         compared = _AtFullRate(others, other_poses, times, poses, sign=-1.0)
-    # From here, lags are in frames of the denser path: all of them within a coarse step of both centres.
+    # From here, lags are in frames of the denser path: all of them within a coarse step of 0, and of the
+    # coarse result.
     frame_s = min(interval, other_interval)
     reach = int(np.ceil(step / frame_s)) + 1
     centres = (0, round(coarse_samples * step / frame_s))

@@ -44,7 +44,8 @@ class PathErrors:
         if the truth does not move.
     kitti, ate, rpe : the errors.
     other_orientations, other_quaternions, inverted, mirrored : whether the path or the truth has another
-        convention: `orientations_disagree`, `quaternions_disagree`, `inverses_agree`, `mirrored_axis`.
+        convention: `orientations_disagree`, `quaternions_disagree`, `inverses_agree`, `mirrored_axis`;
+        `mirrored` is the axis, "" for none.
     """
 
     name: str

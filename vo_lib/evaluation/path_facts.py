@@ -126,7 +126,7 @@ class Leaps:
     count : number of them.
     pose : number of the pose, from 0, at which the largest one ends.
     length : of the largest, metres.
-    usual : median step of the path, metres.
+    usual : median of the steps of the path that are not 0, metres.
     speed : of the largest, m/s, or None without times.
     """
 

@@ -1,4 +1,4 @@
-"""Geometry, and the data that passes between the stages of a frame; nothing here computes by a method.
+"""Geometry, and the data that passes between the stages of a frame: what `paper` and `kit` share.
 
 - `motion` and `twist`: rotations, rigid motions and the essential matrix, with the kit's conventions;
 - `camera`, `matches`, `boxes` and `result`: what the stages receive and return;

@@ -9,7 +9,7 @@ import numpy as np
 from .rows import Rows
 from .types import Array, IntArray
 
-# State of the vehicle in a box.
+# State of the vehicle in a box (`Removal.state` in `paper.box_removal`).
 PARKED = 0
 UNKNOWN = 1
 MOVING = 2

@@ -14,6 +14,8 @@ from .types import Array, IntArray
 class StereoMatches(Rows):
     """N features in all four images of two stereo pairs.
 
+    A corrected calibration (variant `kit`) may leave a disparity of zero or less: such a match has no depth.
+
     Attributes
     ----------
     prev_left, prev_right, cur_left, cur_right : (N, 2) float, pixels (u, v), sub-pixel.

@@ -34,8 +34,9 @@ def rotation_from_vector(w: Array) -> Array:
     w = np.asarray(w, dtype=np.float64)
     theta2 = np.sum(w * w, axis=-1)[..., None, None]
     theta = np.sqrt(theta2)
-    # Here the series are needed only where the quotients are 0 / 0. At larger angles of this size, 1 - cos θ
-    # has a large relative error, but it is multiplied by W² / θ², so R is as precise as at any other angle.
+    # Here the series are needed only where the quotients are 0 / 0. At slightly larger angles, 1 - cos θ has
+    # a large relative error. But its absolute error is that of rounding, and its factor W² / θ² has entries
+    # of at most 1, so R is as precise as at any other angle.
     small = theta2 < 1e-12
     safe = np.where(small, 1.0, theta)
     a = np.where(small, 1.0 - theta2 / 6.0, np.sin(safe) / safe)

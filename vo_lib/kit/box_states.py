@@ -90,7 +90,8 @@ class BoxMotionClassifier:
         self._previous_boxes = current
         self._previous_moves = moves
         self._previous_motion = motion
-        step = np.where(steps.information.any(axis=1), steps.step, np.nan)
+        is_measured = np.asarray(steps.information.any(axis=(1, 2)))
+        step = np.where(is_measured[:, None], steps.step, np.nan)
         return BoxStates(~removed, current, state=state, step=step, matches=steps.matches)
 
     def _measure_steps(

@@ -75,7 +75,7 @@ class PreparedPair:
     ----------
     images : left and right, (H, W) uint8.
     corners : (N, 2) corners of the left image, pixels; strength : (N,) their strengths.
-    disparity : (H / 2, W / 2) coarse disparity, pixels of the full image; negative if unknown.
+    disparity : (H / 2, W / 2) coarse disparity, pixels of the full image; not positive where unknown.
     """
 
     images: Pair

@@ -147,10 +147,10 @@ def box_steps(
 ) -> BoxSteps:
     """The displacement of each of K = `number` boxes from its features.
 
-    The features in a box are on the vehicle, on the background or on outlines. Two robust means with Cauchy
-    weights compete: the mean displacement of all features, and the mean displacement of the features that
-    have moved, which means that they clearly disagree with the background (`AGREES_CHI2`). The second mean
-    wins if enough of the moved features agree with it.
+    The features in a box are on the vehicle, on the background or on outlines. Two robust means of all
+    features of the box, with Cauchy weights, compete. They differ in where they start: the first at the
+    background, the second at the features that have moved, which means that they clearly disagree with the
+    background (`AGREES_CHI2`). The second mean wins if enough of the moved features agree with it.
 
     Parameters
     ----------

@@ -106,9 +106,9 @@ def _linearised(
     predicted = np.stack([X, Y]) / Z
     u_residual, v_residual = f * (x_c - predicted)
     residual = np.stack([np.zeros_like(D), u_residual, v_residual, d_c - D / Z])
-    # Evaluated at the predicted positions: at the measured positions, derivative and residual would have
-    # the same noise.
     effects_before = effects(x_p, D)
+    # At the predicted positions of the current pair: at the measured ones, derivative and residual would have
+    # the same noise.
     effects_now = effects(predicted, D / Z)
     # Derivatives (6 + K, 3, N) of (X, Y, Z): a rotation δω moves the ray by δω × ray.
     dX = np.zeros((6 + len(effects_now), 3, len(D)))

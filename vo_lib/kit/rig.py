@@ -203,7 +203,8 @@ class Rig:
     def update(self, matches: StereoMatches, R_cp: Array, t_cp: Array) -> None:
         """Update the errors from a frame's corrected matches and its motion.
 
-        The drift since the frame before is added in `update_from_rows`, which comes first.
+        The drift since the frame before is added in `update_from_rows`, which comes first; without `rows`,
+        there is none.
 
         R_cp, t_cp : (3, 3), and (3,) metres; a frame without information on the errors changes nothing.
         """

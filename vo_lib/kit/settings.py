@@ -95,7 +95,7 @@ class MovingConfig(Checked):
     without: tuple[str, ...] = setting(
         (),
         "parts of the test that are turned off, to measure what they do",
-        choices=("moving-mean",),  # the mean of the features that do not agree with the background
+        choices=("moving-mean",),  # the mean that starts from the features that disagree with the background
         when=MOVING_RULE,
     )
 
@@ -220,7 +220,7 @@ class CalibrationConfig(Checked):
             "undistortion",  # the field's terms that no fault of the rig explains
             "focal-length",  # different in the two cameras
             "lens",  # equal in the two cameras
-            "rows",  # the measurement of row differences
+            "rows",  # the measurement of row differences, and with it the drift
             "shrinking",  # of the estimate
         ),
     )

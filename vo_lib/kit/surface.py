@@ -51,7 +51,9 @@ class Surface(NamedTuple):
 
 
 def coarse_disparity(left: NDArray[np.uint8], right: NDArray[np.uint8], largest: int) -> CoarseDisparity:
-    """Disparity (H / 2, W / 2) by block matching at half size, pixels of the full image; negative if unknown.
+    """Disparity (H / 2, W / 2) by block matching at half size, pixels of the full image.
+
+    It is not positive where it is unknown.
 
     left, right : (H, W) images; largest : largest disparity that is searched, pixels of the full image.
     """

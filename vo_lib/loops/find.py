@@ -136,8 +136,9 @@ def compare_places(
         return describe_pair(sequence.stereo(frame), features, matching)
 
     for first_frame, second_frame in frame_pairs.tolist():
-        # Its loop is not one of the path, but the way through the four images of two stereo pairs (paper,
-        # section 2), here of two places. Each pair has its own matcher, which remembers the first place.
+        # The loop of `LoopMatcher` is not one of the path, but the way through the four images of two stereo
+        # pairs (paper, section 2), here of two places. Each pair of places has its own matcher, since a
+        # matcher remembers the stereo pair before.
         matcher = LoopMatcher(features, matching)
         matcher.step(described(first_frame))
         matches = matcher.step(described(second_frame))

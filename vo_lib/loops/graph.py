@@ -23,8 +23,8 @@ MAX_STEPS = 40  # of Gauss-Newton
 # loops, the poses would diverge.
 MAX_TURN = 0.2
 LAST_MOVE = 1e-4  # largest component of a pose's twist in the last step, radians and metres
-# In step k, counted from 0, the scale of the weights is at least the largest residual of a loop at that time,
-# multiplied by this number k times.
+# In step k, counted from 0, the scale of the weights is at least this to the power k, times the largest
+# residual of a loop at that time.
 NARROWING = 0.25
 # The derivative of log(exp(r) exp(δ)) by δ is x / (1 - exp(-x)), where x is the bracket of the twist r. Its
 # series is 1 + x/2 + x²/12 - x⁴/720 + x⁶/30240 - …: these are the powers and factors behind the 1.

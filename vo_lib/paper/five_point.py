@@ -159,8 +159,8 @@ def _solve(basis: Array) -> tuple[Array, Index, BoolArray]:
 def _distinct_solutions(v: Array, index: Index) -> tuple[Array, Index]:
     """The solutions v (4, M) and their sets (M,), sorted by set, without duplicates and samples of families.
 
-    Ten polynomials of degree three have at most ten common roots, or a whole family of them. So the solutions
-    of a set that has more than ten are samples of a family, and all of them are left out.
+    Five matches have at most ten essential matrices, or a whole family of them. So the solutions of a set
+    that has more than ten are samples of a family, and all of them are left out.
     """
     # By set, in a set by |x|, which is 1 or less: so duplicates of a solution are neighbours.
     order = np.argsort(index + 0.99 * np.abs(v[0]))

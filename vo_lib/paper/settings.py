@@ -186,7 +186,8 @@ class TranslationConfig(TranslationLimits):
 
     pairs: int = setting(
         3,
-        "stereo pairs in a feature's equations: 2 as in equation (3), or 3 for features of age 2 or more",
+        "stereo pairs in a feature's equations: 2 as in equation (3), or 3 for features that were also "
+        "matched one frame earlier",
         low=2,
         high=3,
         when=ESSENTIAL,
@@ -211,7 +212,7 @@ class ReprojectionConfig(Checked):
     iterations: int = setting(20, "largest number of Gauss-Newton steps", low=1, high=100, when=REPROJECTION)
     centre: float = setting(
         0.05,
-        "c in the weight 1 / (|u - cu| / |cu| + c) of a residual; a small c favours the image centre",
+        "c in the weight 1 / (|u - cx| / |cx| + c) of a residual; a small c favours the image centre",
         low=1e-3,
         high=100,
         when=REPROJECTION,
@@ -230,9 +231,9 @@ class MethodConfig(Checked):
     )
     stereo_limit: float = setting(
         1.5,
-        "median reprojection error of a motion above which it is compared with a fit to the stereo depths "
-        "(the limit is lower for matches with little noise); it is flagged if the error of the fit is much "
-        "smaller, or large as well",
+        "largest median reprojection error of a motion that is not checked (lower for matches with little "
+        "noise); above it, the motion is compared with a fit to the stereo depths, and is flagged if the "
+        "error of the fit is much smaller, or too large itself",
         unit="px",
         low=0,
         high=1000,

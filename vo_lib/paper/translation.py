@@ -10,8 +10,9 @@ that is
 The right camera is a baseline b to the right, which changes the first row to (x e3 - e1)ᵀ P = -b. Two rows in
 each of four images are eight rows, with the six unknowns Q and t, since R is known.
 
-The paper's letters differ: Q̂ is in the current frame, and P̂ is its projection, so in pixels. In (3), the
-paper's A has our A and B side by side, and its B is our c.
+The paper has Q̂ in the current frame, so its R and t are the inverse motion; here Q is in the previous
+frame, and t is t_cp itself. Its P̂ is the projection, so in pixels. In (3), the paper's A has our A and B
+side by side, and its B is our c.
 
 Section 2 requires the constraints of three consecutive frames. A feature that was already matched one frame
 earlier has four more rows, with P = R' Q + t', where (R', t') is the inverse of the last motion. These rows
@@ -19,9 +20,9 @@ depend only on Q.
 
 The paper says nothing of weights, of a limit of depth or of wrong matches, so these three are ours:
 
-- The rows are in metres, so far features would have the largest weight, and steps on KITTI would be too long.
-  A row divided by the feature's depth is an error in the image, in pixels divided by f. In (2), the factor α
-  divides by the depth, too.
+- In metres, far features would have the largest weight, and on KITTI noise would lengthen the translation
+  even more. So all rows of a feature are divided by one number, its depth in the previous left camera. A row
+  is then an error in the image, in pixels divided by f. In (2), the factor α divides by the depth, too.
 - A feature farther away than the setting `max_depth` is not used.
 - Features whose rows do not fit the translation are left out, beginning with the median of the translations
   of single features (`solve_translation`).

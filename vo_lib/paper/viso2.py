@@ -105,7 +105,7 @@ def observations(
 ) -> tuple[Array, Array, Array]:
     """What the fit compares: points, the pixels to which a motion should move them, and weights.
 
-    StereoScan's weight is 1 / (|u - cu| / |cu| + centre): calibration errors grow towards the left and right
+    StereoScan's weight is 1 / (|u - cx| / |cx| + centre): calibration errors grow towards the left and right
     border of the image, so the centre has larger weights.
 
     Returns
