@@ -77,6 +77,12 @@ def endless_with_suppressed_errors(*_: Any) -> None:
             sum(range(1000))
 
 
+@pytest.fixture(autouse=True)
+def _a_stubborn_function_is_soon_interrupted_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It computes until then."""
+    monkeypatch.setattr("course.ch08.limits.AGAIN_S", SHORT_S)
+
+
 @pytest.fixture(scope="module")
 def turning(street: Sequence) -> tuple[Sequence, list[TimedMatches]]:
     part = street.part(30, 36)

@@ -642,7 +642,9 @@ def poses_of(tree: Path) -> dict[str, tuple[int, bytes]]:
     }
 
 
-def test_a_setting_is_changed_in_the_whole_table(tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_setting_is_changed_in_the_whole_table(
+    tree: Path, capsys: pytest.CaptureFixture[str], request: pytest.FixtureRequest
+) -> None:
     words = ["--sequences", "02,07", "--variant", "published"]
     assert reproduce(tree, *words) == 0
     presets = poses_of(tree)
@@ -685,6 +687,7 @@ def test_a_setting_is_changed_in_the_whole_table(tree: Path, capsys: pytest.Capt
     assert [row["settings"] for row in data["rows"]] == ["selection.sets=20"] * 4 + ["selection.sets=200"] * 4
     assert (tree / "out" / "trajectory_published_selection.sets=20_kitti_02.png").exists()
     # The same call again does nothing, and one more value does only its runs.
+    request.getfixturevalue("pictures_not_drawn")
     assert reproduce(tree, *words, "--set", "selection.sets=20,200,30") == 0
     again = poses_of(tree)
     assert {folder: again[folder] for folder in runs} == runs
