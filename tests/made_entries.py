@@ -36,7 +36,7 @@ def entry_of(
     percent: list[float],
     method: str = "viso2",
     variant: str = "kit",
-    measure: SubsequenceProtocol | None = None,
+    protocol: SubsequenceProtocol | None = None,
 ) -> Entry:
     """Runs whose steps are too long by `percent`, one run per seed."""
     ms = {"matching": 30.0, "wait_images": 9.0, "cached_matches": 2.0, "rotation": 4.0, "filter": 1.0}
@@ -48,7 +48,7 @@ def entry_of(
         )
         for seed, p in enumerate(percent)
     ]
-    return measure_runs(method, runs, measure)
+    return measure_runs(method, runs, protocol)
 
 
 def table_of_twos() -> PaperTable:

@@ -172,13 +172,13 @@ def is_raw_drive(sequence: Sequence) -> bool:
 
 
 def te_and_re(
-    sequence: Sequence, poses: Array, measure: SubsequenceProtocol, turned: bool
+    sequence: Sequence, poses: Array, protocol: SubsequenceProtocol, turned: bool
 ) -> tuple[float, float]:
     """TE (%) and RE (deg/100 m), NaN for a short path; if `turned`, TE is computed after `fit_axes`."""
-    errors = kitti_errors(sequence.true_poses, poses, measure.lengths, measure.step)
+    errors = kitti_errors(sequence.true_poses, poses, protocol.lengths, protocol.step)
     te = errors.te
     if turned:
-        te = fit_axes(sequence.true_poses, poses, measure.lengths, measure.step).kitti.te
+        te = fit_axes(sequence.true_poses, poses, protocol.lengths, protocol.step).kitti.te
     return number_or_nan(te), number_or_nan(errors.re)
 
 

@@ -75,27 +75,27 @@ def jobs_of(sequence: Sequence, folder: Path) -> Iterable[tuple[tuple[Key, int],
             yield (key, seed), Job(sequence, name, change(config, "seed", seed), path)
 
 
-def _measures(sequence: Sequence) -> list[tuple[str, SubsequenceProtocol]]:
-    """Label and measure of each table row of a sequence: KITTI's measure, or one measure per short length."""
+def _protocols(sequence: Sequence) -> list[tuple[str, SubsequenceProtocol]]:
+    """Label and protocol of each table row of a sequence: KITTI's, or one for each short length."""
     truth = sequence.true_poses
     if sequence.name.startswith(SYNTHETIC) and suitable_protocol(truth) == KITTI_PROTOCOL:
         return [(sequence.name, KITTI_PROTOCOL)]
     axes = ", axes removed" if is_raw_drive(sequence) else ""
-    measures = []
+    protocols = []
     for length in SHORT_LENGTHS:
         fits_into_path = len(kitti_errors(truth, truth, [length], 1)) > 0
         if fits_into_path:
             label = f"{sequence.name}, {length:g} m{axes}"
-            measures.append((label, SubsequenceProtocol((length,), 1)))
-    return measures
+            protocols.append((label, SubsequenceProtocol((length,), 1)))
+    return protocols
 
 
-def _cell(runs: list[Run] | None, measure: SubsequenceProtocol) -> Cell:
+def _cell(runs: list[Run] | None, protocol: SubsequenceProtocol) -> Cell:
     """Mean and standard deviation (columns) of TE and RE (rows) over the seeds, (2, 2), or None."""
     if runs is None:
         return None
     turned = is_raw_drive(runs[0].sequence)
-    errors = np.array([te_and_re(run.sequence, run.poses, measure, turned) for run in runs])
+    errors = np.array([te_and_re(run.sequence, run.poses, protocol, turned) for run in runs])
     if not np.isfinite(errors).all():
         return None
     return np.stack([errors.mean(axis=0), standard_deviation(errors)], axis=1)
@@ -107,9 +107,9 @@ def cells_of_systems(sequences: list[Sequence], runs: dict[Key, list[Run]]) -> d
     for variant, methods in VARIANTS.items():
         cells = {}
         for sequence in sequences:
-            for label, measure in _measures(sequence):
+            for label, protocol in _protocols(sequence):
                 cells[label] = {
-                    method: _cell(runs[sequence.name, variant, method], measure) for method in methods
+                    method: _cell(runs[sequence.name, variant, method], protocol) for method in methods
                 }
         systems[variant] = cells
     return systems
@@ -143,10 +143,10 @@ def result_tables(
     return page_tables(systems, rules, removed, learning, axes, doubts)
 
 
-def _shown_measures(sequence: Sequence) -> list[tuple[str, SubsequenceProtocol]]:
-    """The measures in the tables of box rules and of the calibration: of a drawn scene, only the last one."""
-    measures = _measures(sequence)
-    return measures[-1:] if sequence.name.startswith(SYNTHETIC) else measures
+def _shown_protocols(sequence: Sequence) -> list[tuple[str, SubsequenceProtocol]]:
+    """The protocols in the tables of box rules and of the calibration: of a drawn scene, the last alone."""
+    protocols = _protocols(sequence)
+    return protocols[-1:] if sequence.name.startswith(SYNTHETIC) else protocols
 
 
 def _cells_of_rules(
@@ -156,11 +156,11 @@ def _cells_of_rules(
     rules: dict[str, dict[str, Cell]] = {}
     removed: dict[str, dict[str, float | None]] = {}
     for sequence in sequences:
-        first_label, first_measure = _shown_measures(sequence)[0]
+        first_label, first_protocol = _shown_protocols(sequence)[0]
         for method in METHODS_WITH_RULES:
             row = f"{first_label}, {method}"
             runs_of_rules = _runs_of_rules(sequence, method, runs)
-            rules[row] = {rule: _cell(each, first_measure) for rule, each in runs_of_rules.items()}
+            rules[row] = {rule: _cell(each, first_protocol) for rule, each in runs_of_rules.items()}
             removed[row] = {
                 rule: None if each is None else 100 * each[0].removed_share
                 for rule, each in runs_of_rules.items()
@@ -183,14 +183,14 @@ def _cells_of_calibration(
         method = _method_with_calibration(sequence)
         learnt = runs[sequence.name, "kit", method]
         off = runs[sequence.name, "kit", f"{method} off"]
-        for label, measure in _shown_measures(sequence):
+        for label, protocol in _shown_protocols(sequence):
             row = f"{label}, {method}"
-            learning[row] = {"off": _cell(off, measure), "learnt": _cell(learnt, measure)}
+            learning[row] = {"off": _cell(off, protocol), "learnt": _cell(learnt, protocol)}
             axes[row] = {"length %, learnt": _length(sequence, learnt)}
             for name, each in (("off", off), ("learnt", learnt)):
                 values: list[float | None] = [None] * 3
                 if not drawn:
-                    values, new_doubts = _fitted_axes(f"In {row}, {name}", each[0], measure)
+                    values, new_doubts = _fitted_axes(f"In {row}, {name}", each[0], protocol)
                     doubts += new_doubts
                 columns = [f"TE %, {name}", f"pitch °, {name}", f"yaw °, {name}"]
                 axes[row] |= dict(zip(columns, values, strict=True))
@@ -208,19 +208,19 @@ def _runs_of_rules(
     return found
 
 
-def _fitted_axes(start: str, run: Run, measure: SubsequenceProtocol) -> tuple[list[float | None], list[str]]:
+def _fitted_axes(start: str, run: Run, protocol: SubsequenceProtocol) -> tuple[list[float | None], list[str]]:
     """TE, %, pitch and yaw, degrees, of a run with fitted axes, and sentences on doubts about the fit.
 
     start : the words with which a sentence begins: row and column.
     """
     sequence = run.sequence
     truth = sequence.true_poses
-    turned = fit_axes(truth, run.poses, measure.lengths, measure.step)
+    turned = fit_axes(truth, run.poses, protocol.lengths, protocol.step)
     doubts = []
     if turned.at_limit:
         doubts.append(f"{start}, {turned.limit_words}")
     if is_raw_drive(sequence):
-        halves = fit_of_halves(truth, run.poses, measure.lengths, measure.step)
+        halves = fit_of_halves(truth, run.poses, protocol.lengths, protocol.step)
         yaws = " and ".join(f"{yaw:.2f}°" for _, yaw in halves)
         doubts.append(
             f"{start}, the sub-sequences that start first and those that start last give a yaw of {yaws}: "

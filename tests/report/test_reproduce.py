@@ -61,7 +61,7 @@ def test_entries_have_the_errors_of_each_seed() -> None:
     # A sub-sequence ends with the first frame beyond its length, so some are a frame longer.
     np.testing.assert_allclose(entry.errors[0], [1.0, 2.0], rtol=0.011)
     np.testing.assert_allclose(entry.errors[1], 0.0, atol=1e-9)
-    assert (entry.seeds, entry.measure) == ((0, 1), KITTI_PROTOCOL)
+    assert (entry.seeds, entry.protocol) == ((0, 1), KITTI_PROTOCOL)
     # Time per frame without the front end.
     assert (entry.removed_share, entry.back_end_ms) == pytest.approx((0.25, 5.0))
 
@@ -82,7 +82,7 @@ def test_mean_excludes_01_and_pooled_average_does_not() -> None:
     others = group_of(entry_of("x/00", 500, [1.0]), entry_of("x/01", 500, [3.0]))
     assert others.mean("viso2")[0] == pytest.approx(2.0, rel=0.011)
     # A path without a sub-sequence does not count.
-    whole, none = entry_of("a", 300, [1.0]), entry_of("b", 5, [1.0], measure=KITTI_PROTOCOL)
+    whole, none = entry_of("a", 300, [1.0]), entry_of("b", 5, [1.0], protocol=KITTI_PROTOCOL)
     assert group_of(whole, none).mean("viso2")[0] == pytest.approx(whole.errors[0])
 
 
@@ -189,7 +189,7 @@ def test_drawn_scenes_have_no_printed_numbers() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "frames", "measure"),
+    ("name", "frames", "protocol"),
     [
         ("kitti/04", 271, SHORT_PROTOCOL),
         ("kitti/04", 271, SubsequenceProtocol(KITTI_LENGTHS, 1)),
@@ -199,7 +199,7 @@ def test_drawn_scenes_have_no_printed_numbers() -> None:
     ],
 )
 def test_only_whole_sequences_have_printed_numbers(
-    name: str, frames: int, measure: SubsequenceProtocol
+    name: str, frames: int, protocol: SubsequenceProtocol
 ) -> None:
     def printed(entry: Entry) -> float | None:
         (record,) = table_records(group_entries([entry]), table_of_twos())
@@ -208,7 +208,7 @@ def test_only_whole_sequences_have_printed_numbers(
         return number
 
     assert printed(entry_of("kitti/04", 271, [1.0])) == 2.0
-    other = entry_of(name, frames, [1.0], measure=measure)
+    other = entry_of(name, frames, [1.0], protocol=protocol)
     assert printed(other) is None
     # If another sequence replaces a row of the paper, there is no average of the paper.
     entries = [entry_of(f"kitti/{n}", EXPECTED_FRAMES[n], [1.0]) for n in PAPER_ROWS[1:] if n != "04"]
@@ -317,7 +317,7 @@ def test_result_compares_means_with_and_without_removal() -> None:
 
 
 def test_a_path_without_sub_sequences_has_a_sentence_and_no_row() -> None:
-    short, long = entry_of("a", 5, [1.0], measure=KITTI_PROTOCOL), entry_of("b", 300, [1.0])
+    short, long = entry_of("a", 5, [1.0], protocol=KITTI_PROTOCOL), entry_of("b", 300, [1.0])
     assert layout(group_of(short)) == []
     assert [row[0] for row in layout(group_of(short, long))[0].rows] == [
         "mean of 1 viso2",  # the other path has no errors that a mean could contain

@@ -295,14 +295,14 @@ def print_rest(seconds: float, durations: Durations, again: bool) -> None:
     )
 
 
-def note_too_short(sequence: Sequence, measure: SubsequenceProtocol | None, remedy: str) -> None:
+def note_too_short(sequence: Sequence, protocol: SubsequenceProtocol | None, remedy: str) -> None:
     """Before the runs, say that a true path is shorter than every sub-sequence, and the remedy, if any.
 
-    measure : the sub-sequences, or None for those that suit the path.
+    protocol : the sub-sequences, or None for those that suit the path.
     """
     if sequence.truth is None:
         return
-    chosen = suitable_protocol(sequence.truth) if measure is None else measure
+    chosen = suitable_protocol(sequence.truth) if protocol is None else protocol
     why = too_short_words(sequence.truth, chosen)
     if why:
         end = f"; {remedy}" if remedy else ""

@@ -138,7 +138,7 @@ def _refuse_options_of_errors(options: argparse.Namespace) -> None:
 
 
 @dataclass(frozen=True)
-class _Measure:
+class _ErrorOptions:
     """What the options say on the errors; None for what suits the path."""
 
     lengths: tuple[float, ...] | None
@@ -147,9 +147,9 @@ class _Measure:
     delta: Delta
 
 
-def _read_measure(options: argparse.Namespace) -> _Measure:
-    """The measure of the options; `DataError` for an invalid one."""
-    return _Measure(
+def _read_error_options(options: argparse.Namespace) -> _ErrorOptions:
+    """What the options say on the errors; `DataError` for an invalid value."""
+    return _ErrorOptions(
         lengths=None if options.lengths is None else parse_lengths(options.lengths),
         step=None if options.step is None else parse_whole("--step", options.step),
         alignment=Alignment(options.alignment or DEFAULT_ALIGNMENT),
@@ -159,7 +159,7 @@ def _read_measure(options: argparse.Namespace) -> _Measure:
 
 def _evaluate(options: argparse.Namespace) -> int:
     """Read the paths; write, and print as tables or as JSON, their errors or how they differ."""
-    measure = _read_measure(options)
+    chosen = _read_error_options(options)
     if options.out is not None:
         require_drawing()
     if not options.t_max_diff >= 0:  # also refuses NaN
@@ -174,7 +174,7 @@ def _evaluate(options: argparse.Namespace) -> int:
             _refuse_options_of_errors(options)
             results.append(_WithoutTruth(paths))
         else:
-            results.append(_WithTruth(paths, _errors(paths, measure)))
+            results.append(_WithTruth(paths, _errors(paths, chosen)))
     data = json.dumps({"sequences": [result.numbers() for result in results]}, indent=2, allow_nan=False)
     remarks = [] if options.out is None else _write(options.out, data, results)
     if options.json:
@@ -187,16 +187,16 @@ def _evaluate(options: argparse.Namespace) -> int:
     return 0
 
 
-def _errors(paths: ComparedPaths, measure: _Measure) -> Evaluation:
+def _errors(paths: ComparedPaths, chosen: _ErrorOptions) -> Evaluation:
     """The errors of paths with a truth."""
     usual = suitable_protocol(paths.truth, paths.frames)
     return evaluate(
         paths.truth,
         paths.estimates,
-        SubsequenceProtocol(measure.lengths or usual.lengths, measure.step or usual.step),
+        SubsequenceProtocol(chosen.lengths or usual.lengths, chosen.step or usual.step),
         paths.times,
-        measure.alignment,
-        measure.delta,
+        chosen.alignment,
+        chosen.delta,
         frames=paths.frames,
         is_part=paths.is_part,
     )

@@ -102,7 +102,7 @@ class _Table:
     blocks : its parts.
     methods : names by variant.
     seeds : number of runs of each method.
-    measure : the sub-sequences of --lengths, or None.
+    protocol : the sub-sequences of --lengths, or None.
     names : sequences on this machine, or folders.
     missing : KITTI sequences that are not on this machine.
     """
@@ -110,7 +110,7 @@ class _Table:
     blocks: list[Block]
     methods: dict[str, list[str]]
     seeds: int
-    measure: SubsequenceProtocol | None
+    protocol: SubsequenceProtocol | None
     names: list[str]
     missing: list[str]
 
@@ -126,9 +126,9 @@ def _read_table(options: argparse.Namespace) -> _Table:
     blocks = make_blocks(methods, chosen.changes, axes, options.loops, chosen.must_be_used)
     seeds = common.parse_whole("--seeds", options.seeds)
     common.parse_whole("--jobs", options.jobs)  # refused before the work
-    measure = None
+    protocol = None
     if options.lengths is not None:
-        measure = SubsequenceProtocol(common.parse_lengths(options.lengths), 1)
+        protocol = SubsequenceProtocol(common.parse_lengths(options.lengths), 1)
     if options.films and not any(PROPOSAL in of_variant for of_variant in methods.values()):
         raise DataError(f"--films: films show {PROPOSAL}: add it to --methods, or omit --films")
     if options.detector is not None:
@@ -139,7 +139,7 @@ def _read_table(options: argparse.Namespace) -> _Table:
     configs = [block.config(method) for block in blocks for method in methods[block.variant]]
     vehicle_boxes.note_unused_boxes(options, configs)
     common.warn_missing(missing, len(names) + len(missing), accepted=options.missing == "ok")
-    return _Table(blocks, methods, seeds, measure, names, missing)
+    return _Table(blocks, methods, seeds, protocol, names, missing)
 
 
 @dataclass(frozen=True)
@@ -224,8 +224,8 @@ def _do_runs(
             refuse_foreign_film(_film_file(job))
     for sequence in sequences:
         still = sequence.truth is not None and stands_still(sequence.truth)
-        common.note_too_short(sequence, table.measure, "" if still else "--lengths chooses shorter ones")
-    of_lengths = _remarks_on_lengths(sequences, table.measure)
+        common.note_too_short(sequence, table.protocol, "" if still else "--lengths chooses shorter ones")
+    of_lengths = _remarks_on_lengths(sequences, table.protocol)
     print_notes(of_lengths)
     workers = common.parse_jobs(options.jobs, len(jobs))
     run_inputs = [(job.sequence, job.config) for job in jobs]
@@ -238,7 +238,7 @@ def _do_runs(
     print_warnings(without_boxes)
     with reporting(f"{len(jobs)} runs") as report:
         outcomes = common.run_with_options(jobs, workers, report, durations, options)
-    result = collect(cells, outcomes, table.missing, table.measure)
+    result = collect(cells, outcomes, table.missing, table.protocol)
     remarks = [*(f"{remark}." for remark in of_lengths), *of_labels]
     return _Done(cells, jobs, outcomes, result, without_boxes, remarks)
 
@@ -309,10 +309,10 @@ def _tables_with_truth(
     return tables
 
 
-def _remarks_on_lengths(sequences: list[Sequence], measure: SubsequenceProtocol | None) -> list[str]:
-    """On which sequences --lengths has no effect; `measure` : its sub-sequences, or None."""
+def _remarks_on_lengths(sequences: list[Sequence], protocol: SubsequenceProtocol | None) -> list[str]:
+    """On which sequences --lengths has no effect; `protocol` : its sub-sequences, or None."""
     without = [sequence.name for sequence in sequences if sequence.truth is None]
-    if measure is None or not without:
+    if protocol is None or not without:
         return []
     which = "which has" if len(without) == 1 else "which have"
     return [f"--lengths has no effect on {' and '.join(without)}, {which} no ground truth"]

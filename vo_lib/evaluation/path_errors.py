@@ -84,13 +84,13 @@ class Evaluation:
     Attributes
     ----------
     paths : the errors of each path.
-    measure : how TE and RE are measured: the lengths and the starts of their sub-sequences.
+    protocol : how TE and RE are measured: the lengths and the starts of their sub-sequences.
     whole_truth : whether the truth is that of a whole sequence, and every true pose is compared.
     frame_step : usual number of frames of the truth from one compared pose to the next.
     """
 
     paths: tuple[PathErrors, ...]
-    measure: SubsequenceProtocol
+    protocol: SubsequenceProtocol
     whole_truth: bool
     frame_step: int
 
@@ -102,7 +102,7 @@ class Evaluation:
     @property
     def as_kitti(self) -> bool:
         """Whether TE and RE are those of KITTI's benchmark."""
-        return is_as_kitti(self.measure, self.subsequences, self.whole_truth)
+        return is_as_kitti(self.protocol, self.subsequences, self.whole_truth)
 
     def to_dict(self, key: str = "sequences") -> dict[str, Any]:
         """All results for JSON except the single sub-sequences; missing numbers are None.
@@ -110,20 +110,20 @@ class Evaluation:
         `key` : key of the list of paths in the result.
         """
         return {
-            "lengths_m": list(self.measure.lengths),
-            "step_frames": self.measure.step,
+            "lengths_m": list(self.protocol.lengths),
+            "step_frames": self.protocol.step,
             "subsequences": self.subsequences,
             "few_subsequences": self.subsequences < FEW_SUBSEQUENCES,
             "whole_truth": self.whole_truth,
             "as_kitti": self.as_kitti,
-            key: [path.to_dict(self.measure.lengths) for path in self.paths],
+            key: [path.to_dict(self.protocol.lengths) for path in self.paths],
         }
 
 
 def evaluate(
     truth: Array,
     estimates: Mapping[str, Array],
-    measure: SubsequenceProtocol = KITTI_PROTOCOL,
+    protocol: SubsequenceProtocol = KITTI_PROTOCOL,
     times: Array | None = None,
     alignment: Alignment = Alignment.SE3,
     delta: Delta = ONE_FRAME,
@@ -135,7 +135,7 @@ def evaluate(
 
     Parameters
     ----------
-    measure : how TE and RE are measured: the lengths and the starts of their sub-sequences.
+    protocol : how TE and RE are measured: the lengths and the starts of their sub-sequences.
     times : (N,) seconds, for speeds, or None.
     alignment : of the ATE. delta : interval of the RPE.
     frames : (M,) increasing numbers of the true poses to which the poses of all estimates belong, or None for
@@ -158,7 +158,7 @@ def evaluate(
                 frames=len(compared),
                 distance=float(distances[compared[-1]] - distances[compared[0]]),
                 length_ratio=_length_ratio(true_poses, estimate),
-                kitti=kitti_errors(truth, estimate, measure.lengths, measure.step, times, compared),
+                kitti=kitti_errors(truth, estimate, protocol.lengths, protocol.step, times, compared),
                 ate=absolute_error(true_poses, estimate, alignment),
                 rpe=relative_error(truth, estimate, delta, distances, compared),
                 other_orientations=orientations_disagree(true_poses, estimate),
@@ -169,7 +169,7 @@ def evaluate(
         )
     return Evaluation(
         paths=tuple(results),
-        measure=measure,
+        protocol=protocol,
         whole_truth=not is_part and len(compared) == len(truth),
         frame_step=int(np.median(np.diff(compared))) if len(compared) > 1 else 1,
     )

@@ -63,7 +63,7 @@ def evaluation_tables(name: str, result: Evaluation, of_run: bool = False) -> li
 
 def _table_of_systems(name: str, result: Evaluation, of_run: bool) -> ReportTable:
     """TE, RE, ATE and RPE of each system, with warnings above and the kinds of errors below."""
-    measure = result.measure
+    protocol = result.protocol
     rows = []
     for system in result.paths:
         rows.append(
@@ -81,7 +81,7 @@ def _table_of_systems(name: str, result: Evaluation, of_run: bool) -> ReportTabl
     head = list[str]()
     notes = [f"ATE {first.ate.alignment.words}: root mean square.", _rpe_note(result)]
     if result.subsequences:
-        title += f": {subsequences_text(result.subsequences)} of {measure.words_with(result.as_kitti)}"
+        title += f": {subsequences_text(result.subsequences)} of {protocol.words_with(result.as_kitti)}"
         head += _caveats(result)
     else:
         notes.append(_note_without_subsequences(result, of_run))
@@ -99,7 +99,7 @@ def _table_of_systems(name: str, result: Evaluation, of_run: bool) -> ReportTabl
 
 def _note_without_subsequences(result: Evaluation, of_run: bool) -> str:
     """Why a path has no TE and RE, and what helps; `of_run` : as in `evaluation_tables`."""
-    shortest = min(result.measure.lengths)
+    shortest = min(result.protocol.lengths)
     note = f"No TE and RE: {_too_short(result)} than the shortest sub-sequence, {shortest:g} m."
     if result.paths[0].distance < STILL_M:
         return f"{note} The truth stands still, so no choice of lengths gives errors."
@@ -115,7 +115,7 @@ def _too_short(result: Evaluation) -> str:
 def _table_by_length(result: Evaluation) -> ReportTable:
     """TE and RE of each system, with a row for each length that has sub-sequences."""
     rows = []
-    for length in result.measure.lengths:
+    for length in result.protocol.lengths:
         for system in result.paths:
             of_length = system.kitti[system.kitti.length == length]
             if len(of_length):
@@ -292,11 +292,11 @@ def _doubts_between(paths: Mapping[str, Array]) -> list[str]:
 def _caveats(result: Evaluation) -> list[str]:
     """Sentences above a table of errors that are not those of KITTI's benchmark."""
     head = list[str]()
-    if result.measure == SHORT_PROTOCOL:
+    if result.protocol == SHORT_PROTOCOL:
         head.append(
             "Short path, so sub-sequences are shorter than KITTI's: not comparable with the benchmark."
         )
-    elif result.measure != KITTI_PROTOCOL:
+    elif result.protocol != KITTI_PROTOCOL:
         head.append("Other sub-sequences than KITTI's: not comparable with the benchmark.")
     elif not result.whole_truth:
         head.append("Part of the truth, not comparable with whole sequences of the benchmark.")
@@ -395,7 +395,7 @@ def _write_curves(folder: Path, name: str, result: Evaluation) -> list[str]:
     """Write figures of errors by length and by speed; return a sentence on those with too few points."""
     missing = []
     for by, least in MIN_CURVE_POINTS.items():
-        curves = {path.name: path.kitti.curve(by, result.measure.lengths) for path in result.paths}
+        curves = {path.name: path.kitti.curve(by, result.protocol.lengths) for path in result.paths}
         if max(map(len, curves.values())) < least:
             missing.append(by)
             continue

@@ -199,7 +199,7 @@ def _row(entry: Entry, paper: PaperTable) -> dict[str, Any]:
         "method": entry.method,
         "whole": entry.is_whole,
         "frames": len(entry.truth),
-        "sub_sequences": entry.measure.words,
+        "sub_sequences": entry.protocol.words,
         "sub_sequence_count": entry.subsequences,
         "removed_share": entry.removed_share,
         "seeds": list(entry.seeds),

@@ -437,10 +437,10 @@ def _title(sequence: Sequence, bases: Mapping[str, MethodConfig], seeds: int) ->
     if measured_on(sequence) is Measured.POSITIONS:
         return f"{runs_text}: distances from the true path; {seeds_text(seeds)}"
     # Only to count the sub-sequences: the truth has no errors.
-    measure = suitable_protocol(sequence.truth)
-    count = len(kitti_errors(sequence.truth, sequence.truth, measure.lengths, measure.step))
-    measure_words = measure.words_with(is_as_kitti(measure, count, not sequence.is_part))
-    return f"{runs_text}: {subsequences_text(count)} of {measure_words}; {seeds_text(seeds)}"
+    protocol = suitable_protocol(sequence.truth)
+    count = len(kitti_errors(sequence.truth, sequence.truth, protocol.lengths, protocol.step))
+    protocol_words = protocol.words_with(is_as_kitti(protocol, count, not sequence.is_part))
+    return f"{runs_text}: {subsequences_text(count)} of {protocol_words}; {seeds_text(seeds)}"
 
 
 def sweep_table(sweep: Sweep) -> ReportTable:

@@ -136,7 +136,7 @@ class Entry:
     seeds : (S) seeds of the runs.
     settings : the settings of the block that differ from the presets, as typed; empty for the presets.
     unused : names of those settings that have no effect on the method.
-    measure : the sub-sequences of TE and RE.
+    protocol : the sub-sequences of TE and RE.
     results : (S) KITTI errors, ATE (SE3 alignment) and RPE of each seed.
     poses : (N, 4, 4) T_w_c of the first of these seeds, metres.
     truth : (N, 4, 4) T_w_c, metres.
@@ -150,7 +150,7 @@ class Entry:
     method: str
     variant: str
     seeds: tuple[int, ...]
-    measure: SubsequenceProtocol
+    protocol: SubsequenceProtocol
     results: tuple[PathErrors, ...]
     poses: Array
     truth: Array
@@ -177,7 +177,7 @@ class Entry:
 
         It must be long enough for `FEW_SUBSEQUENCES` sub-sequences.
         """
-        return is_as_kitti(self.measure, self.subsequences, not self.is_part)
+        return is_as_kitti(self.protocol, self.subsequences, not self.is_part)
 
     @property
     def errors(self) -> Array:
@@ -190,7 +190,7 @@ class Entry:
 
         Only then may the paper's numbers stand beside it.
         """
-        return len(self.truth) == BENCHMARK_FRAMES.get(self.sequence) and self.measure == KITTI_PROTOCOL
+        return len(self.truth) == BENCHMARK_FRAMES.get(self.sequence) and self.protocol == KITTI_PROTOCOL
 
 
 def printed_of(paper: PaperTable, entry: Entry) -> PrintedErrors:
@@ -202,18 +202,18 @@ def printed_of(paper: PaperTable, entry: Entry) -> PrintedErrors:
 
 @dataclass(frozen=True)
 class Group:
-    """Entries that may be averaged: equal variant, settings and measure; either all from KITTI or none.
+    """Entries that may be averaged: equal variant, settings and protocol; either all from KITTI or none.
 
     settings : what differs from the presets, as typed.
     is_kitti : whether the sequences are from the benchmark.
-    measure : the sub-sequences of TE and RE.
+    protocol : the sub-sequences of TE and RE.
     entries : entries by (sequence, method).
     """
 
     variant: str
     settings: str
     is_kitti: bool
-    measure: SubsequenceProtocol
+    protocol: SubsequenceProtocol
     entries: dict[tuple[str, str], Entry]
 
     @property
@@ -238,9 +238,9 @@ class Group:
         return list(dict.fromkeys(method for _, method in self.entries))
 
     @property
-    def measure_words(self) -> str:
+    def protocol_words(self) -> str:
         """The sub-sequences as text, with "as KITTI" if that is true of every sequence."""
-        return self.measure.words_with(all(entry.as_kitti for entry in self.entries.values()))
+        return self.protocol.words_with(all(entry.as_kitti for entry in self.entries.values()))
 
     def of_method(self, method: str) -> list[Entry]:
         """Entries of a method, in the order of the sequences."""
@@ -286,15 +286,15 @@ def te_and_re(sets: Iterable[KittiErrors]) -> Array:
     return np.array(pairs, float).reshape(-1, 2).T
 
 
-def too_short_words(truth: Array, measure: SubsequenceProtocol) -> str:
+def too_short_words(truth: Array, protocol: SubsequenceProtocol) -> str:
     """Why a true path (N, 4, 4) has no sub-sequence, as a part of a sentence; "" if it has one."""
     # The truth as its own estimate: only the number of sub-sequences counts.
-    if len(kitti_errors(truth, truth, measure.lengths, measure.step)):
+    if len(kitti_errors(truth, truth, protocol.lengths, protocol.step)):
         return ""
     if stands_still(truth):
         return "its true path stands still"
     length = trajectory_distances(truth)[-1]
-    return f"its path has {length:.1f} m, the shortest sub-sequence {min(measure.lengths):g} m"
+    return f"its path has {length:.1f} m, the shortest sub-sequence {min(protocol.lengths):g} m"
 
 
 def stands_still(truth: Array) -> bool:
@@ -305,11 +305,11 @@ def stands_still(truth: Array) -> bool:
 def measure_runs(
     method: str,
     runs: list[Run],
-    measure: SubsequenceProtocol | None = None,
+    protocol: SubsequenceProtocol | None = None,
     settings: str = "",
     unused: Iterable[str] = (),
 ) -> Entry:
-    """Errors of a method's runs, one per seed; the default measure is from `suitable_protocol`.
+    """Errors of a method's runs, one per seed; the default protocol is from `suitable_protocol`.
 
     settings, unused : what differs from the presets, see `Entry`.
 
@@ -318,15 +318,15 @@ def measure_runs(
     sequence = runs[0].sequence
     if sequence.truth is None:
         raise DataError(f"{sequence.name} has no ground truth, so there are no errors")
-    measure = suitable_protocol(sequence.truth) if measure is None else measure
+    protocol = suitable_protocol(sequence.truth) if protocol is None else protocol
     estimates = {f"seed {run.config.seed}": run.poses for run in runs}
-    errors = evaluate(sequence.truth, estimates, measure, sequence.times, is_part=sequence.is_part)
+    errors = evaluate(sequence.truth, estimates, protocol, sequence.times, is_part=sequence.is_part)
     return Entry(
         sequence=sequence.name,
         method=method,
         variant=runs[0].config.variant,
         seeds=tuple(run.config.seed for run in runs),
-        measure=measure,
+        protocol=protocol,
         results=errors.paths,
         poses=runs[0].poses,
         truth=sequence.truth,
@@ -354,9 +354,9 @@ def group_entries(entries: list[Entry]) -> list[Group]:
     groups: dict[tuple[str, str, bool, SubsequenceProtocol], Group] = {}
     for entry in entries:
         is_kitti = entry.sequence in BENCHMARK_FRAMES
-        key = (*entry.block_key, is_kitti, entry.measure)
+        key = (*entry.block_key, is_kitti, entry.protocol)
         if key not in groups:
-            groups[key] = Group(entry.variant, entry.settings, is_kitti, entry.measure, {})
+            groups[key] = Group(entry.variant, entry.settings, is_kitti, entry.protocol, {})
         groups[key].entries[entry.sequence, entry.method] = entry
     return list(groups.values())
 
@@ -408,7 +408,7 @@ class Reproduction:
 
 def _too_short_sentence(entries: list[Entry]) -> str:
     """Which sequences have no errors, with the reason, and what helps."""
-    why = {entry.sequence: too_short_words(entry.truth, entry.measure) for entry in entries}
+    why = {entry.sequence: too_short_words(entry.truth, entry.protocol) for entry in entries}
     named = ", ".join(f"{name} ({words})" for name, words in why.items())
     sentence = f"Shorter than every sub-sequence, so no errors: {named}."
     if not all(stands_still(entry.truth) for entry in entries):
@@ -453,11 +453,14 @@ def is_own_table(path: Path) -> bool:
 
 
 def collect(
-    cells: list[Cell], outcomes: list[Outcome], missing: list[str], measure: SubsequenceProtocol | None = None
+    cells: list[Cell],
+    outcomes: list[Outcome],
+    missing: list[str],
+    protocol: SubsequenceProtocol | None = None,
 ) -> Reproduction:
     """Errors and paths of the cells, read from the folders of their finished jobs.
 
-    missing : as in `Reproduction`. measure : the sub-sequences; None for those that suit each path.
+    missing : as in `Reproduction`. protocol : the sub-sequences; None for those that suit each path.
     """
     failed: dict[str, list[str]] = {}
     failed_folders = set[Path]()
@@ -484,7 +487,7 @@ def collect(
             drawn.by_method[cell.method] = runs[0].poses
         if truth is not None:
             unused = cell.block.unused(cell.method)
-            entries.append(measure_runs(cell.method, runs, measure, cell.block.words, unused))
+            entries.append(measure_runs(cell.method, runs, protocol, cell.block.words, unused))
     return Reproduction(missing, failed, entries, paths, warned)
 
 
@@ -544,7 +547,7 @@ def _record(
         "variant": group.variant,
         "sequence": row,
         "method": method,
-        "sub_sequences": group.measure_words,
+        "sub_sequences": group.protocol_words,
         "sub_sequence_count": sum(entry.subsequences for entry in entries),
         "seeds": errors.shape[1],
     }

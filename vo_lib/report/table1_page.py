@@ -127,7 +127,7 @@ def tables_by_settings(groups: list[Group]) -> list[ReportTable]:
     """For each set of sequences in several blocks, a table of each method with the settings of each block."""
     groups_of_set: dict[tuple[Any, ...], list[Group]] = {}
     for group in groups:
-        key = (group.variant, group.is_kitti, group.measure, tuple(group.sequences))
+        key = (group.variant, group.is_kitti, group.protocol, tuple(group.sequences))
         groups_of_set.setdefault(key, []).append(group)
     tables = []
     for alike in groups_of_set.values():
@@ -171,7 +171,7 @@ def short_path_tables(result: Reproduction) -> list[ReportTable]:
     why_short: dict[tuple[str, tuple[str, str]], str] = {}
     for entry in result.entries:
         if not np.isfinite(entry.errors).any():
-            why_short[entry.sequence, entry.block_key] = too_short_words(entry.truth, entry.measure)
+            why_short[entry.sequence, entry.block_key] = too_short_words(entry.truth, entry.protocol)
     tables = []
     for (block, name), (truth, paths) in result.paths.items():
         why = why_short.get((name, block.key))
@@ -261,7 +261,7 @@ def _table_of_ours(group: Group, records: list[dict[str, Any]]) -> ReportTable:
         errors = [plus_minus(record[kind], record[f"{kind}_std"]) for kind in ERROR_KINDS]
         count = few_marked(record["sub_sequence_count"])
         rows.append([_row_name(group, record), *errors, count, _removed(record)])
-    title = f"{_title(group)}: sub-sequences of {group.measure_words}"
+    title = f"{_title(group)}: sub-sequences of {group.protocol_words}"
     return ReportTable(title, ["method", *units, COUNT_COLUMN, "removed %"], rows, [])
 
 
@@ -284,7 +284,7 @@ def _table_beside_paper(group: Group, records: list[dict[str, Any]], kind: str) 
             beside.append(signed(record[f"{kind}_difference"], digits))
         count = few_marked(record["sub_sequence_count"])
         rows.append([_row_name(group, record), ours, *beside, count, _removed(record)])
-    title = f"{_title(group)}, {unit.split()[0]}: sub-sequences of {group.measure_words}"
+    title = f"{_title(group)}, {unit.split()[0]}: sub-sequences of {group.protocol_words}"
     columns = ["method", f"{unit}, ours", *compared, "difference", COUNT_COLUMN, "removed %"]
     notes = [UNIT_NOTE] if kind == RE_KIND else []
     return ReportTable(title, columns, rows, notes)
@@ -315,8 +315,8 @@ def caveats(group: Group) -> list[str]:
     if parts:
         words = ", ".join(parts)
         notes.append(f"Parts of sequences, not comparable with whole sequences: {words}.")
-    if group.measure != KITTI_PROTOCOL:
-        notes.append(f"Sub-sequences of {group.measure.words}: not comparable with the benchmark.")
+    if group.protocol != KITTI_PROTOCOL:
+        notes.append(f"Sub-sequences of {group.protocol.words}: not comparable with the benchmark.")
     return notes
 
 
@@ -518,7 +518,7 @@ def _error_bars(group: Group) -> list[Picture]:
             errors[key] = entry.errors
     if not errors:
         return []
-    figure = errors_figure(f"sub-sequences of {group.measure_words}", errors)
+    figure = errors_figure(f"sub-sequences of {group.protocol_words}", errors)
     caption = f"Errors, one bar per method; {block_words(group.variant, group.settings)}."
     place = "two" if figure.get_figwidth() > TWO_COLUMNS_IN else "tall"
     return [Picture(png(figure), caption, place)]
