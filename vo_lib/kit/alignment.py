@@ -187,7 +187,8 @@ def track_warped(
     anchor = np.rint(start * GRID_CELLS_PER_PX) / GRID_CELLS_PER_PX
     row, column = np.divmod(np.arange(count), TILES_IN_A_ROW)
     centre = np.stack([column, row], axis=1) * float(tile) + tile // 2
-    # Every row of a picture is full: the first tiles fill the last row, and are blackened there below.
+    # Every row of a picture must be full, so copies of the first tiles fill the last row; they are made black
+    # before the tracking.
     unused = -count % TILES_IN_A_ROW
     index = np.arange(count + unused) % count
     before = _tiles(first, pixel[index], tile)

@@ -133,7 +133,8 @@ class KltMatcher:
         """The matches of the previous pair's features in the next pair, and the motion between the pairs.
 
         The search begins at positions predicted with the `last` motion T_cp (4, 4). If it fails, a second
-        search begins at the previous positions, and the one with which more matches agree counts.
+        search begins at the previous positions. Of the two, the search with more matches that agree on one
+        motion is taken.
         """
         without = self.config.without
         # Without a motion to predict with, this search without matches stays, and counts as failed.

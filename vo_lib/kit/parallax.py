@@ -42,7 +42,7 @@ def parallax_information(
 
     Parameters
     ----------
-    matches : matches corrected for the current estimate of the errors.
+    matches : corrected matches; the second result measures the errors that are left in them.
     R_cp, t_cp : (3, 3), and (3,) metres, the motion from which the step starts.
     effects : function of normalised left positions (2, N) and disparities (N,), pixels; returns (K, 3, N),
         pixels: the changes of left u, left v and disparity due to a size of 1 of each of the K errors.

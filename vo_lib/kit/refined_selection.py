@@ -96,8 +96,8 @@ def motion_of_candidate(
         trusted = np.arange(len(inliers))
     R, t = resolve_by_depth(E, x_c[trusted], X_p[trusted])
     if config.mode == "refined":
-        # A coarse refinement, then a refinement with the noise as scale of the weights: the distances of the
-        # features on a slow car may be smaller than the threshold.
+        # A coarse refinement, then one with a scale from the noise: features on a slow car may be inliers of
+        # the threshold, and only a scale near the noise gives them a low weight.
         trusted_matches = matches.take(trusted)
         R, t = refine(R, t, trusted_matches, threshold / 2, COARSE_ITERATIONS)
         squared = _squared_distances_to(essential_from_motion(R, t), trusted_matches)

@@ -116,9 +116,10 @@ class Odometry:
         self.e_prev: Array | None = None
         self.clock = Clock()
         self._frame = 0
-        # The motion of the previous frame and, if it is precise enough, what step 6 needs for the equations
-        # that the frame before the previous one adds (`earlier_rows`).
+        # The motion of the previous frame.
         self._last_motion = np.eye(4)
+        # The matches and the motion of the previous frame, from which step 6 makes the rows of a third frame
+        # (`earlier_rows`); None if that motion is repeated or a standstill.
         self._pair_before: PairBefore | None = None
 
     def start(self, boxes: Boxes) -> None:
@@ -140,8 +141,8 @@ class Odometry:
         else:
             motion = self.motion_or_previous(used)  # steps 3 to 7, in `solve` and `finish_frame`
         self._last_motion = motion.T_cp
-        # The next frame's `earlier_rows` need a precise motion, so neither a repeated one nor that of a
-        # standstill. A motion with the flag `contradicts_stereo` is used like any other.
+        # Rows of a third frame need a precise motion, so neither a repeated one nor that of a standstill. A
+        # motion with the flag `contradicts_stereo` is used like any other.
         precise = motion.measured and not motion.still
         self._pair_before = PairBefore(static, motion.T_cp) if precise else None
         motion = replace(

@@ -6,8 +6,9 @@ vector, which belongs to the motion between these two frames.
 
 Among the kept candidates of all sets, the one with the smallest error wins; it is the paper's basis vector.
 The paper first takes the best of each set and then one of these. By the same error, that is the same winner.
-Which error is meant, the paper does not say. We take a mean over the used matches of the frame, which are
-left after steps 1 and 2 of `odometry`.
+Which error is meant, the paper does not say. We take the mean of the squared Sampson distances, each
+truncated at a threshold, over the used matches of the frame, which are left after steps 1 and 2 of
+`odometry`.
 
 Without the prior, and with the number of inliers in place of the error, the same steps are RANSAC, which is
 how we read MESVO_F.

@@ -1,8 +1,8 @@
 """Thresholds of the systems of Table 1, with default, unit, range and one sentence each.
 
 The paper gives three of these numbers: 50×50 buckets, which are those of earlier work and which we read as
-pixels, k = 2 solutions kept per five-point set, and three frames for the translation. The other numbers are
-ours.
+pixels, k = 2 solutions kept per five-point set, and three frames for the translation. Of the other
+numbers, those of VISO2 follow StereoScan, and the rest are ours.
 
 There are two variants of the systems: `published` is the method of the paper, and `kit` is the method with
 our additions, from the package `vo_lib.kit`. `FeatureConfig`, `MatchingConfig`, `TranslationConfig` and
@@ -231,9 +231,9 @@ class MethodConfig(Checked):
     )
     stereo_limit: float = setting(
         1.5,
-        "largest median reprojection error of a motion that is not checked (lower for matches with little "
-        "noise); above it, the motion is compared with a fit to the stereo depths, and is flagged if the "
-        "error of the fit is much smaller, or too large itself",
+        "median reprojection error up to which a motion counts as right without a check; with little noise "
+        "in the matches, the limit in use is smaller. A larger error is compared with that of a fit to the "
+        "stereo depths; the motion is flagged if the fit's error is much smaller, or itself too large",
         unit="px",
         low=0,
         high=1000,

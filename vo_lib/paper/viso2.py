@@ -168,8 +168,8 @@ def _triples(rng: np.random.Generator, number: int, trials: int) -> Index:
     first = rng.integers(0, number, trials)
     second = rng.integers(0, number - 1, trials)
     third = rng.integers(0, number - 2, trials)
-    # Each number is drawn as a place among the indices that are still free. For each used index that is not
-    # larger, the lower one first, it moves up by one, and so becomes the index itself.
+    # Each number is drawn as a rank among the indices that are still free. Each used index at or below it, in
+    # ascending order, moves it up by one; then it is the index.
     second += second >= first
     for used in np.sort([first, second], axis=0):
         third += third >= used
