@@ -308,7 +308,8 @@ def _link_or_copy(path: Path, target: Path) -> None:
     """Give a file a second name, so that it stays when the first name is replaced."""
     try:
         os.link(path, target, follow_symlinks=False)
-    except (OSError, NotImplementedError):  # a file system without hard links, or without those of links
+    except (OSError, NotImplementedError):
+        # The file system has no hard links, or none to symbolic links.
         shutil.copy2(path, target, follow_symlinks=False)
 
 

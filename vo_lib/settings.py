@@ -111,6 +111,7 @@ class Setting:
 
     def check(self, value: Any) -> None:
         """Raise `DataError` unless the value has the declared type, range and choices."""
+        # A list of choices may be empty, typed as "none"; a list of words may not.
         if self.pattern and _items(value) == ():
             raise DataError(f"{self.name} is empty, expected {self.describe()}")
         if not self._has_declared_form(value) or not all(self._allows(item) for item in _items(value)):

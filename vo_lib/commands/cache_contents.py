@@ -28,7 +28,8 @@ KINDS = ("scenes", "matches", "labels", "hashes", "imports", "drafts")
 SCENE = re.compile(r"([a-z_]+-[0-9a-f]{12})(-\d+-\d+)?")  # its key and, for a part, the numbers of the frames
 CODE_FOLDER = re.compile(r"(published|kit)-[0-9a-f]{16}")
 HASHES = re.compile(r"[0-9a-f]{16}\.json")
-# The names of drafts (`files.writing`) of each kind. Older versions made drafts without a lock.
+# The names of drafts (`files.writing`) of each kind. Those of hashes have no lock, and those of
+# older versions neither.
 DRAFT_OF = {
     "matches": re.compile(r"\..+\.npz\.\d+\.\d+" + re.escape(DRAFT)),
     "hashes": re.compile(r"\.[0-9a-f]{16}\.json\.\d+\.\d+" + re.escape(DRAFT)),
@@ -55,7 +56,8 @@ class CacheItem:
 
 def cache_items(cache: Path | None = None) -> list[CacheItem]:
     """Everything in a cache folder, by default the user's, that the kit wrote there."""
-    # In the user's cache, drawn scenes have a folder beside those of the others; elsewhere, they have none.
+    # In the user's cache, drawn scenes have a folder beside those of the others; elsewhere, they lie in the
+    # cache folder itself.
     scenes = scenes_folder() if cache is None else cache
     root = user_cache() if cache is None else cache
     items = [*_scenes(scenes), *_matches(cache), *_labels(root / "labels")]

@@ -198,7 +198,8 @@ def _fill_cell(raw: dict[str, Any], student: _OldNotebook) -> _Filled:
         text = _with_answer(_source(raw), exercise, answer, student.added_functions, fits)
         value = _value_of(answer.statement.node)
         if isinstance(value, ast.Name) and value.id in student.changed_functions:
-            # The answer is a function of the notebook that the student changed.
+            # The answer names a function of the notebook whose text is another one now: the student, or a
+            # later version of the notebook, changed it.
             text += f"\n{ANOTHER}\n{_comment(student.changed_functions[value.id])}"
             filled.as_comments.append(value.id)
         raw["source"] = text.splitlines(keepends=True)

@@ -131,7 +131,8 @@ def add_many(parser: argparse.ArgumentParser) -> None:
 def distinct_sequences(names: list[str], cache: Path | None) -> list[str]:
     """The sequences of names and paths, each once; a note says which of them were named again.
 
-    Of a name and a path of the same sequence, the name stays, since errors are compared by names.
+    Of a name and a path of the same sequence, the name stays: only under its name, such as kitti/07, does a
+    sequence stand beside the paper's numbers.
     """
     name_of: dict[Path | str, str] = {}  # by folder or, before a scene is drawn, by name
     for name in names:

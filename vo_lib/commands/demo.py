@@ -48,6 +48,7 @@ def _demo(options: argparse.Namespace) -> int:
     reproduce.add(parser)
     words = _words(options.out)
     line = f"vo reproduce {shlex.join(words)}"
+    # argparse keeps an attribute that is there already: so the command in the report has no --cache.
     arguments = parser.parse_args(words, argparse.Namespace(line=line, cache=options.cache))
     code = reproduce.reproduce(arguments, *CLOSING_REMARKS)
     print_lines("\nWhat next:" + steps(NEXT_STEPS))

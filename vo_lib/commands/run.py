@@ -21,7 +21,7 @@ from ..geometry.result import Flag
 from ..geometry.types import Array
 from ..kit.settings import KitConfig
 from ..loops.settings import LoopConfig
-from ..report.blocks import LOOP_PREFIX, settings_of
+from ..report.blocks import USED_BY_LOOPS, settings_of
 from ..report.film import FILM_ENDING, Film, film_frames, refuse_foreign_film
 from ..report.page import format_number
 from ..report.path_tables import evaluation_tables
@@ -365,8 +365,8 @@ def _refuse_unused_of_file(
 
 def _unused_because(options: argparse.Namespace, config: MethodConfig, name: str) -> str:
     """Why a setting has no effect on this run; "" if it has one."""
-    # Places are compared by the reprojection error, and a film shows the boxes of every rule.
-    if options.loops and name.startswith(LOOP_PREFIX):
+    # Loops are closed with the settings reprojection.…, too, and a film shows the boxes of every rule.
+    if options.loops and name.startswith(USED_BY_LOOPS):
         return ""
     if options.video is not None and name in BOX_SETTINGS:
         return ""

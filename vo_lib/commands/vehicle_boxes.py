@@ -220,7 +220,7 @@ def warnings_without_boxes(runs: Iterable[tuple[str, Sequence, MethodConfig]]) -
     runs : the name of the method, the sequence and the settings of each run.
     """
     without: dict[str, None] = {}
-    methods: dict[str, None] = {}  # those without boxes that differ from solution_selection by boxes alone
+    methods: dict[str, None] = {}  # those whose preset is solution_selection with a box rule
     for method, sequence, config in runs:
         if sequence.labels is None and config.filter.uses_boxes:
             without[sequence.name] = None

@@ -21,7 +21,7 @@ Changes = tuple[tuple[str, Any], ...]  # dotted names of settings, and a value f
 LONGEST_NAME = 100  # characters of a folder's name, without the digest behind a longer one
 # The settings whose names begin with this belong to the estimator of viso2. The closing of loops finds the
 # motion between two places with them, too, whatever the method of the run.
-LOOP_PREFIX = "reprojection."
+USED_BY_LOOPS = "reprojection."
 
 
 def settings_of(config: MethodConfig) -> dict[str, settings.Setting]:
@@ -108,7 +108,7 @@ class Block:
     """A part of a table: the methods of a variant with their presets, changed in the same settings.
 
     changes : the settings that differ from the presets. A method that does not use one keeps its preset.
-    loops : whether loops are closed after the runs. Then the settings that begin with `LOOP_PREFIX` have an
+    loops : whether loops are closed after the runs. Then the settings that begin with `USED_BY_LOOPS` have an
         effect on every method.
     """
 
@@ -132,7 +132,7 @@ class Block:
         reasons = {}
         for name, _ in self.changes:
             reason = settings.unused_because(config, name)
-            if reason and not (self.loops and name.startswith(LOOP_PREFIX)):
+            if reason and not (self.loops and name.startswith(USED_BY_LOOPS)):
                 reasons[name] = reason
         return reasons
 
