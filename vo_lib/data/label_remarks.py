@@ -117,7 +117,7 @@ def _shape_remarks(counts: LabelCounts) -> list[str]:
         )
     if counts.may_be_corners:
         remarks.append(
-            "every box is higher and wider than its centre's distance from the corner of the image: are the "
-            "labels corners, not centre and size?"
+            "every box is wider than its centre is far from the left edge of the image, and higher than it "
+            "is far from the top: are the labels corners, not centre and size?"
         )
     return remarks

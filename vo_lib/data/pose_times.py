@@ -125,8 +125,9 @@ def time_ranges(times: Array, true_times: Array, truth_name: str) -> str:
 def time_mismatch(times: Array, true_times: Array, truth_name: str, tolerance: float) -> str:
     """The reason why fewer than two of `times` (N,) are those of true poses `true_times` (M,), seconds.
 
-    In this order: an interval that no camera has, in either file; another unit in one of them; clocks that do
-    not overlap even in the right unit; and, if none of these, times that lie a little apart.
+    In this order: another unit, by the size or the interval of each file's own times; an interval that no
+    unit makes plausible; another unit, by the overlap of both files; clocks that do not overlap even in the
+    right unit; and, if none of these, times that lie a little apart.
     """
     ranges = time_ranges(times, true_times, truth_name)
     problem = (
@@ -135,8 +136,8 @@ def time_mismatch(times: Array, true_times: Array, truth_name: str, tolerance: f
     theirs = f"those of {truth_name}"
     own_unit = _unit_of(times)
     true_unit = _unit_of(true_times)
-    both_may_be_seconds = own_unit == 1.0 and true_unit == 1.0
-    if both_may_be_seconds:
+    no_other_unit_found = own_unit == 1.0 and true_unit == 1.0
+    if no_other_unit_found:
         # A file whose own interval is impossible says nothing about the unit of the other file.
         faults = [fault for fault in (interval_fault(times), interval_fault(true_times, theirs)) if fault]
         if faults:

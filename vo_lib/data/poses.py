@@ -142,8 +142,11 @@ def read_path(path: Path) -> PoseFile:
 
     Without a header, the order of the numbers is known by convention: 12 numbers separated by blanks are
     KITTI's, 8 are TUM's, and a whole number of nanoseconds with 7, 10 or 16 further numbers, separated by
-    commas, are EuRoC's (`EUROC_COLUMNS`). The size of TUM's times since 1970 tells their unit. Times are not
-    checked for their unit otherwise: see `pose_times.refuse_intervals`.
+    commas, are EuRoC's (`EUROC_COLUMNS`).
+
+    The size of times since 1970 tells their unit, in TUM's order and where a header names none. Times in
+    EuRoC's order are refused if they are probably not nanoseconds. No other interval is checked here: see
+    `pose_times.refuse_intervals`.
 
     Raises `DataError` for every other file, since its order cannot be known, and as `read_tum`.
     """

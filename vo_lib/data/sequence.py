@@ -51,8 +51,9 @@ class Sequence:
     frames : (N) file stems, in order.
     camera : intrinsics, baseline and image size.
     times : (N,) seconds.
-    truth : (N, 4, 4) ground-truth poses T_w_c of the left camera, metres, or None. The world w is that of the
-        file (for KITTI, the left camera in frame 0) for a part, too: its first pose is then not the identity.
+    truth : (N, 4, 4) ground-truth poses T_w_c of the left camera, metres, or None. The world w is that of
+        the file (for KITTI, the left camera in frame 0; with colour images, the left colour camera), for a
+        part, too: its first pose is then not the identity.
     labels : folder of YOLO label files, or None.
     masks : PNG image, or folder with one image per frame, or None. Features of the left images are ignored
         on non-zero pixels of the mask.
@@ -304,8 +305,8 @@ def _rows_of_frames(rows: Array, frames: list[str], path: Path) -> Array:
 def _find_truth(folder: Path, frames: list[str], sides: tuple[str, str]) -> Array | None:
     """True poses T_w_c (N, 4, 4) of the left camera, metres; None without a file of poses.
 
-    The file is poses.txt in the folder, or KITTI's own, poses/00.txt beside `sequences`. KITTI's files have
-    the poses of camera 0, the left grey camera.
+    The file is poses.txt in the folder, or KITTI's own, poses/00.txt beside `sequences`. Both have the poses
+    of camera 0, the left grey camera.
     """
     sequence = folder.resolve()
     own_file = folder / "poses.txt"
@@ -316,6 +317,8 @@ def _find_truth(folder: Path, frames: list[str], sides: tuple[str, str]) -> Arra
     poses = _rows_of_frames(read_kitti_poses(path), frames, path)
     if sides == GREY:
         return poses
+    # Both files have poses of camera 0, in a world that is camera 0 in frame 0. The camera becomes the left
+    # colour camera, and so does the world.
     T_0_left = rigid(np.eye(3), left_offset(folder / "calib.txt", sides))
     return inverse(T_0_left) @ poses @ T_0_left
 

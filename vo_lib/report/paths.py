@@ -463,7 +463,7 @@ def _compared(
 
     Parameters
     ----------
-    truth : the truth, or the path in its place, before any path is compared with it.
+    truth : the truth, or the path in its place.
     tolerance : seconds between two times that are equal.
     truth_words : the truth in words, for messages.
     frame_times : the times of the sequence's frames, seconds, which a path without times gets; None if they

@@ -69,8 +69,8 @@ TRUTH_EDGE = 0.6  # points, of the white edge on each side of the truth
 STRAIGHT = 0.2
 MAGNIFIED = "(the axes have different scales: sideways is magnified)"
 # The room that texts need. A width is a number of letters, a height is in inches.
-LETTERS = 12  # in an inch, at the usual size
-TITLE_LETTERS = 11  # in an inch, at Matplotlib's font size "medium"
+LETTERS = 12  # in an inch, at Matplotlib's font size "medium", which all texts have
+TITLE_LETTERS = 11  # in an inch of a title: fewer, so that it ends before the figure does
 AXIS_LETTERS = 54  # in a line below an axis
 LINE_HEIGHT = 0.18
 TITLE_LINE_HEIGHT = 1.3 * LINE_HEIGHT

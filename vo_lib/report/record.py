@@ -1,7 +1,7 @@
 """The record of a reproduction: numbers by seed, versions and processor, to be archived or sent to others.
 
 A record may come from somebody else, so `read_record` tests all that a reader computes with. Each of its rows
-is an entry of the table; the records of `table1` are something else, the rows of the printed table.
+is an entry of the table; the records of `table1` are something else, the rows of our table, as in table1.csv.
 """
 
 from __future__ import annotations
