@@ -87,7 +87,9 @@ class PreparedPair:
 class KltMatcher:
     """Corners tracked by Lucas-Kanade from the previous pair to both current images.
 
-    The loop is closed if the way from the current left to the current right image reaches the same pixel.
+    The loop is closed if two ways to the current right image end at the same pixel: one from the previous
+    right image, one from the current left image.
+
     In the left image the search starts at the position predicted from the previous motion and the stereo
     depth (constant velocity). The right image is not searched from a prediction: block matching gives the
     position there, and the predicted one must only be inside the image. The matcher estimates the motion
@@ -217,7 +219,7 @@ class KltMatcher:
         tracks = tracks[ok]
         cur_left = cur_left[ok]
         over_time = over_time[ok]
-        # From the current left to the current right image, which must reach the same pixel.
+        # From the current left to the current right image, which must reach the pixel `over_time`.
         cur_right, slope, ok = refine_stereo(pair.images, pair.disparity, cur_left, over_time, self.config)
         ok &= _inside(cur_left, left) & _inside(cur_right, right)
         ok &= np.linalg.norm(cur_right - over_time, axis=1) <= self.config.loop_tolerance

@@ -50,7 +50,8 @@ class PointSteps(Rows):
     Attributes
     ----------
     step : (N, 3) displacement in the current left camera's axes, metres.
-    information : (N, 3, 3) inverse covariance of the step for matches with a variance of 1 px², 1/m².
+    information : (N, 3, 3) inverse covariance of the step for matches with a variance of 1 px², so in
+        px²/m².
     depth : (N,) depth of the predicted static feature, metres.
     """
 

@@ -17,7 +17,8 @@ All errors together are a vector (19,), in the order of `ERROR_NAMES`: 9 of the 
 which are the field, and 4 of the lenses.
 
 Stereo matches measure the row errors directly. Roll and focal length show in the rows; from the motion
-alone, they would look like a longer step. Near and far points on one row measure the lens errors. The motion
+alone, they would look like a longer step. The lens errors show there, too: the nearer a point, the farther
+apart are its places in the two images, and the more the lens errors at these places differ. The motion
 measures the lens errors again, and the disparity errors: the disparities must agree with the parallax, and
 the optical flow with the epipolar lines. A single frame contributes little, so a Kalman filter combines all
 of them. For a good rig, a correction by noisy estimates would only add errors. It therefore uses shrunk

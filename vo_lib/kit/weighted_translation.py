@@ -34,7 +34,8 @@ from .settings import KitTranslationConfig
 
 CONVERGED_TRANSLATION_M = 1e-4  # change at which the re-weighting ends, a fortieth of the error due to noise
 MIN_ROW_DEPTH_M = 0.1  # lower bound of the depths by which rows are divided
-MIN_SQUARED_DISPARITY = 1e-8  # lower bound of d² (normalised): for f = 720 px, d = 0.07 px; no depth is known
+# Lower bound of d² (normalised): for f = 720 px, d = 0.07 px. With less, no depth is known.
+MIN_SQUARED_DISPARITY = 1e-8
 ROBUST_START_LIMIT = 4.0  # residual at which the start truncates a feature's error, in `config.scale`
 IDENTITY = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])  # as xx, yy, zz, xy, xz, yz
 
@@ -92,7 +93,7 @@ def papers_translation(
 
     Same parameters and result, but the residual is only 0 for an inlier and infinite for another feature.
     """
-    limits = TranslationConfig(max_depth=config.max_depth, agreement=config.agreement, pairs=2)
+    limits = TranslationConfig(max_depth=config.max_depth, agreement=config.agreement)
     solved = solve_translation(camera, matches, R_cp, limits)
     if solved is None:
         return None

@@ -128,7 +128,9 @@ def _solve_in_turns(basis: Array, sets: Index) -> tuple[Array, Index]:
     """Solutions v = (x, y, z, w) of norm 1, (4, M), of some of the sets, and the set (M,) of each.
 
     Solutions with nearly equal z/w are hard to separate. So a set with doubtful solutions has another turn,
-    with other matrices of the basis in the places of E2 and E3, where the ratios differ.
+    with other matrices of the basis in the places of E2 and E3, where the ratios differ. In the second turn,
+    E0 is in the place of E3. For most sets that is worse (`null_space`), but not for all of the few that are
+    left.
     """
     solutions = [np.empty((4, 0))]
     indices = [np.empty(0, dtype=np.intp)]

@@ -286,7 +286,8 @@ class Odometry:
         if error <= suspicion_limit(noise, limit):
             return False
         X_p = self.camera.triangulate(agreeing.prev_left, agreeing.prev_right)
-        # A match without depth has an infinite residual for every motion, so it says nothing of the fit.
+        # A match without depth, which only a corrected calibration leaves, has an infinite residual for every
+        # motion. It counts against the motion in `error`, but it says nothing of the fit.
         with_depth = agreeing[np.flatnonzero(np.isfinite(X_p).all(axis=1))]
         fitted = float(np.median(fit_motion(self.camera, with_depth, start=T_cp).residual))
         return error > self.fit_gain * fitted or fitted > contradiction_limit(noise, limit)

@@ -1,8 +1,8 @@
 """Thresholds of the systems of Table 1, with default, unit, range and one sentence each.
 
-The paper gives three of these numbers: 50×50 buckets, which are those of earlier work and which we read as
-pixels, k = 2 solutions kept per five-point set, and three frames for the translation. Of the other
-numbers, those of VISO2 follow StereoScan, and the rest are ours.
+The paper gives three of these numbers: buckets of 50×50 (from earlier work; we read them as pixels), k = 2
+solutions kept per five-point set, and three frames for the translation. Of the other numbers, those of VISO2
+follow StereoScan, and the rest are ours.
 
 There are two variants of the systems: `published` is the method of the paper, and `kit` is the method with
 our additions, from the package `vo_lib.kit`. `FeatureConfig`, `MatchingConfig`, `TranslationConfig` and
@@ -96,8 +96,8 @@ class FilterConfig(Checked):
     )
     classes: tuple[str, ...] = setting(
         (VEHICLES,),
-        "classes of the boxes that count, names or numbers of the label folder or model; vehicles: cars, "
-        "buses and trucks by name, or, without class names, COCO's numbers 2, 5 and 7",
+        "classes of the boxes that count, names or numbers of the label folder or model; the word vehicles "
+        "stands for cars, buses and trucks, by name or, without class names, by COCO's numbers 2, 5 and 7",
         noun="class name",
         pattern=WORD_OF_LIST,
         when=BOXES,
@@ -173,9 +173,10 @@ class TranslationLimits(Checked):
 
     @property
     def pairs(self) -> int:
-        """Stereo pairs in a feature's equations: two, as in variant `kit`.
+        """Stereo pairs in a feature's equations, as `Odometry.translate` reads them: two.
 
-        In variant `published`, a setting of `TranslationConfig` takes the place of this property.
+        A subclass may have a setting of this name instead, as `TranslationConfig` of variant `published` has.
+        Variant `kit` replaces that function, so it never asks.
         """
         return 2
 

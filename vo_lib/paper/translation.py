@@ -10,9 +10,9 @@ that is
 The right camera is a baseline b to the right, which changes the first row to (x e3 - e1)ᵀ P = -b. Two rows in
 each of four images are eight rows, with the six unknowns Q and t, since R is known.
 
-The paper has Q̂ in the current frame, so its R and t are the inverse motion; here Q is in the previous
-frame, and t is t_cp itself. Its P̂ is the projection, so in pixels. In (3), the paper's A has our A and B
-side by side, and its B is our c.
+In (2), the paper's Q̂ is in the current frame, so its R and t are the inverse motion; here Q is in the
+previous frame, and t is t_cp itself. The paper's P̂ is the projection, in pixels; our P is a point. The
+matrix A of (3) is [A | B] here, and the right-hand side B of (3) is c here.
 
 Section 2 requires the constraints of three consecutive frames. A feature that was already matched one frame
 earlier has four more rows, with P = R' Q + t', where (R', t') is the inverse of the last motion. These rows
@@ -20,10 +20,10 @@ depend only on Q.
 
 The paper says nothing of weights, of a limit of depth or of wrong matches, so these three are ours:
 
-- In metres, far features would have the largest weight, and the steps on KITTI, which are too long already,
-  would be longer still. So all rows of a feature are divided by one number, its depth in the previous left
-  camera. A row is then an error in the image, in pixels divided by f. In (2), the factor α divides by the
-  depth, too.
+- In metres, far features would have the largest weight, and the steps on KITTI's 01, which are too long
+  already, would be longer still (notebooks/paper_and_code.md has the numbers). So all rows of a feature are
+  divided by one number, its depth in the previous left camera. A row is then an error in the image, in
+  pixels divided by f. In (2), the factor α divides by the depth, too.
 - A feature farther away than the setting `max_depth` is not used.
 - Features whose rows do not fit the translation are left out, beginning with the median of the translations
   of single features (`solve_translation`).
