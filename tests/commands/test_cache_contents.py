@@ -17,7 +17,7 @@ from data_command import load
 from tiny_onnx import write_answering
 
 from vo_lib import open_sequence, preset
-from vo_lib.commands.cache_contents import cache_items
+from vo_lib.commands.cache_contents import cache_items, clean_cache
 from vo_lib.commands.cli import main
 from vo_lib.data.drawn import ensure_scene
 from vo_lib.data.imports import remember_import
@@ -25,7 +25,7 @@ from vo_lib.data.label_names import DETECTOR_RECORD
 from vo_lib.data.scenes import scene_config
 from vo_lib.detection.label_folders import labelled_sequence
 from vo_lib.detection.network_image import yolox_cells
-from vo_lib.runs.match_cache import CachedMatches
+from vo_lib.runs.match_cache import CachedMatches, code_folder
 
 TINY = {"width": 160, "height": 64, "length": 2.0, "speed": 8.0}
 KILLS = pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
@@ -158,6 +158,42 @@ def test_files_without_use_are_deleted_and_their_size_is_printed(
     assert load("clean_cache")(["--all"]) == 0
     assert cache_items() == []
     assert [path for path in user_cache.rglob("*") if path.is_file()] == []
+
+
+def bytes_on_disk(folder: Path) -> int:
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file() and not path.is_symlink())
+
+
+@pytest.mark.parametrize("age_s", [0.0, 7200.0], ids=["written", "left behind"])
+def test_draft_among_matches_counts_once(bands: Path, user_cache: Path, age_s: float) -> None:
+    CachedMatches(open_sequence(bands), preset("feature_selection")).fill()
+    draft = code_folder("published") / ".other.npz.1.2.tmp"  # without a lock, as older versions wrote them
+    draft.write_bytes(bytes(3_000_000))
+    os.utime(draft, (time.time() - age_s,) * 2)
+    sizes = {item.path: item.size for item in cache_items()}
+    assert sizes[draft] == 3_000_000
+    assert sum(sizes.values()) == bytes_on_disk(user_cache)
+    for everything in (False, True):
+        size_before = bytes_on_disk(user_cache)
+        assert clean_cache(everything=everything) == size_before - bytes_on_disk(user_cache)
+        assert draft.exists() == (age_s == 0 and not everything)
+    assert bytes_on_disk(user_cache) == 0
+
+
+@KILLS
+def test_link_in_the_cache_has_no_size(user_cache: Path, tmp_path: Path) -> None:
+    elsewhere = tmp_path / "other disk"
+    elsewhere.mkdir()
+    (elsewhere / "a.npz").write_bytes(bytes(1000))
+    matches = user_cache / "matches"
+    old = matches / "kit-0123456789abcdef"
+    old.mkdir(parents=True)
+    (old / "b.npz").symlink_to(elsewhere / "a.npz")
+    (matches / "kit-0123456789abcdee").symlink_to(elsewhere, target_is_directory=True)
+    assert [item.size for item in cache_items()] == [0, 0]
+    assert clean_cache() == 0
+    assert list(matches.iterdir()) == []
+    assert (elsewhere / "a.npz").stat().st_size == 1000
 
 
 def test_matches_of_another_library_have_no_use(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from ..data.label_names import DETECTOR_RECORD
 from ..data.scenes import SceneConfig
 from ..detection.label_folders import RECORD_KEYS, is_current_record
 from ..errors import DataError
-from ..files import DRAFT, LOCK, delete_abandoned_drafts, delete_tree, folder_size, read_mapping
+from ..files import DRAFT, LOCK, delete_abandoned_drafts, delete_tree, read_mapping
 from ..runs.identity import FRONT_END_CODE
 from ..runs.match_cache import code_folder, match_folder
 from ..settings import from_dict
@@ -43,7 +43,7 @@ class CacheItem:
     """A file or folder of the cache.
 
     kind : one of `KINDS`.
-    size : bytes.
+    size : bytes that its deletion frees, without those of other items in it.
     useful : whether `clean_cache` keeps it: this version has a use for it, and does not make it again in
         seconds. A draft without use was left by a killed process.
     """
@@ -77,14 +77,31 @@ def clean_cache(cache: Path | None = None, everything: bool = False) -> int:
     deleted = sum(delete_abandoned_drafts(folder) for folder in folders)
     for item in cache_items(cache):
         if everything or not item.useful:
+            # Measured only now: a draft may just have been deleted with its folder.
+            before = _size(item.path)
             delete_tree(item.path)
-            deleted += item.size - folder_size(item.path)
+            deleted += before - _size(item.path)
     return deleted
 
 
-def _item(path: Path, kind: str, useful: bool) -> CacheItem:
-    """An item, with its size on the disk."""
-    return CacheItem(path, kind, folder_size(path), useful)
+def _item(path: Path, kind: str, useful: bool, others: Collection[Path] = ()) -> CacheItem:
+    """An item; `others` : files in its folder that are items of their own."""
+    return CacheItem(path, kind, _size(path, others), useful)
+
+
+def _size(path: Path, others: Collection[Path] = ()) -> int:
+    """Bytes of a file, or of the files in a folder without those of `others`; 0 if it is missing.
+
+    Links have no bytes of their own here: to delete one frees nothing, since its target stays.
+    """
+    if path.is_symlink():
+        return 0
+    files = path.rglob("*") if path.is_dir() else [path]
+    return sum(
+        file.stat().st_size
+        for file in files
+        if file.is_file() and not file.is_symlink() and file not in others
+    )
 
 
 def _content(folder: Path) -> list[Path]:
@@ -113,9 +130,10 @@ def _matches(cache: Path | None) -> Iterator[CacheItem]:
     for path in _content(match_folder(cache)):
         # All of the user's cache folder is the kit's own.
         if cache is None or CODE_FOLDER.fullmatch(path.name):
-            yield _item(path, "matches", path in current)
-    for path in current:
-        yield from _drafts(path, DRAFT_OF["matches"])
+            # Elsewhere, a draft is as useless as its folder, and no item of its own.
+            drafts = list(_drafts(path, DRAFT_OF["matches"])) if path in current else []
+            yield _item(path, "matches", path in current, [draft.path for draft in drafts])
+            yield from drafts
 
 
 def _labels(folder: Path) -> Iterator[CacheItem]:
