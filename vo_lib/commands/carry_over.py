@@ -83,6 +83,9 @@ class Statement:
 class Answer:
     """An answer of a notebook.
 
+    In the new notebook, an exercise is an `Answer` too, which is still open unless a later version answers
+    it.
+
     check, name : names of the check that gets it, and of the function or variable.
     cell : the statements of its cell.
     statement : the one that defines it.
@@ -284,13 +287,13 @@ def _with_answer(
     before = lines[: node.lineno - 1]
     open_answer = lines[node.lineno - 1 : node.end_lineno]
     after = lines[node.end_lineno :]
-    students = _statements_of_student(answer, source)
+    own_statements = _statements_of_student(answer, source)
     texts = list[str]()
-    for statement in students:
+    for statement in own_statements:
         text = _without_comments(statement.text, lines, is_first=statement is answer.cell[0])
         can_be_code = statement.node is not None or statement.is_magic
         texts.append(_comment(text) if fits and not can_be_code else text)
-    used = _used([statement.node for statement in students])
+    used = _used([statement.node for statement in own_statements])
     needed = [added_functions[name] for name in used if name in added_functions]
     needed = [text for text in needed if text not in texts]
     renamed = [f"{exercise.name} = {answer.name}"] if answer.name != exercise.name else []
@@ -309,14 +312,14 @@ def _statements_of_student(answer: Answer, source: str) -> list[Statement]:
     """
     lines = source.splitlines()
     given = {_without_comments(statement.text, lines) for statement in _statements(source)}
-    students = list[Statement]()
+    own_statements = list[Statement]()
     for statement in answer.cell:
         is_given = _without_comments(statement.text, lines) in given
         is_python = statement.node is not None
         is_only_check = statement.check is not None and is_python and statement is not answer.statement
         if not is_given and not is_only_check:
-            students.append(statement)
-    return students
+            own_statements.append(statement)
+    return own_statements
 
 
 def _cell_of(notebook: dict[str, Any], source: str) -> dict[str, Any]:

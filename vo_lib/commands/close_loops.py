@@ -38,24 +38,24 @@ def add_loops(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--loops", action="store_true", help=text)
 
 
-def find_loops_with_bar(sequence: Sequence, method: MethodConfig, config: LoopConfig) -> PlacePairs:
+def find_loops_with_bar(sequence: Sequence, config: MethodConfig, loop_config: LoopConfig) -> PlacePairs:
     """Compare the places of a sequence, and show a progress bar."""
     with reporting(f"loops of {sequence.name}") as report, single_threaded():
-        return find_loops(sequence, method, config, report)
+        return find_loops(sequence, config, loop_config, report)
 
 
 def close_run(
-    folder: Path, sequence: Sequence, poses: Array, pairs: PlacePairs, config: LoopConfig
+    folder: Path, sequence: Sequence, poses: Array, pairs: PlacePairs, loop_config: LoopConfig
 ) -> LoopClosure:
     """Close the loops among compared places; write them and the corrected path into the folder of a run."""
     with single_threaded():  # the last digits depend on the number of threads
-        closure = close_path(poses, pairs[pairs.accepted(config)], config)
+        closure = close_path(poses, pairs[pairs.accepted(loop_config)], loop_config)
     with written_together(folder) as draft:
         write_closure(draft / LOOPS_POSES, draft / LOOPS, sequence.frames, closure)
     return closure
 
 
-def close_outcomes(outcomes: list[Outcome], config: LoopConfig) -> list[ReportTable]:
+def close_outcomes(outcomes: list[Outcome], loop_config: LoopConfig) -> list[ReportTable]:
     """Close the loops of finished runs in their folders; return a table of errors, or [] without truth."""
     places_of: dict[Hashable, PlacePairs] = {}  # runs with equal keys share the comparison of places
     errors_of_row: dict[str, list[list[float]]] = {}
@@ -65,9 +65,9 @@ def close_outcomes(outcomes: list[Outcome], config: LoopConfig) -> list[ReportTa
         job = outcome.job
         key = (job.sequence.name, comparison_key(job.config))
         if key not in places_of:
-            places_of[key] = find_loops_with_bar(job.sequence, job.config, config)
+            places_of[key] = find_loops_with_bar(job.sequence, job.config, loop_config)
         before = read_kitti_poses(job.folder / POSES)
-        closure = close_run(job.folder, job.sequence, before, places_of[key], config)
+        closure = close_run(job.folder, job.sequence, before, places_of[key], loop_config)
         if job.sequence.truth is not None:
             row = f"{job.sequence.name}, {job.config.variant}, {job.system}"
             errors = _errors_before_and_after(job.sequence.truth, before, closure)

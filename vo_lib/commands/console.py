@@ -321,8 +321,8 @@ def warn(sentence: str) -> None:
 def as_shown(sentence: str, stream: TextIO) -> str:
     """A sentence as it is printed: wrapped in a terminal, one line in a file or a pipe, where grep finds it.
 
-    It is wrapped at blanks, with an indent from the second line on. A longer word, such as a path, is not
-    broken.
+    It is wrapped at blanks, but not between a number and its unit, nor in a short command (`glued`), and has
+    an indent from the second line on. A longer word, such as a path, is not broken.
     """
     if not stream.isatty():
         return sentence

@@ -201,7 +201,9 @@ def copy_course(source: Path, target: Path, teacher: bool) -> None:
         place, changed = _free_place(target, name, copied, this_version)
         if changed:
             if copied.get(name) in this_version:
-                continue  # an earlier call has written it beside the reader's file
+                # The reader changed this very version, or an earlier call has written it beside the reader's
+                # file.
+                continue
             answers = ""
             if path.suffix == NOTEBOOK:
                 content, answers = _with_answers(changed, content)
@@ -212,8 +214,8 @@ def copy_course(source: Path, target: Path, teacher: bool) -> None:
         if not file.exists() or _digest(read_bytes(file)) != _digest(content):
             file.parent.mkdir(parents=True, exist_ok=True)
             write_atomic(file, content)
-        # The version that the reader has been offered, wherever it lies, so that it is written once; and what
-        # lies in its place, in a notebook with the answers.
+        # Under `name`, the version last offered, so that it is offered once; under `place`, the file written
+        # there, which for a notebook has the answers.
         copied[name] = digest
         copied[place] = _digest(content)
     _delete_old_modules(source, target, copied)

@@ -70,8 +70,8 @@ def add(parser: argparse.ArgumentParser) -> None:
 class _Grid:
     """The runs that the options of `vo sweep` ask for.
 
-    bases : by method, its complete configuration before an axis changes it. This is the reference, which is
-        run as well on a sequence without ground truth.
+    bases : by method, its complete configuration before an axis changes it. On a sequence without ground
+        truth, it is run in addition, as the reference with whose path the others are compared.
     reference_words : its settings in words.
     axes : the settings that vary, with their values.
     seeds : number of runs with each combination of the values.

@@ -8,6 +8,6 @@ Read `sequence` first: a `Sequence` is what a run receives, and `catalogue` open
 - `poses`, `pose_columns` and `pose_times`: files of paths, in KITTI's format and those of other systems.
 
 Beside it are `scenes`, `drawn` and `truth`: drawn streets by name, their folders, and what is known of
-their vehicles. `imports` finds the folders that a person imported, and `image_hashes` tells whether labels
-belong to these images.
+their vehicles. `imports` finds the folders that a person imported, and `image_hashes` has the digests of
+images, by which runs and labels are known to belong to these images.
 """

@@ -283,7 +283,10 @@ class ClassNames:
         return [number]
 
     def _require_known(self, word: str) -> None:
-        """Raise `DataError` for a word that means no class here, unless it may be one of other labels."""
+        """Raise `DataError` for a word that means no class here.
+
+        Where there are names, a class of COCO or a vehicle may be one of other labels, and is no error.
+        """
         if coco_number(word) is None and vehicle_kind(word) is None:
             near = did_you_mean(word, self.names.values() or COCO)
             raise DataError(f"filter.classes: there is no class {word[:40]!r}: {near}{self._overview()}")

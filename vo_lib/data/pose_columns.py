@@ -268,12 +268,13 @@ def _role(column: Column) -> str | None:
 
 
 def _names_a_pose(line: str) -> bool:
-    """Whether a line has names for a position or for an orientation."""
+    """Whether a line has names for a position or an orientation, also for those that are refused."""
     for separator in (*SEPARATORS, None):
         columns = _columns(line, separator)
         roles = {_role(column) for column in columns}
-        if roles.issuperset(POSITION) or not roles.isdisjoint(QUATERNION) or _is_colmap(columns):
+        if roles.issuperset(POSITION) or not roles.isdisjoint(QUATERNION):
             return True
+        # `find_header` has tested names without blanks; between commas, a name may have some.
         if _world_to_camera_names(columns):
             return True
     return False

@@ -128,7 +128,8 @@ class PoseFile(NamedTuple):
     Attributes
     ----------
     times : (N,) seconds, or None for a file without times, whose row k is frame k.
-    poses : (N, 4, 4) T_w_c, metres.
+    poses : (N, 4, 4) `T_w_c`, metres, as the file has them: those of EuRoC's truth are of the body (IMU), not
+        of the camera.
     notes : sentences on how the file was read, where the file itself does not say it.
     """
 
@@ -185,7 +186,7 @@ def _first_row(lines: list[str]) -> _TextRow:
 
 
 def _with_unit(numbers: Array, poses: Array, path: Path) -> PoseFile:
-    """The poses of a TUM file with their times in seconds.
+    """The poses of a TUM file with their times, which become seconds if they count from 1970 in another unit.
 
     numbers : (N,) the times as written; their size tells the unit.
 
@@ -193,7 +194,8 @@ def _with_unit(numbers: Array, poses: Array, path: Path) -> PoseFile:
     """
     unit = epoch_unit(numbers)
     interval = median_interval(numbers)
-    # An hour in nanoseconds has the size of milliseconds since 1970, but not their interval.
+    # An hour in nanoseconds has the size of milliseconds since 1970, but not their interval. Such times stay
+    # as written, and `refuse_intervals` refuses them.
     if unit == 1.0 or (interval is not None and not is_plausible(unit * interval)):
         return PoseFile(numbers, poses)
     note = f"{path}: the times are read as {UNIT_NAMES[unit]} since 1970."
