@@ -165,12 +165,24 @@ def test_conventions_hold_only_where_the_order_is_known(tmp_path: Path) -> None:
     for text in (vins, vins.replace(",0,0,0,", "")):
         path.write_text(text, encoding="utf-8")
         assert_is_the_path(path)
-        assert "read in EuRoC's order" in read_path(path).notes[0]
+        order, sensor = read_path(path).notes
+        assert "read in EuRoC's order" in order
+        assert "those of the body (IMU), not of a camera" in sensor
     path.write_text(format_tum(TIMES, POSES), encoding="utf-8")
     assert_is_the_path(path)
     path.write_text(format_kitti_poses(POSES), encoding="utf-8")
     assert read_path(path).times is None
     np.testing.assert_allclose(read_path(path).poses, POSES, atol=1e-7)
+
+
+def test_the_truth_of_euroc_is_said_to_be_of_the_body(tmp_path: Path) -> None:
+    path = tmp_path / "data.csv"
+    header, row, separator = NAMED["EuRoC"]
+    path.write_text(text_of(header, row, separator), encoding="utf-8")
+    (note,) = read_path(path).notes
+    assert "those of the body (IMU), not of a camera" in note
+    path.write_text(format_tum(TIMES, POSES), encoding="utf-8")
+    assert read_path(path).notes == ()
 
 
 def test_files_without_times_are_in_the_order_of_the_frames(tmp_path: Path) -> None:

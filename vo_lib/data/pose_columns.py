@@ -119,6 +119,7 @@ class PoseColumns:
     quaternion : places of x, y, z, w.
     time : the columns whose sum is the time; empty without a time.
     frame : place of a column with frame numbers, in a file without times; otherwise None.
+    is_euroc : whether the names are those of EuRoC's truth.
     """
 
     line: int
@@ -128,6 +129,7 @@ class PoseColumns:
     quaternion: tuple[int, ...]
     time: tuple[TimeColumn, ...]
     frame: int | None
+    is_euroc: bool
 
     @property
     def places(self) -> tuple[int, ...]:
@@ -208,6 +210,7 @@ def read_columns(line: str, line_number: int, path: str | Path, separator: str |
         quaternion=tuple(chosen[name].place for name in QUATERNION),
         time=time,
         frame=None if time else _frame_column(columns),
+        is_euroc=_is_euroc(columns),
     )
 
 

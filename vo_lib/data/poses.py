@@ -44,6 +44,7 @@ KITTI_ROW = "12 numbers, the upper 3×4 of a pose, row by row"
 TUM_ROW = "8 numbers, t x y z qx qy qz qw"
 EUROC_ORDER = "separated by commas, t in ns, x y z, qw qx qy qz"
 EUROC_ROW = f"8 or more numbers {EUROC_ORDER}"
+OF_BODY = "EuRoC's poses are those of the body (IMU), not of a camera: compare them with paths of the body."
 POSE_NUMBERS = 7  # of a position and a quaternion
 SEPARATOR_NAMES = {",": "commas", ";": "semicolons", "\t": "tabulators"}
 _WHOLE_NUMBER = re.compile(r"\s*\d+(\.0*)?\s*,")  # the time in nanoseconds at the beginning of a row
@@ -162,7 +163,7 @@ def read_path(path: Path) -> PoseFile:
         times, poses = read_euroc(path)
         _refuse_other_unit(times / NANOSECONDS, path)
         note = f"{path}: no line names the columns; read in EuRoC's order, t in ns, x y z, qw qx qy qz."
-        return PoseFile(times, poses, (note,))
+        return PoseFile(times, poses, (note, f"{path}: {OF_BODY}"))
     if separator in (None, "\t") and columns in (0, 12):  # 0 for an empty file, refused as KITTI's
         return PoseFile(None, read_kitti_poses(path))
     if separator in (None, "\t") and columns == 8:
@@ -255,6 +256,8 @@ def _read_named(path: str | Path, header: int) -> PoseFile:
     skipped = len(rows) - len(table.lines)
     if skipped:
         notes.append(f"{path}: {skipped} rows without a pose are skipped.")
+    if columns.is_euroc:
+        notes.append(f"{path}: {OF_BODY}")
     position = columns.metres * table.pose[:, :3]
     quaternion = table.pose[:, 3:]
     names = " ".join(columns.names[place] for place in columns.quaternion)
