@@ -108,7 +108,7 @@ def test_a_stage_that_is_much_slower_than_the_librarys_is_reported() -> None:
 
 def test_a_stage_that_waits_for_other_programs_is_not_called_slow() -> None:
     def waits(r: Any, s: Any) -> Any:
-        time.sleep(0.3)  # as on a loaded computer
+        time.sleep(1.2 * own.LEAST_S)  # as on a loaded computer
         return 1 / (1 + (r / s) ** 2)
 
     mine = own.join(weights=waits)
