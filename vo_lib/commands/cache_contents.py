@@ -130,7 +130,7 @@ def _matches(cache: Path | None) -> Iterator[CacheItem]:
     for path in _content(match_folder(cache)):
         # All of the user's cache folder is the kit's own.
         if cache is None or CODE_FOLDER.fullmatch(path.name):
-            # Elsewhere, a draft is as useless as its folder, and no item of its own.
+            # In a folder of other code, a draft is as useless as its folder, and no item of its own.
             drafts = list(_drafts(path, DRAFT_OF["matches"])) if path in current else []
             yield _item(path, "matches", path in current, [draft.path for draft in drafts])
             yield from drafts

@@ -226,7 +226,7 @@ def copy_course(source: Path, target: Path, teacher: bool) -> None:
 def _free_place(
     target: Path, name: str, copied: dict[str, Any], this_version: tuple[str, ...]
 ) -> tuple[str, list[bytes]]:
-    """The first name for a file that has no changes of the reader, and the contents of those before it.
+    """The first name for a file that has no changes of the reader, and the contents of the files before it.
 
     It is `name` or, if the reader has changed that file, the name with `NEW`, and so on.
 

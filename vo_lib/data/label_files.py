@@ -21,7 +21,8 @@ MAX_CLASS_ID = 10**6  # no data set has more classes; a larger number belongs to
 SLACK = 1e-3  # values outside 0..1 by at most this are rounding errors of other programs, and are clipped
 POLYGON_FIELDS = 7  # number of fields of the shortest polygon: the class and three points
 TRACK_FIELDS = 7  # of a tracker's line: the class, the box, its score, and the number of the track
-MAX_OUTSIDE = 0.01  # share of the image; a box that reaches further out of it may be corners read as a centre
+# Share of the image: how far a box may reach out of it, and a keypoint out of its box, by inexact numbers.
+MAX_OUTSIDE = 0.01
 MAX_UNCLIPPED = 0.1  # share of the image by which a box that nobody clipped may reach out of it
 KITTI_FIELDS = (15, 16)  # of a line of KITTI's object labels, without and with a score
 KEYPOINT_SIZES = (2, 3)  # numbers of a keypoint: x, y, and perhaps whether or how surely it is visible

@@ -1,7 +1,7 @@
 """The method of the paper, as published.
 
 Chapters are those of the course (notebooks 01 to 09), and sections are those of the paper. Read `odometry`
-first, since it has the seven steps of a frame. Before it and behind its steps are
+first, since it has the seven steps of a frame. The stages before it, and the modules of its steps, are
 
 - `features` and `matching`: blobs and corners, matched in a loop through two stereo pairs (chapter 1);
 - `box_removal` and `buckets`: which of these matches are used (chapters 5 and 1);

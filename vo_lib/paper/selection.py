@@ -2,7 +2,8 @@
 
 Of each five-point set, only the k candidates nearest to the previous frame's essential vector are kept. That
 vector is called the prior. The paper speaks of "vectors from the two previous frames"; we read this as one
-vector, which belongs to the motion between these two frames.
+vector, which belongs to the motion between these two frames. Of the paper's letters, n and N are the number
+of sets, and m is the number of a set's solutions, which the first paragraph of section 2.2 calls N as well.
 
 Among the kept candidates of all sets, the one with the smallest error wins; it is the paper's basis vector.
 The paper first takes the best of each set and then one of these. By the same error, that is the same winner.

@@ -173,10 +173,10 @@ class TranslationLimits(Checked):
 
     @property
     def pairs(self) -> int:
-        """Stereo pairs in a feature's equations, as `Odometry.translate` reads them: two.
+        """Stereo pairs in a feature's equations: two, as in (3), unless a class has a setting for it.
 
-        A subclass may have a setting of this name instead, as `TranslationConfig` of variant `published` has.
-        Variant `kit` replaces that function, so it never asks.
+        `Odometry.translate` reads it. `TranslationConfig` replaces it by a setting; variant `kit` has its own
+        `translate`, which does not read it.
         """
         return 2
 
@@ -226,7 +226,7 @@ class MethodConfig(Checked):
 
     variant: ClassVar[str]
 
-    seed: int = setting(0, "seed of the random five-point sets", low=0)
+    seed: int = setting(0, "seed of the random five-point sets or, with VISO2, of its random matches", low=0)
     min_matches: int = setting(
         12, "smallest number of matches; with fewer, the previous motion is repeated", low=5, high=1000
     )

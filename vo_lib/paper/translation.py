@@ -20,9 +20,9 @@ depend only on Q.
 
 The paper says nothing of weights, of a limit of depth or of wrong matches, so these three are ours:
 
-- In metres, far features would have the largest weight, and the steps on KITTI's 01, which are too long
-  already, would be longer still (notebooks/paper_and_code.md has the numbers). So all rows of a feature are
-  divided by one number, its depth in the previous left camera. A row is then an error in the image, in
+- In metres, far features would have the largest weight, and the translations on KITTI's 01, which are too
+  long already, would be longer still (notebooks/paper_and_code.md has the numbers). So all rows of a feature
+  are divided by one number, its depth in the previous left camera. A row is then an error in the image, in
   pixels divided by f. In (2), the factor α divides by the depth, too.
 - A feature farther away than the setting `max_depth` is not used.
 - Features whose rows do not fit the translation are left out, beginning with the median of the translations
