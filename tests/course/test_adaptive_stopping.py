@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,10 +10,12 @@ import pytest
 from course.candidates import candidates_of
 from course.ch03 import figures
 from course.ch03.comparisons import adaptive_stopping
+from course.minutes import cells_of
+from course.notebook_folder import NOTEBOOKS
 from course.simulation.drives import CAMERA, Scene, SimulatedPoints, points_by_frame
 from course.simulation.tracks import TrackConfig
 
-NOTEBOOK = Path(__file__).resolve().parents[2] / "notebooks" / "03_solution_selection.ipynb"
+NOTEBOOK = NOTEBOOKS / "03_solution_selection.ipynb"
 LIMIT = 1.0 / CAMERA.f  # of an inlier, normalised units
 ORDERS = 4
 
@@ -40,10 +40,7 @@ def test_drawing_stops_when_enough_sets_are_drawn_or_after_all(wrong: float, set
 def test_the_notebook_claims_no_stop_that_did_not_happen(capsys: pytest.CaptureFixture[str]) -> None:
     points = points_with(0.75)
     candidates = candidates_of(points, 8, draw=1)
-    cells = {
-        cell["id"]: "".join(cell["source"])
-        for cell in json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"]
-    }
+    cells = {cell["id"]: "".join(cell["source"]) for cell in cells_of(NOTEBOOK)}
     names: dict[str, Any] = {
         "E": candidates.E,
         "set_index": candidates.set_index,

@@ -219,9 +219,8 @@ def _with_boxes(
     detector_config: DetectorConfig,
 ) -> Sequence:
     """The sequence with the boxes of --detector if the option is present; notes on its boxes are printed."""
-    for name in ("labels", "detector"):
-        if getattr(options, name) is not None and not config.filter.uses_boxes:
-            print_wrapped(f"note: {method} does not use the boxes of --{name}; only a film shows the boxes")
+    what_remains = "; only a film shows the boxes"
+    vehicle_boxes.note_unused_boxes(options, [config], f"{method} does not use", what_remains)
     sequence = vehicle_boxes.with_detected_boxes(sequence, options, detector_config, config.filter.classes)
     print_warnings(vehicle_boxes.warnings_without_boxes([(method, sequence, config)]))
     print_notes(vehicle_boxes.remarks_on_labels([(sequence, config)], vehicle_boxes.TYPED_CLASSES))

@@ -60,13 +60,21 @@ def check_options(options: argparse.Namespace, names: list[str]) -> None:
         )
 
 
-def note_unused_boxes(options: argparse.Namespace, configs: Iterable[MethodConfig]) -> None:
-    """Print a note if --labels or --detector has been typed, and no configuration of a table uses boxes."""
+def note_unused_boxes(
+    options: argparse.Namespace,
+    configs: Iterable[MethodConfig],
+    who: str = "no method of the table uses",
+    what_remains: str = "",
+) -> None:
+    """Print a note if --labels or --detector has been typed, and no configuration uses boxes.
+
+    who : the words before "the boxes", such as "viso2 does not use". what_remains : the end of the note.
+    """
     if any(config.filter.uses_boxes for config in configs):
         return
     for name in ("labels", "detector"):
         if getattr(options, name) is not None:
-            print_wrapped(f"note: no method of the table uses the boxes of --{name}")
+            print_wrapped(f"note: {who} the boxes of --{name}{what_remains}")
 
 
 class Opener:

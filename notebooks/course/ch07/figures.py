@@ -235,9 +235,9 @@ def measured_columns(methods: Sequence[str], kind: str) -> tuple[str, list[dict[
     if removed:
         words += f", axes removed on {', '.join(removed)}"
     columns = []
+    same = table.columns.index("solution_selection")  # what "=" stands for
     for method in methods:
         place = table.columns.index(method)
-        same = table.columns.index("solution_selection")  # what "=" stands for
         numbers = {}
         for name, row in rows[longest].items():
             cell = row[same] if row[place] == "=" else row[place]
