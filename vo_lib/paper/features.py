@@ -45,7 +45,8 @@ _INNER_COLUMNS = [(u, v) for v in (-3, -1, 1, 3) for u in (-1, 1)]
 DESCRIPTOR_OFFSETS = np.array(_OUTER_COLUMNS + _INNER_COLUMNS, np.intp)
 DESCRIPTOR_RADIUS_PX = 6  # 5 px of the descriptor and 1 px of the Sobel mask
 BATCH_FEATURES = 128  # number of features with similar u that are compared at once
-MAX_ROW_DIFFERENCE_PX = 2  # largest row difference in a stereo pair, whole pixels
+# Largest row difference of compared features, whole pixels; after the refinement, `row_tolerance` applies.
+MAX_ROW_DIFFERENCE_PX = 2
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,7 +35,7 @@ def _bernstein(u: Array) -> Array:
 
 
 def _bernstein_matrices() -> tuple[Array, Array]:
-    """Matrices that give Bernstein coefficients, from values at eleven places of each interval.
+    """Matrices from coefficients to Bernstein coefficients, built with values at eleven places.
 
     Returns
     -------

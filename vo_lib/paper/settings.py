@@ -29,7 +29,9 @@ BOXES = {"filter.rule": ("all", "moving")}  # the rule `moving` is one of varian
 class ImageBorder(Checked):
     """The part of an image without features (chapter 1)."""
 
-    border: int = setting(8, "width of the image border without features", unit="px", low=2, high=100)
+    border: int = setting(
+        8, "width of the image border without features (published: at least 6)", unit="px", low=2, high=100
+    )
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,7 @@ class FeatureConfig(ImageBorder):
         19, "side of the square in which a blob or corner is the extremum", unit="px", low=3, high=101
     )
     blob_quality: float = setting(
-        50.0, "smallest response of the 5×5 masks at a blob or corner", unit="grey levels", low=0, high=2000
+        50.0, "response of the 5×5 masks that a blob or corner exceeds", unit="grey levels", low=0, high=2000
     )
 
 
@@ -62,7 +64,11 @@ class StereoLimits(Checked):
         high=10,
     )
     row_tolerance: float = setting(
-        1.0, "largest row difference in a stereo pair", unit="px", low=0.05, high=10
+        1.0,
+        "largest row difference in a stereo pair, after the sub-pixel refinement",
+        unit="px",
+        low=0.05,
+        high=10,
     )
     min_disparity: float = setting(
         0.5, "smallest disparity; a smaller disparity gives an uncertain depth", unit="px", low=0.05, high=50
@@ -228,7 +234,10 @@ class MethodConfig(Checked):
 
     seed: int = setting(0, "seed of the random five-point sets or, with VISO2, of its random matches", low=0)
     min_matches: int = setting(
-        12, "smallest number of matches; with fewer, the previous motion is repeated", low=5, high=1000
+        12,
+        "smallest number of matches, and of inliers; with fewer, the previous motion is repeated",
+        low=5,
+        high=1000,
     )
     stereo_limit: float = setting(
         1.5,
