@@ -139,16 +139,20 @@ def test_whatever_the_scatter_a_method_that_is_a_tenth_off_is_rarely_reproduced(
     assert wrong + close <= 0.04 * count  # 2.5 %, and the chance of the simulation
 
 
-def test_wrong_verdicts_are_rare_only_if_the_paper_scatters_as_we_do() -> None:
+# "one case in eight with three seeds, nearly one in five with five"
+@pytest.mark.parametrize(("seeds", "least", "most"), [(3, 0.10, 0.16), (5, 0.15, 0.25)])
+def test_wrong_verdicts_are_rare_only_if_the_paper_scatters_as_we_do(
+    seeds: int, least: float, most: float
+) -> None:
     rng = np.random.default_rng(0)
     count = 4000
     wrong = 0
     for _ in range(count):
-        values = 1.1 * (1 + 0.01 * rng.normal(size=5))
+        values = 1.1 * (1 + 0.01 * rng.normal(size=seeds))
         printed = float(1 + 0.03 * rng.normal())  # the paper's runs scatter three times as much
-        ours = Ours(True, True, 5, float(values.mean()), float(values.std(ddof=1)))
+        ours = Ours(True, True, seeds, float(values.mean()), float(values.std(ddof=1)))
         wrong += judge(printed, "viso2", "te_percent", "04", ours).outcome in (REPRODUCED, CLOSE)
-    assert 0.15 < wrong / count < 0.25  # "nearly one case in five"
+    assert least < wrong / count < most
 
 
 def test_wide_scatter_does_not_widen_the_range_of_the_open_choices() -> None:

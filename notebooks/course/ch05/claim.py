@@ -64,7 +64,11 @@ def claim_lines(sequence: Sequence, *seeds: Mapping[str, Array]) -> str:
 
 
 def whole_drive_line(section: str, row: str) -> str:
-    """What the removal of features in boxes changes on a whole drive, and whether one run would show it."""
+    """What the removal of features in boxes changes on a whole drive, and whether one run would show it.
+
+    section : as in the titles of results.md, "Variant kit".
+    row : a whole drive, "kitti/drive_0013, 50 m, axes removed".
+    """
     errors = whole_drive_errors(section, row)
     kept = errors["solution_selection"]
     removed = errors["feature_selection"]

@@ -27,13 +27,14 @@ RIGHT_IOU = 0.5
 WINDOWS_A_ROW = 4
 NAMES_ROOM = 0.035  # beside a chart, for names of its rows, as a share of the width
 SMOOTH = 25  # steps of a mean of the loss
+LINES = (GOOD, BAD, THIRD, DARK)  # colours of curves and of rows of dots, in their order
 WHITE = (255, 255, 255)
 # Of the drawing of YOLOv8: colours of its parts, and distance of the levels.
 IN_MINIATURE = "#d5e6f3"
 NOT_IN_MINIATURE = "#ffffff"
 ROW = 1.15
-LINES = (GOOD, BAD, THIRD, DARK)
-# Of `street`, from detection/models/street.md: epochs of the three trainings, one after the other, and mAP50.
+# mAP50 of `street` by epoch, counted over its three trainings of 6, 1 and 14 epochs one after the other, as
+# vo_lib/detection/models/street.md tells it. Of the third one, only the range is known.
 STREET_HISTORY = ((1, 0.66), (6, 0.897), (7, 0.903))
 STREET_LATER = (8, 21, 0.911, 0.947)  # first and last epoch, lowest and highest mAP50
 

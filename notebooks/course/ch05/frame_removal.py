@@ -25,7 +25,9 @@ _motions: Memory[FrameResult] = Memory(48)
 def filtered_frame(
     sequence: Sequence, frame: int, config: MethodConfig, view: FilteringView
 ) -> tuple[Removal, Boxes]:
-    """What a method's box rule does to the matches of a frame >= 1, and the frame's boxes of all classes.
+    """What a method's box rule does to the matches of a frame >= 1, and the frame's boxes of the chosen classes.
+
+    These boxes lack the margin, which `Removal.boxes` have.
 
     The rule `moving` starts one frame earlier, since a match is also removed if its previous point was in a
     moving box.

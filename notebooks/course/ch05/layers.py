@@ -51,7 +51,7 @@ def network_input(image: Image) -> Map:
 def network_image(image: Image, scale: float) -> Map:
     """A whole image (H, W) for the network, (1, h, w, 1): scaled, with sides that are multiples of 32."""
     size = [-(-round(scale * side) // 32) * 32 for side in image.shape[::-1]]
-    # OpenCV counts from the centre of a pixel, boxes count from its edge.
+    # OpenCV counts from the centre of a pixel, the boxes in the network's image from its edge.
     place = np.array([[scale, 0, (scale - 1) / 2], [0, scale, (scale - 1) / 2]])
     return network_input(np.asarray(cv2.warpAffine(image, place, size, borderValue=GREY)))[None]
 

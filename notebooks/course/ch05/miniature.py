@@ -33,7 +33,7 @@ from vo_lib.geometry.boxes import VEHICLES, Boxes
 from vo_lib.geometry.types import Array, BoolArray, Image, Progress
 from vo_lib.paper.settings import FilterConfig
 
-from ..frames import opened as opened
+from ..frames import opened
 from ..notebook_folder import NOTEBOOKS
 from ..progress import with_bar
 from . import layers
@@ -235,7 +235,7 @@ def code_digest() -> str:
 
 
 def notebook_functions() -> dict[str, Any]:
-    """The functions of the notebook's cells, with the library's functions in place of the reader's."""
+    """What the notebook's cells define, with the right answers of the exercises in place of the reader's."""
     names: dict[str, Any] = {
         "np": np,
         "cv2": cv2,

@@ -42,10 +42,13 @@ def _at_start(truth: Array, estimate: Array, first: int, last: int) -> tuple[Arr
 
 
 def drift_chart(axis: Axes, truth: Array, estimate: Array, first: int, last: int, number: int = 0) -> None:
-    """Growth of the error along a sub-sequence from equal starts; `number` is the first frame's number."""
-    piece, moved = _at_start(truth, estimate, first, last)
-    error = (moved[:, :3, 3] - piece[:, :3, 3]) @ truth[first, :3, :3]
-    along = trajectory_distances(piece)
+    """Growth of the error along a sub-sequence from equal starts, in the axes of its first true camera.
+
+    first, last : indices of its frames. number : of the sequence's frame 0, for the title.
+    """
+    true_part, moved = _at_start(truth, estimate, first, last)
+    error = (moved[:, :3, 3] - true_part[:, :3, 3]) @ truth[first, :3, :3]
+    along = trajectory_distances(true_part)
     distance = np.linalg.norm(error, axis=1)
     axis.axhline(0, color=PALE, linewidth=1)
     for values, colour, words in (
@@ -94,23 +97,23 @@ def paths_figure(pairs: Mapping[str, tuple[Array, Array]]) -> Figure:
 
 def part_figure(truth: Array, estimate: Array, first: int, last: int) -> Figure:
     """The whole paths, and one sub-sequence with equal first poses."""
-    made, (whole, part) = figure(300, 2)
-    paths_chart(whole, from_first(truth), from_first(estimate), "the whole path", (first, last))
-    piece, moved = _at_start(truth, estimate, first, last)
-    part.plot(*piece[:, [0, 2], 3].T, color=FIFTH, linewidth=5, alpha=0.7, label="truth")
-    part.plot(*moved[:, [0, 2], 3].T, color=GOOD, linewidth=1.5, label="estimate, moved")
-    ends = np.stack([piece[-1, [0, 2], 3], moved[-1, [0, 2], 3]])
-    end_error = np.linalg.norm(moved[-1, :3, 3] - piece[-1, :3, 3])
-    part.plot(*ends.T, color=BAD, linewidth=2, label=f"error at the end: {end_error:.2f} m")
-    size = 0.12 * float(np.ptp(piece[:, [0, 2], 3], axis=0).max() + 1e-9)
-    for pose, colour in ((piece[-1], FIFTH), (moved[-1], GOOD)):
+    made, (left, right) = figure(300, 2)
+    paths_chart(left, from_first(truth), from_first(estimate), "the whole path", (first, last))
+    true_part, moved = _at_start(truth, estimate, first, last)
+    right.plot(*true_part[:, [0, 2], 3].T, color=FIFTH, linewidth=5, alpha=0.7, label="truth")
+    right.plot(*moved[:, [0, 2], 3].T, color=GOOD, linewidth=1.5, label="estimate, moved")
+    ends = np.stack([true_part[-1, [0, 2], 3], moved[-1, [0, 2], 3]])
+    end_error = np.linalg.norm(moved[-1, :3, 3] - true_part[-1, :3, 3])
+    right.plot(*ends.T, color=BAD, linewidth=2, label=f"error at the end: {end_error:.2f} m")
+    size = 0.12 * float(np.ptp(true_part[:, [0, 2], 3], axis=0).max() + 1e-9)
+    for pose, colour in ((true_part[-1], FIFTH), (moved[-1], GOOD)):
         tip = pose[[0, 2], 3] + size * pose[[0, 2], 2]
-        part.plot(*tip, alpha=0)  # annotations alone do not widen the axes
+        right.plot(*tip, alpha=0)  # annotations alone do not widen the axes
         arrow = {"arrowstyle": "-|>", "color": colour, "linewidth": 1.5}
-        part.annotate("", tip, pose[[0, 2], 3], arrowprops=arrow)
-    part.plot(*piece[0, [0, 2], 3], "o", color=DARK, markersize=5)
-    part.set_aspect("equal", adjustable="datalim")
-    finish(part, f"frames {first} to {last}, starts made equal", "x, right [m]", "z, forward [m]")
+        right.annotate("", tip, pose[[0, 2], 3], arrowprops=arrow)
+    right.plot(*true_part[0, [0, 2], 3], "o", color=DARK, markersize=5)
+    right.set_aspect("equal", adjustable="datalim")
+    finish(right, f"frames {first} to {last}, starts made equal", "x, right [m]", "z, forward [m]")
     return made
 
 
@@ -170,6 +173,7 @@ def values_figure(
     """Values by first frame or by length: those of the student's function as dots, the library's as a line.
 
     whose : "yours", or else the dots come from the library, too, and the legend says so.
+    unit : "frame" if the values are by first frame, else the unit of the lengths, "m".
     """
     made, (axis,) = figure(200)
     dots = "your function" if whose == "yours" else "in place of yours"

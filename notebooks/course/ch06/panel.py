@@ -122,16 +122,16 @@ class EvaluationPanel(Panel):
         rpe = rmse(step.translation)
         rpe_turn = rmse(step.rotation)
 
-        paths, (whole, piece) = figure(PATH_HEIGHT, 2)
+        paths, (left, right) = figure(PATH_HEIGHT, 2)
         title = f"{shortened(sequence.name, TITLE_NAME)}, alignment {view.alignment}"
         if len(part):
             first = int(part.first[0])
             last = int(part.last[0])
-            paths_chart(whole, truth, aligned, title, (first, last))
-            drift_chart(piece, truth, estimate, first, last)
+            paths_chart(left, truth, aligned, title, (first, last))
+            drift_chart(right, truth, estimate, first, last)
         else:
-            paths_chart(whole, truth, aligned, title)
-            write_instead(piece, f"the path after frame {state.frame} is too short")
+            paths_chart(left, truth, aligned, title)
+            write_instead(right, f"the path after frame {state.frame} is too short")
         others = _errors_of_others(state, truth, lengths)
         by_length, (translation, rotation) = figure(CHART_HEIGHT, 2)
         length_chart(translation, errors, others, rotation=False)

@@ -28,8 +28,9 @@ from .our_errors import OursByCell
 class Gain:
     """The change of an error from one method to another over sequences.
 
-    names : the sequences; changes : (N,); interval : of the mean change over sequences; share : of the sign
-    choices that give a mean at least as far from 0; without : (N,) means without each sequence.
+    names : the sequences; changes : (N,); interval : of the mean change over sequences; share : of all choices of
+    signs for the changes, those whose mean is at least as far from 0 (sign-flip test); without : (N,) means
+    without each sequence.
     """
 
     names: tuple[str, ...]

@@ -49,8 +49,12 @@ def allowed_difference(
 ) -> float:
     """How far one more run may be from the mean of runs (n,), with a part of the last printed digit.
 
-    values : errors of the runs. digits : printed decimals. t : Student's factor. over : the deviation is over n - `over`. further : the number of
-    further runs that scatter by themselves, 1 or 0. digit : the part of the last digit, ½ for rounding.
+    values : errors of the runs.
+    digits : printed decimals.
+    t : Student's factor.
+    over : the deviation is over n - `over`.
+    further : the number of further runs that scatter by themselves, 1 or 0.
+    digit : the part of the last digit, ½ for rounding.
     """
     deviation = float(np.std(values, ddof=over))
     scatter = t * deviation * float(np.sqrt(further + 1.0 / len(values)))

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from vo_lib.data.catalogue import KITTI
 from vo_lib.data.poses import from_first
-from vo_lib.detection.models import list_detectors as list_detectors
+from vo_lib.detection.models import list_detectors as list_detectors  # for the notebook
 from vo_lib.evaluation.kitti_errors import trajectory_distances
 from vo_lib.geometry.types import Array
 from vo_lib.report import table1
@@ -25,7 +25,7 @@ from vo_lib.report.table1_page import layout_tables
 from ..ch06.figures import changes_chart
 from ..colours import CYCLE, DARK, MANY, PALE
 from ..drawing import SMALL_SIZE, figure, log_axis, write_instead
-from ..drawing import finish as finish
+from ..drawing import finish as finish  # for the notebook, too
 from ..measured_results import CHOICES, RESULTS, THRESHOLD_AND_BOXES, results_table
 from .claimed_gain import Gain
 
@@ -215,7 +215,8 @@ def measured_columns(methods: Sequence[str], kind: str) -> tuple[str, list[dict[
 
     A clip has a row for each length of sub-sequences, and errors over different lengths cannot be averaged:
     the columns have the largest length that every clip has. The words before them name it, and the clips
-    whose axes are removed.
+    whose axes are removed: the axes of the truth of a raw drive are turned against the camera's, so its TE is
+    computed after the constant turn that makes it least.
     """
     title = {"te_percent": "TE, %", "re_deg_per_100m": "RE, deg/100 m"}[kind]
     table = results_table(f"Variant published: {title}", KITTI)

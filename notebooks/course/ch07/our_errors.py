@@ -65,6 +65,7 @@ def open_report(folder: Path) -> tuple[OursByCell, list[str]]:
     record: dict[str, Any] = {}
     try:
         if record_path.is_file():
+            # Read here, not by `read_report`: the sentences need the record and its rows as well.
             record, record_rows = read_record(record_path)
             found = _from_record(record_rows)
         else:

@@ -51,7 +51,9 @@ class ExplorePanel(Panel):
     kit = preset(METHOD, variant="kit")
     height = 240
     needs_truth = True
-    first_steps_s = 0.06  # enough for another threshold
+    # All frames with another inlier threshold are done by then, since their candidates come from memory: a drag of
+    # this slider shows no unfinished picture.
+    first_steps_s = 0.06
     controls = (
         Control("selection.sets", "five-point sets", high=400),
         Control("selection.threshold", "inlier threshold", high=5, step=0.05),

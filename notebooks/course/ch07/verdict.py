@@ -105,7 +105,7 @@ def judge(
     A method that is off by `MARGIN` gets `REPRODUCED` or `CLOSE` in at most 2.5 % of the cases under two
     assumptions: the printed number is one run, or a mean of runs, of the paper's method, not the best of
     several; and the paper's runs scatter at most about as much as ours. If they scatter three times as much
-    (3 % beside 1 %), it is nearly one case in five.
+    (3 % beside 1 %), it is one case in eight with three seeds, nearly one in five with five, and more with ten.
     """
     right = converted(printed, method, kind)
     allowed = prediction_half_width(ours.deviation, ours.seeds) + rounding(method, kind)
