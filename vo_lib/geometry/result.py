@@ -18,7 +18,7 @@ class Flag(StrEnum):
     CONTRADICTS_STEREO = "contradicts_stereo"  # the motion does not fit the depths of the stereo pairs
     # Only in variant `kit`:
     FILTER_OFF = "filter_off"  # no features removed, since too few would remain
-    PRIOR_DROPPED = "prior_dropped"  # best candidate of the prior clearly worse than the overall best
+    PRIOR_DROPPED = "prior_dropped"  # best candidate near the prior clearly worse than the overall best
 
 
 WITHOUT_MOTION = frozenset((Flag.FEW_MATCHES, Flag.NO_MOTION))  # flags of a frame that repeats a motion

@@ -30,7 +30,8 @@ class Removal:
     ----------
     kept : (N,) mask of the matches that are not removed.
     boxes : the K vehicle boxes in the current left image, with the margin.
-    state : (K,) PARKED, UNKNOWN or MOVING; None for a rule that treats all vehicles alike.
+    state : (K,) PARKED, UNKNOWN or MOVING (`geometry.boxes`); None for a rule that treats all vehicles alike,
+        such as `all`.
     flags : remarks on the frame.
     """
 

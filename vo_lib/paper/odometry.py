@@ -43,7 +43,7 @@ from .translation import PairBefore, solve_translation
 # of contradiction, the error of the fit itself shows that the matches contradict each other, and that no
 # motion is right.
 SUSPICION_OVER_NOISE = 5.0  # unless the setting `stereo_limit` is less
-LEAST_SUSPICION_PX = 0.05  # a smaller error is only rounding
+LEAST_SUSPICION_PX = 0.05  # for images without noise
 CONTRADICTION_OVER_NOISE = 15.0  # unless `stereo_limit` is less
 LEAST_CONTRADICTION_OVER_NOISE = 3.0  # for very noisy images
 LEAST_CONTRADICTION_PX = 0.3  # for images without noise
@@ -142,7 +142,8 @@ class Odometry:
             motion = self.motion_or_previous(used)  # steps 3 to 7, in `solve` and `finish_frame`
         self._last_motion = motion.T_cp
         # Rows of a third frame need a precise motion, so neither a repeated one nor that of a standstill. A
-        # motion with the flag `contradicts_stereo` is used like any other.
+        # motion with the flag `contradicts_stereo` is used like any other. All static matches are kept, since
+        # a feature that is used in the next frame need not be used in this one.
         precise = motion.measured and not motion.still
         self._pair_before = PairBefore(static, motion.T_cp) if precise else None
         motion = replace(
@@ -241,7 +242,7 @@ class Odometry:
         return t_cp if enough else None
 
     def finish_frame(self, solution: Solution) -> FrameResult:
-        """Step 7 (section 2.2): the winner becomes E_prev."""
+        """The result of the frame. Step 7 (section 2.2): its winner becomes E_prev."""
         rotation = solution.rotation
         e = essential_vector(rotation.E)
         angle = np.nan if self.e_prev is None else np.degrees(essential_angle(e, self.e_prev))
@@ -265,7 +266,7 @@ class Odometry:
     def stands_still(self, matches: StereoMatches) -> bool:
         """Whether the camera stands still: the median flow of the used features in the left image is small.
 
-        A box rule has left out the features on vehicles, since traffic also passes a camera at rest.
+        Traffic may pass a camera at rest; with a box rule, its features are already left out.
         """
         flow = np.linalg.norm(matches.cur_left - matches.prev_left, axis=1)  # pixels
         return float(np.median(flow)) < self.config.selection.standstill_flow
@@ -293,7 +294,10 @@ class Odometry:
         return error > self.fit_gain * fitted or fitted > contradiction_limit(noise, limit)
 
     def stationary_motion(self, matches: StereoMatches) -> FrameResult:
-        """The identity as the motion of a camera at rest; E_prev is kept."""
+        """The motion of a camera at rest: the identity; E_prev is kept.
+
+        At rest, E = [t]× R is zero, so noise would determine the winner.
+        """
         return FrameResult(np.eye(4), flags=(Flag.STANDSTILL,))
 
     def points(self, matches: StereoMatches) -> tuple[Array, Array]:

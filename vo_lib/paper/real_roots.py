@@ -3,7 +3,9 @@
 The polynomials are homogeneous in (z, w). Each polynomial is solved for z/w and for w/z in [-1, 1], so no
 root is at infinity. [-1, 1] is cut into pieces, and these again, until each has no root or one root, as the
 sign changes of the polynomial's Bernstein coefficients there tell (Descartes' rule); then Newton's method
-gives the root. The last axis of the arrays is the axis of the polynomials or of their intervals.
+gives the root. If the interval is mapped to [0, 1], the polynomial is a sum of Bernstein polynomials, and its
+Bernstein coefficients are their factors (`_bernstein`). The last axis of the arrays is the axis of the
+polynomials or of their intervals.
 """
 
 from __future__ import annotations
@@ -17,7 +19,9 @@ from ..geometry.types import Array, BoolArray, Index
 
 DEGREE = 10
 _POWERS = np.arange(DEGREE + 1)
-PIECES = 17  # number of pieces of [-1, 1]; odd, so that 0 is no border
+# Number of pieces of [-1, 1]. It is odd, so that 0 is no border between pieces: a double root on a border can
+# be missed, and the sets of a camera that moves exactly to the side, without a rotation, have roots at 0.
+PIECES = 17
 PARTS = 8  # number of parts of a piece, or of a part, that is cut again
 CUTS = 16  # largest number of cuts, including the one into pieces
 SAMPLES = 6  # number of starting points for polishing in an interval whose roots cannot be separated
@@ -98,7 +102,7 @@ def isolate_roots(polynomials: Array) -> tuple[Intervals, Intervals]:
         single = changes == 1
         several = changes > 1
         unclear = np.zeros_like(single)
-        if cut > 0:  # in a whole piece, even a double root shows clearly by two changes
+        if cut > 0:  # not for whole pieces: inside them, even a double root shows clearly by two changes
             magnitude = np.abs(b)
             faint = np.where(several, magnitude.max(axis=0), magnitude.min(axis=0)) < noise[p]
             unclear = faint & ~single

@@ -146,7 +146,7 @@ def resolve_by_depth(E: Array, x_c: Array, X_p: Array) -> tuple[Array, Array]:
     X_p = X_p[has_depth]
     ray = np.concatenate([x_c, np.ones((len(x_c), 1))], axis=1)
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
-    ray_t = ray @ t  # dot products (N,) have the names of both vectors
+    ray_t = ray @ t  # dot products (N,) are named after both vectors; X in these names is R X
     squared_length = np.maximum(np.sum(X_p**2, axis=1), 1e-12)
     best_cosine = -np.inf  # of the median angle
     best_R = rotations[0]

@@ -5,9 +5,10 @@ solutions kept per five-point set, and three frames for the translation. Of the 
 follow StereoScan, and the rest are ours.
 
 There are two variants of the systems: `published` is the method of the paper, and `kit` is the method with
-our additions, from the package `vo_lib.kit`. `FeatureConfig`, `MatchingConfig`, `TranslationConfig` and
-`PublishedConfig` belong to `published` alone. The settings in all other classes are those of both variants:
-`kit` uses some of these classes as they are, and derives its own from the others.
+our additions, from the package `vo_lib.kit`. `PublishedConfig`, and its sections `FeatureConfig`,
+`MatchingConfig` and `TranslationConfig`, are settings of `published` alone; other code makes such a section
+only to run a part of the paper's method. The settings in all other classes are those of both variants: `kit`
+uses some of these classes as they are, and derives its own from the others.
 """
 
 from __future__ import annotations
@@ -181,8 +182,8 @@ class TranslationLimits(Checked):
     def pairs(self) -> int:
         """Stereo pairs in a feature's equations: two, as in (3), unless a class has a setting for it.
 
-        `Odometry.translate` reads it. `TranslationConfig` replaces it by a setting; variant `kit` has its own
-        `translate`, which does not read it.
+        `TranslationConfig` replaces it by a setting, and variant `kit` does not read it. So no run uses this
+        2: it only lets `Odometry.translate` read `pairs` in every `MethodConfig`.
         """
         return 2
 

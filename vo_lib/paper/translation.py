@@ -5,14 +5,15 @@ camera of any pair: P = Q in the previous pair, and P = R Q + t in the current o
 feature is at x = P_x / P_z and y = P_y / P_z, where x = (u - cx) / f and y = (v - cy) / f. Multiplied by P_z,
 that is
 
-    (x e3 - e1)ᵀ P = 0,   (y e3 - e2)ᵀ P = 0.
+    (x e3 - e1)ᵀ P = 0,   (y e3 - e2)ᵀ P = 0,
 
-The right camera is a baseline b to the right, which changes the first row to (x e3 - e1)ᵀ P = -b. Two rows in
-each of four images are eight rows, with the six unknowns Q and t, since R is known.
+with the unit vectors e1, e2, e3. The right camera is a baseline b to the right, which changes the first row
+to (x e3 - e1)ᵀ P = -b. Two rows in each of four images are eight rows, with the six unknowns Q and t, since R
+is known.
 
-In (2), the paper's Q̂ is in the current frame, so its R and t are the inverse motion; here Q is in the
-previous frame, and t is t_cp itself. The paper's P̂ is the projection, in pixels; our P is a point. The
-matrix A of (3) is [A | B] here, and the right-hand side B of (3) is c here.
+In (2), the paper's Q̂ is in the current frame; where it is projected into the previous images, R and t are the
+inverse motion. Here Q is in the previous frame, and t is t_cp itself. The paper's P̂ is the projection, in
+pixels; our P is a point. The matrix A of (3) is [A | B] here, and the right-hand side B of (3) is c here.
 
 Section 2 requires the constraints of three consecutive frames. A feature that was already matched one frame
 earlier has four more rows, with P = R' Q + t', where (R', t') is the inverse of the last motion. These rows
@@ -25,8 +26,8 @@ The paper says nothing of weights, of a limit of depth or of wrong matches, so t
   are divided by one number, its depth in the previous left camera. A row is then an error in the image, in
   pixels divided by f. In (2), the factor α divides by the depth, too.
 - A feature farther away than the setting `max_depth` is not used.
-- Features whose rows do not fit the translation are left out, beginning with the median of the translations
-  of single features (`solve_translation`).
+- Features whose rows do not fit the translation are left out; the first estimate is the median of the
+  translations of single features (`solve_translation`).
 """
 
 from __future__ import annotations
@@ -105,12 +106,13 @@ def earlier_rows(camera: StereoCamera, matches: StereoMatches, before: PairBefor
     # Places of the features that both pairs have, in the matches of each.
     _, here, there = np.intersect1d(matches.id, before.matches.id, return_indices=True)
     earlier = before.matches[there]
-    T_pc = inverse(before.T_cp)
+    # R' and t' of the module's text: from the previous frame, where Q is, to the frame before it.
+    T_earlier = inverse(before.T_cp)
     # With P = R' Q + t', the part with t' is known: it goes to the right-hand side.
     for view, uv in enumerate((earlier.prev_left, earlier.prev_right)):
         rows = view_rows(camera, uv)
-        A[here, view] = rows @ T_pc[:3, :3]
-        c[here, view] = -rows @ T_pc[:3, 3]
+        A[here, view] = rows @ T_earlier[:3, :3]
+        c[here, view] = -rows @ T_earlier[:3, 3]
     c[here, 1, 0] -= camera.baseline
     return A.reshape(n, 4, 3), c.reshape(n, 4)
 
@@ -179,7 +181,9 @@ def solve_translation(
     config: TranslationLimits,
     before: PairBefore | None = None,
 ) -> tuple[Array, BoolArray] | None:
-    """One translation for all features: equation (3) stacked and solved by the pseudo-inverse.
+    """One translation for all features: the rows of (3), stacked and solved by least squares.
+
+    That is what the pseudo-inverse of the stacked rows gives.
 
     Each feature alone gives a translation, and their median is the first estimate. Then, twice, the features
     whose rows do not fit the estimate are left out (`residual_limit`), and the stacked rows of the others

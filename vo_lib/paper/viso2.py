@@ -82,9 +82,9 @@ def ransac_motion(
 def refit_motion(
     camera: StereoCamera, matches: StereoMatches, R_cp: Array, t_cp: Array, config: ReprojectionConfig
 ) -> tuple[Array, Array]:
-    """The motion of the least squares over all matches: R_cp (3, 3) and t_cp (3,), metres.
+    """The motion R_cp (3, 3) and t_cp (3,), metres, that fits all matches by weighted least squares.
 
-    The arguments R_cp and t_cp are a start near the solution.
+    The weights are those of `observations`. The arguments R_cp and t_cp are a start near the solution.
     """
     X_p, measured, weight = observations(camera, matches, config)
     R, t = _gauss_newton(

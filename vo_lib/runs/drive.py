@@ -105,7 +105,8 @@ def frames(
 
     Raises
     ------
-    DataError : an image or a label file is invalid, or the label folder has no box of a chosen class.
+    DataError : an image or a label file is invalid, or the classes of a rule with boxes do not fit the label
+        folder (`boxes_for`).
     """
     read_boxes = boxes_for(sequence, config.filter)
     for index, (frame_matches, ms) in enumerate(_matches_outside_masks(sequence, config, matches)):
@@ -130,7 +131,9 @@ def boxes_for(sequence: Sequence, rule: FilterConfig) -> Callable[[int], Boxes]:
 
     Raises
     ------
-    DataError : for a rule with boxes, as `Sequence.refuse_other_numbers` and `Sequence.boxes_of`.
+    DataError : for a rule with boxes, if a class in the settings cannot be chosen from the label folder, if
+        no class is chosen, or if the folder names no classes and has boxes, but none with a chosen number.
+        Also if one of the files read for this is invalid.
     """
     if rule.uses_boxes:
         sequence.refuse_other_numbers(rule.classes)
@@ -275,8 +278,8 @@ def run_methods(
 
     Raises
     ------
-    DataError : an image or a label file is invalid, the label folder has no box of a chosen class, or frames
-        are missing between the frames of the sequence.
+    DataError : an image or a label file is invalid, the classes of a rule with boxes do not fit the label
+        folder (`boxes_for`), or frames are missing between the frames of the sequence.
     ValueError : the methods have different front ends.
     """
     sequence.require_unbroken()

@@ -20,8 +20,9 @@ from ..paper.settings import FeatureConfig, MatchingConfig, MethodConfig, Publis
 # Matches of a frame with the previous frame, and the milliseconds spent in each stage.
 TimedMatches = tuple[StereoMatches, dict[str, float]]
 Prepared = TypeVar("Prepared")  # what a front end makes of a single stereo pair
-# For `exchanged_cameras`. Where the cameras were exchanged, there were 400 or more matches once the images
-# were exchanged back, and before at most an eighth of that; both limits keep a distance from these numbers.
+# For `exchanged_cameras`. On sequences with exchanged cameras we saw 400 or more matches with the images
+# exchanged back, and at most an eighth as many with the images as given. Both limits leave a margin to these
+# numbers.
 MIN_EXCHANGED_MATCHES = 50
 EXCHANGED_RATIO = 4
 
@@ -54,7 +55,7 @@ def make_front_end(camera: StereoCamera, config: MethodConfig) -> FrontEnd:
 
 
 def _papers_matcher(config: MethodConfig) -> LoopMatcher:
-    """The paper's matcher with the limits that both variants declare."""
+    """The paper's matcher with the limits that both variants declare, with defaults for the rest."""
     common_limits = {limit.name: getattr(config.matching, limit.name) for limit in fields(StereoLimits)}
     return LoopMatcher(FeatureConfig(border=config.features.border), MatchingConfig(**common_limits))
 
