@@ -135,7 +135,10 @@ def better(drive: Any, sequence: Sequence) -> Verdict:
 
 
 def _rotation_errors(drive: Any, sequence: Sequence) -> Verdict | dict[str, float]:
-    """RE of a drive and of the paper's method, as facts for `less_luck`; or why it cannot be measured."""
+    """RE of a drive on the kit's matches, as in the notebook, and of the paper's method on its own matches.
+
+    They are facts for `less_luck`. Instead of them, a verdict says why they cannot be measured.
+    """
     if drive is ...:
         return NO_ANSWER
     if lacking := why_missing(sequence):

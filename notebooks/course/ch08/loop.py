@@ -1,4 +1,7 @@
-"""Chapter 8: the loop as the library composes it, and the first step at which another loop differs from it."""
+"""Chapter 8: the loop as the library composes it, and the first step at which another loop differs from it.
+
+Both loops call the same stages, the student's where they pass: only the lines between the stages may differ.
+"""
 
 from __future__ import annotations
 
@@ -108,7 +111,7 @@ class Call:
 
 
 def first_difference(
-    drive: Callable[..., Any], mine: StudentOdometry, sequence: Sequence, matches: list[TimedMatches]
+    drive: Callable[..., Any], odometry: StudentOdometry, sequence: Sequence, matches: list[TimedMatches]
 ) -> str:
     """A sentence on the first step at which `drive` differs from `library_loop` with the same stages; else "".
 
@@ -119,23 +122,23 @@ def first_difference(
     """
     for frames in (min(FIRST_FRAMES, len(matches)), len(matches)):
         some = matches[:frames]
-        own_calls, own_path = recorded(drive, mine, sequence, some)
-        calls, path = recorded(library_loop, mine, sequence, some)
-        words = _first_difference_of_calls(own_calls, calls, _Views(sequence, some))
+        own_calls, own_path = recorded(drive, odometry, sequence, some)
+        right_calls, right_path = recorded(library_loop, odometry, sequence, some)
+        words = _first_difference_of_calls(own_calls, right_calls, _Views(sequence, some))
         if words:
             return words
-        if not _equal(own_path, path):
+        if not _equal(own_path, right_path):
             same = "all stages get the same inputs, but the loop returns other poses than those of"
-            return f"{same} `chain`: {_other_path(own_path, path)}"
+            return f"{same} `chain`: {_other_path(own_path, right_path)}"
     return ""
 
 
-def _other_path(own: Any, right: Array) -> str:
+def _other_path(own_path: Any, right_path: Array) -> str:
     """How the poses of a loop, or else the motions between them, differ from those of `chain`, in words."""
-    words = difference(own, right)
+    words = difference(own_path, right_path)
     if words == UNKNOWN:
-        steps = _motions(np.asarray(own, np.float64))
-        words = f"of the motions between them, {difference(steps, _motions(right))}"
+        own_motions = _motions(np.asarray(own_path, np.float64))
+        words = f"of the motions between them, {difference(own_motions, _motions(right_path))}"
     return words
 
 
@@ -145,7 +148,7 @@ def _motions(poses: Array) -> Array:
 
 
 def recorded(
-    drive: Callable[..., Any], mine: StudentOdometry, sequence: Sequence, matches: list[TimedMatches]
+    drive: Callable[..., Any], odometry: StudentOdometry, sequence: Sequence, matches: list[TimedMatches]
 ) -> tuple[list[Call], Any]:
     """The calls of the stages in a loop, in order, and the path that the loop returns."""
     calls: list[Call] = []
@@ -153,23 +156,24 @@ def recorded(
     def listen(frame: int | None, name: str, inputs: tuple[Any, ...], result: Any) -> None:
         calls.append(Call(frame, name, inputs, result))
 
-    path = drive(sequence, matches, odometry=replace(mine, listener=listen))
+    path = drive(sequence, matches, odometry=replace(odometry, listener=listen))
     return calls, path
 
 
-def _first_difference_of_calls(own: list[Call], library: list[Call], views: _Views) -> str:
+def _first_difference_of_calls(own_calls: list[Call], right_calls: list[Call], views: _Views) -> str:
     """The first difference between the calls of two loops, frame by frame, in the order of the stages."""
-    own_frames = _by_frame(own)
-    frames = _by_frame(library)
-    for frame, calls in frames.items():
-        own_calls = own_frames.get(frame, {})
+    own_frames = _by_frame(own_calls)
+    right_frames = _by_frame(right_calls)
+    for frame, right_stages in right_frames.items():
+        own_stages = own_frames.get(frame, {})
         when = "after the last frame" if frame is None else f"frame {frame}"
         for name in STAGES:
-            given = own_calls.get(name, [])
-            if name == "chain" and not given:
+            own_of_stage = own_stages.get(name, [])
+            right_of_stage = right_stages.get(name, [])
+            if name == "chain" and not own_of_stage:
                 continue  # lines of the loop may compute the poses
-            others = {other: each.get(name, []) for other, each in frames.items() if other != frame}
-            words = _difference_of_stage(name, given, calls.get(name, []), others, views)
+            others = {other: stages.get(name, []) for other, stages in right_frames.items() if other != frame}
+            words = _difference_of_stage(name, own_of_stage, right_of_stage, others, views)
             if words:
                 return f"{when}: {words}"
     return ""
@@ -186,19 +190,23 @@ def _by_frame(calls: list[Call]) -> dict[int | None, dict[str, list[Call]]]:
 
 
 def _difference_of_stage(
-    name: str, own: list[Call], library: list[Call], others: dict[int | None, list[Call]], views: _Views
+    name: str,
+    own_calls: list[Call],
+    right_calls: list[Call],
+    others: dict[int | None, list[Call]],
+    views: _Views,
 ) -> str:
     """The difference between the calls of a stage in one frame; "" if there is none.
 
     others : the library's calls of the stage in other frames.
     """
-    if library and not own:
+    if right_calls and not own_calls:
         return f"your loop does not call `{name}`"
-    if own and not library:
+    if own_calls and not right_calls:
         return f"your loop calls `{name}`, the library's does not"
-    for number, (mine, theirs) in enumerate(zip(own, library, strict=False)):
-        given = named_inputs(name, mine.inputs)
-        expected = named_inputs(name, theirs.inputs)
+    for number, (own_call, right_call) in enumerate(zip(own_calls, right_calls, strict=False)):
+        given = named_inputs(name, own_call.inputs)
+        expected = named_inputs(name, right_call.inputs)
         same_call = {
             frame: named_inputs(name, calls[number].inputs)
             for frame, calls in others.items()
@@ -207,8 +215,8 @@ def _difference_of_stage(
         words = _difference_of_call(name, given, expected, same_call, views)
         if words:
             return words
-    if len(own) != len(library):
-        return f"your loop calls `{name}` {len(own)} times, the library's {len(library)} times"
+    if len(own_calls) != len(right_calls):
+        return f"your loop calls `{name}` {len(own_calls)} times, the library's {len(right_calls)} times"
     return ""
 
 
@@ -244,18 +252,18 @@ def _difference_of_call(
     return ""
 
 
-def _of_other_frame(own: Any, argument: str, others: dict[int | None, dict[str, Any]]) -> str:
+def _of_other_frame(given: Any, argument: str, others: dict[int | None, dict[str, Any]]) -> str:
     """In which other frame the library's loop has this input, in words; "" if in none."""
     for frame, inputs in others.items():
-        if _equal(own, inputs.get(argument)):
+        if _equal(given, inputs.get(argument)):
             return f"it is that of frame {frame}"
     return ""
 
 
-def _of_other_input(own: Any, expected: dict[str, Any]) -> str:
+def _of_other_input(given: Any, expected: dict[str, Any]) -> str:
     """Which other input of the library's call an input is, in words; "" if none."""
     for other, value in expected.items():
-        if _equal(own, value):
+        if _equal(given, value):
             return f"it is the `{other}`"
     return ""
 
@@ -282,10 +290,10 @@ class _Views:
                 }
             self.tables.append(depth)
 
-    def described(self, mine: Any, theirs: Any) -> str:
+    def described(self, given: Any, expected: Any) -> str:
         """From which image or frame an input is, in place of the right one, in words; "" if it is unknown."""
-        own = np.asarray(mine, np.float64)
-        right = np.asarray(theirs, np.float64)
+        own = np.asarray(given, np.float64)
+        right = np.asarray(expected, np.float64)
         if own.shape != right.shape or own.ndim == 0:
             return ""
         for table in self.tables:
@@ -353,12 +361,12 @@ def _with_translation(T: Array, t: Array) -> Array:
     return changed
 
 
-def difference(mine: Any, theirs: Any) -> str:
+def difference(given: Any, expected: Any) -> str:
     """How an input differs from the one in the library's loop, in words; "" if it does not."""
-    if _equal(mine, theirs):
+    if _equal(given, expected):
         return ""
-    own = np.asarray(mine, np.float64)
-    right = np.asarray(theirs, np.float64)
+    own = np.asarray(given, np.float64)
+    right = np.asarray(expected, np.float64)
     if own.ndim == right.ndim == 0:
         return f"it is {own:.6g}, not {right:.6g}"
     for words, change in CHANGES:
@@ -377,11 +385,11 @@ def difference(mine: Any, theirs: Any) -> str:
     return UNKNOWN
 
 
-def _equal(mine: Any, theirs: Any) -> bool:
-    """Whether two results are arrays of the same shape with nearly the same numbers."""
+def _equal(given: Any, expected: Any) -> bool:
+    """Whether two inputs or paths are arrays of the same shape with nearly the same numbers."""
     try:
-        own = np.asarray(mine, np.float64)
-        right = np.asarray(theirs, np.float64)
+        own = np.asarray(given, np.float64)
+        right = np.asarray(expected, np.float64)
     except (TypeError, ValueError):
         return False
     if own.shape != right.shape:
