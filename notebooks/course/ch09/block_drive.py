@@ -17,7 +17,7 @@ from vo_lib.loops.settings import LoopConfig
 
 SMALL = {"width": 620, "height": 188}  # half of KITTI's image in each direction
 CONFIG = LoopConfig(inliers=30)  # a small image has fewer matches
-TRUE_GAP_M = 1.0  # largest difference from the true motion of a true loop
+TRUE_GAP_M = 1.0  # largest distance between the translation of a true loop and that of the true motion
 
 
 def block(progress: Progress | None = None) -> Sequence:
@@ -31,7 +31,7 @@ def ate(truth: Array, poses: Array) -> float:
 
 
 def is_true(loops: PlacePairs, truth: Array) -> BoolArray:
-    """Mask (N,) of the loops that have the true motion."""
+    """Mask (N,) of the loops whose translation is within `TRUE_GAP_M` of the true one; rotations are not compared."""
     motion = inverse(truth[loops.first_frame]) @ truth[loops.second_frame]
     return np.asarray(np.linalg.norm((inverse(motion) @ loops.motion)[:, :3, 3], axis=1) < TRUE_GAP_M)
 

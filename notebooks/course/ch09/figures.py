@@ -25,7 +25,9 @@ LINES: Mapping[str, Mapping[str, Any]] = {
     "closed": {"color": AFTER, "linewidth": 3.0, "zorder": 2.0},
     "truth": {"color": DARK, "linewidth": 0.9, "zorder": 2.2},
 }
-SMALLEST_M = 0.02  # the streets are no plane: even edges of the path itself miss it by some millimetres
+# Metres; smaller residuals are drawn on axes of ±1 m. Streets are not flat, so in the plane even the edges of the path
+# itself have residuals of some millimetres.
+SMALLEST_M = 0.02
 GREEN_BGR = (90, 160, 0)
 RED_BGR = (60, 60, 220)
 

@@ -25,6 +25,10 @@ from .figures import AFTER, BEFORE, draw_edges, draw_path, weight_chart
 PHOTO_HEIGHT = 150
 CHART_HEIGHT = 380
 EQUAL_WEIGHTS = 1e6  # scale, standard deviations, at which all weights are 1
+# Standard error of a frame's rotation. The graph takes the errors of the frames for independent, but the made-up turns
+# all go the same way and add up. With the default, which is for a real path, the largest yaw error would lower the
+# weights of some true loops.
+FRAME_TURN_DEG = 0.1
 
 
 @dataclass(frozen=True)
@@ -61,8 +65,8 @@ class LoopPanel(Panel):
     def draw(self, state: State) -> Drawing:
         view = state.view
         truth = from_first(state.sequence.true_poses)
-        config = LoopConfig(frame_turn=0.1, scale=view.scale if view.robust else EQUAL_WEIGHTS)
-        before = perturbed_path(truth, 0.0, view.yaw, 5.0, 0.0)
+        config = LoopConfig(frame_turn=FRAME_TURN_DEG, scale=view.scale if view.robust else EQUAL_WEIGHTS)
+        before = perturbed_path(truth, yaw=view.yaw, noise=5.0)  # mm in each step
         frames = place_frames(len(truth), config)
         pairs = second_visits(truth, frames, config.gap)
         loops = made_up_loops(truth, pairs, config, view.false, view.draw)
