@@ -44,7 +44,7 @@ class Scene:
 
 
 def drive(frames: int) -> Array:
-    """Poses (frames + 1, 4, 4) with steps of one metre on gentle bends."""
+    """Poses (frames + 1, 4, 4): as many steps of one metre as `frames` says, on gentle bends."""
     turns = np.zeros((frames, 3))  # rotation vectors of the steps
     turns[:, 1] = np.radians(0.4 * np.sin(np.arange(frames) / 5.0))
     steps = np.tile(rigid(np.eye(3), np.array([0.0, 0.0, 1.0])), (frames, 1, 1))

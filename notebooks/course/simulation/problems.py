@@ -19,7 +19,7 @@ MOTIONS: tuple[Motion, ...] = get_args(Motion)
 HALF_WIDTH = 0.863
 HALF_HEIGHT = 0.262
 FOCAL = 718.856  # pixels; turns noise into normalised coordinates
-# Depth of the points in the previous camera, metres.
+# Depth of the points in the previous camera, metres; on a plane, from half the nearest to twice the farthest.
 NEAREST = 4.0
 FARTHEST = 40.0
 IN_FRONT = 0.5  # least depth in the current camera, metres

@@ -105,7 +105,8 @@ class _Street:
         self.from_world = inverse(poses)
         # Poses T_w_o of the objects in the current pair; far away until they are placed.
         self.objects = np.tile(rigid(np.eye(3), np.array([0.0, 0.0, -1e6])), (config.objects, 1, 1))
-        # Into the camera of the previous and of the current pair, from each object and from the world.
+        # Into the camera of the previous and of the current pair: from each object, then from the world. The world is
+        # last, so that the body -1 picks it.
         nowhere = np.tile(np.eye(4), (config.objects + 1, 1, 1))
         self.to_camera = [nowhere, nowhere]
         self.next_id = 0
