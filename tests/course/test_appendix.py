@@ -21,9 +21,9 @@ def tracks(frames: int) -> list[SimulatedFrame]:
 
 
 def test_steps_get_their_length_where_all_terms_are_learnt() -> None:
-    _, lengths = learn(CAMERA, tracks(60), errors_of_rig(KITTI_01))
-    assert np.mean(lengths["as measured"][-20:]) > 1.02
-    assert np.mean(lengths["corrected"][-20:]) == pytest.approx(1.0, abs=0.002)
+    _, ratios = learn(CAMERA, tracks(60), errors_of_rig(KITTI_01))
+    assert np.mean(ratios["as measured"][-20:]) > 1.02
+    assert np.mean(ratios["corrected"][-20:]) == pytest.approx(1.0, abs=0.002)
 
 
 def test_only_the_terms_asked_for_are_learnt() -> None:

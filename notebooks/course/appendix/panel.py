@@ -80,17 +80,19 @@ class CalibrationPanel(Panel):
     def _drawing(self, state: State, learnt_so_far: Callable[[], Learnt], done: int | None = None) -> Drawing:
         """The picture of what was learnt in the first `done` frames; None: in all frames."""
         camera, tracks, true, _ = _rig_of(state)
-        learnt, lengths = learnt_so_far()
+        learnt, ratios = learnt_so_far()
         image = stereo(state.sequence, state.frame)[0]
         maps = field_maps(image, camera, {"the rig's": true, "learnt": learnt.errors})
         remaining = np.abs(field_at(true - learnt.errors, *image_grid(camera).T)).max(axis=1)
-        facts = [Fact(f"error of length, {name}", too_long(share), "%", 2) for name, share in lengths.items()]
+        facts = [
+            Fact(f"error of length, {name}", too_long(values), "%", 2) for name, values in ratios.items()
+        ]
         facts.append(Fact("disparities still wrong by up to", float(remaining[0]), "px", 2))
         facts.append(Fact("rows still wrong by up to", float(remaining[1]), "px", 2))
         words = describe_errors(learnt.errors, learnt.covariance, camera)
         frames = f"{len(tracks)} frames" if done is None else f"the first {done} of {len(tracks)} frames"
         sentence = f"Learnt in {frames}, away from the edges of the image: {words}."
-        chart = lengths_figure(lengths, CHART_HEIGHT)
+        chart = lengths_figure(ratios, CHART_HEIGHT)
         chart.axes[0].set_xlim(0, len(tracks) + 1)  # also if only the first ratios are known
         return Drawing([maps, chart], sentence, tuple(facts))
 
@@ -108,7 +110,7 @@ def _rig_of(state: State) -> tuple[StereoCamera, list[SimulatedFrame], Array, tu
 
 
 def tracks_of(sequence: Sequence, frame: int) -> list[SimulatedFrame]:
-    """Simulated matches along `FRAMES` frames of the true path; without truth, along a straight path."""
+    """Simulated matches along `FRAMES` frames of the true path; without truth, of `block_tour`."""
     poses = block_tour(1) if sequence.truth is None else sequence.truth
     first = max(min(frame, len(poses) - FRAMES) - 1, 0)
 

@@ -41,7 +41,7 @@ class Learnt(NamedTuple):
     """
 
     rig: Rig
-    lengths: dict[str, Array]
+    ratios: dict[str, Array]
 
 
 def errors_of_rig(faults: dict[str, float]) -> Array:
@@ -58,13 +58,16 @@ def errors_of_rig(faults: dict[str, float]) -> Array:
 # The disparity error, pixels, that fits KITTI's drives of three days alike.
 _DRIVES = {"x²": 0.8, "xy": 0.8, "y²": 6.3, "x²y": 1.5, "x⁴": -4.0}
 _DRIVES_FAULTS = {"shift along the rows": -0.2} | {f"columns, {term}": px for term, px in _DRIVES.items()}
-DRIVES_FIELD = errors_of_rig(_DRIVES_FAULTS)
+DRIVES_ERRORS = errors_of_rig(_DRIVES_FAULTS)
 
 
 def learn(
     camera: StereoCamera, tracks: list[SimulatedFrame], true: Array, terms: tuple[str, ...] = DISPARITY_TERMS
 ) -> Learnt:
-    """Add errors `true` (ERROR_COUNT,) to matches; estimate the row terms and the disparity terms in `terms`."""
+    """What the kit learns from matches with the errors `true` (ERROR_COUNT,).
+
+    It learns the row terms, and the disparity terms in `terms`.
+    """
     *_, last = learn_by_frame(camera, tracks, true, terms)
     return last()
 
@@ -91,6 +94,7 @@ def learn_by_frame(
     for number, frame in enumerate(tracks):
         R_cp = frame.T_cp[:3, :3]
         true_length = float(np.linalg.norm(frame.T_cp[:3, 3]))
+        # To correct by -true is to add the errors; what is learnt plays no part.
         spoiled = learnt.correct(frame.matches, -true)
         learnt.update_from_rows(spoiled)
         better = learnt.correct(spoiled)
@@ -116,25 +120,25 @@ def third_frame(
 
     `true` : errors (ERROR_COUNT,) of the rig. The rotations of the steps are true.
     """
-    shares: dict[str, list[float]] = {"two frames": [], "three frames": []}
-    before: dict[str, PairBefore | None] = dict.fromkeys(shares)
+    ratios: dict[str, list[float]] = {"two frames": [], "three frames": []}
+    before: dict[str, PairBefore | None] = dict.fromkeys(ratios)
     rig = Rig(camera, CalibrationConfig())
     for frame in tracks:
-        matches = rig.correct(frame.matches, -true)
+        matches = rig.correct(frame.matches, -true)  # adds the errors
         R_cp = frame.T_cp[:3, :3]
-        for name in shares:
+        for name in ratios:
             solved = solve_translation(camera, matches, R_cp, config, before[name])
             if solved is None:
                 raise DataError(
                     "a frame of these tracks gives no translation: use more points, or smaller errors"
                 )
-            shares[name].append(float(np.linalg.norm(solved[0]) / np.linalg.norm(frame.T_cp[:3, 3])))
+            ratios[name].append(float(np.linalg.norm(solved[0]) / np.linalg.norm(frame.T_cp[:3, 3])))
             if name == "three frames":
                 before[name] = PairBefore(matches, rigid(R_cp, solved[0]))
-    return {name: np.array(values) for name, values in shares.items()}
+    return {name: np.array(values) for name, values in ratios.items()}
 
 
-def too_long(shares: Array) -> float:
-    """Mean excess length of the last `LAST` steps, %; NaN for a camera at rest."""
-    judged = shares[np.isfinite(shares)][-LAST:]
+def too_long(ratios: Array) -> float:
+    """Mean excess length of the last `LAST` steps, %, from their ratios (N,) to true ones; NaN for a camera at rest."""
+    judged = ratios[np.isfinite(ratios)][-LAST:]
     return 100.0 * float(np.mean(judged) - 1.0) if len(judged) else np.nan

@@ -286,11 +286,11 @@ def bias_figure(noises: Array, tables: dict[str, list[dict[str, Array]]], t_true
     return made
 
 
-def lengths_figure(lengths: dict[str, Array], height: int = 200) -> Figure:
+def lengths_figure(ratios: dict[str, Array], height: int = 200) -> Figure:
     """Ratio of the length of each frame's step to the true length, by the treatment of the matches."""
     made, (axis,) = figure(height)
     axis.axhline(1.0, color=DARK, linewidth=1, linestyle=":")
-    for (name, values), colour in zip(lengths.items(), (BAD, GOOD, FIFTH), strict=False):
+    for (name, values), colour in zip(ratios.items(), (BAD, GOOD, FIFTH), strict=False):
         axis.plot(np.arange(1, len(values) + 1), values, color=colour, linewidth=1.5, label=name)
     round_limits(axis.yaxis)
     finish(axis, "length of the step, as a share of the true length", "frame")
