@@ -111,7 +111,10 @@ class WithBoxes(Sequence):
 
 
 def key_of(sequence: Sequence, frame: int) -> tuple[Hashable, ...]:
-    """Key of a frame in the memories of this module; a part of a sequence has keys of its own."""
+    """Key of a frame in a `Memory`, to which a caller adds the settings that its result depends on.
+
+    A part of a sequence has keys of its own.
+    """
     return sequence.folder, sequence.frames[0], frame
 
 
@@ -131,7 +134,7 @@ def disparity_map(sequence: Sequence, frame: int, largest: int) -> CoarseDispari
 
 
 def before_step(sequence: Sequence, frame: int, config: MethodConfig) -> tuple[Any, Any]:
-    """A front end that has processed the pairs before `frame` >= 1, and the prepared pair of `frame`."""
+    """A front end that has processed the two pairs before `frame` >= 1 (at frame 1: one), and the prepared pair."""
     front_end = make_front_end(sequence.camera, config)
 
     def prepare(index: int) -> Any:
@@ -147,7 +150,11 @@ def before_step(sequence: Sequence, frame: int, config: MethodConfig) -> tuple[A
 
 
 def frame_matches(sequence: Sequence, frame: int, config: MethodConfig) -> StereoMatches:
-    """Matches of a frame >= 1 with the previous frame, by the front end of the configuration."""
+    """Matches of a frame >= 1 with the previous frame, by the front end of the configuration.
+
+    The front end has seen two earlier pairs at most: the ages are 1 or 2, so the buckets may keep other features
+    than in a run.
+    """
 
     def make() -> StereoMatches:
         front_end, pair = before_step(sequence, frame, config)
@@ -172,6 +179,11 @@ class Points:
     x_c: Array
     X_p: Array
     T_cp: Array | None
+
+    @property
+    def key(self) -> tuple[bytes, bytes, bytes]:
+        """Key in a `Memory` of what is computed from the coordinates, whichever settings have led to them."""
+        return self.x_p.tobytes(), self.x_c.tobytes(), self.X_p.tobytes()
 
 
 def frame_points(sequence: Sequence, frame: int, config: MethodConfig) -> Points:

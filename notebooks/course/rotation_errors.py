@@ -25,7 +25,7 @@ def reference_rotation(sequence: Sequence, frame: int, points: Points) -> Array:
     def estimate() -> Array:
         return consensus_rotation(points, np.random.default_rng(0), sequence.camera.f)
 
-    return _rotations.get((*key_of(sequence, frame), len(points.x_p)), estimate)
+    return _rotations.get((*key_of(sequence, frame), *points.key), estimate)
 
 
 def angle_between(R: Array, R_other: Array | None) -> float:
@@ -38,6 +38,8 @@ def rotation_errors(E: Array, R_true: Array) -> Array:
 
     E has two rotations; the result is the error of the nearer rotation. The other rotation differs by 180°
     about t, and the depths of the points exclude this rotation.
+
+    R_true : (3, 3), or (M, 1, 3, 3) with one for each E.
     """
     R, _ = decompose_essential(E)
     angles = rotation_angle(np.swapaxes(R, -1, -2) @ R_true)

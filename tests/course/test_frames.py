@@ -1,14 +1,18 @@
-"""A sentence reports the missing parts of a sequence; a real frame is shown if it is available."""
+"""Missing parts of a sequence, real frames, matches of a frame, and a rotation that is kept in memory."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from real_images import DRIVE_0013, RealImages
 
 from course import frames
+from course.candidates import consensus_rotation
+from course.rotation_errors import reference_rotation
+from vo_lib.config import preset
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.sequence import Sequence
 
@@ -43,3 +47,31 @@ def test_a_real_frame_is_shown_beside_the_drawn_one(
     frame = frames.real_frame("kitti/drive_0013")
     assert frame is not None
     assert frame[0].name == "kitti/drive_0013"
+
+
+def test_equally_many_points_of_another_configuration_have_their_own_rotation(street: Sequence) -> None:
+    count = 150
+    rotations = []
+    for variant in ("published", "kit"):
+        all_points = frames.frame_points(street, 60, preset("solution_selection", variant=variant))
+        points = replace(
+            all_points,
+            x_p=all_points.x_p[:count],
+            x_c=all_points.x_c[:count],
+            X_p=all_points.X_p[:count],
+            T_cp=None,
+        )
+        assert len(points.x_p) == count
+        R_cp = reference_rotation(street, 60, points)
+        expected = consensus_rotation(points, np.random.default_rng(0), street.camera.f)
+        np.testing.assert_array_equal(R_cp, expected)
+        rotations.append(R_cp)
+    assert not np.array_equal(rotations[0], rotations[1])
+
+
+@pytest.mark.parametrize(("frame", "ages"), [(1, [1]), (2, [1, 2]), (60, [1, 2])])
+def test_the_matches_of_a_frame_are_one_or_two_frames_old(
+    frame: int, ages: list[int], street: Sequence
+) -> None:
+    matches = frames.frame_matches(street, frame, preset("solution_selection"))
+    assert np.unique(matches.age).tolist() == ages

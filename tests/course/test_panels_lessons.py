@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from conftest import write_bands
 
+from course.ch02 import panel as ch02_panel
 from course.ch03 import SelectionPanel
 from course.ch03 import exercises as ch03
-from course.ch03.panel import previous_vector
+from course.ch03.panel import _candidates, previous_vector
 from course.ch05 import LorryPanel
 from course.ch06.panel import EvaluationPanel
+from course.memory import Memory
+from course.panel import Panel
 from vo_lib.config import change, preset
 from vo_lib.data.poses import format_tum, read_kitti_poses
 from vo_lib.data.sequence import Sequence
@@ -72,6 +77,22 @@ def test_the_number_of_sets_does_not_change_the_vector_of_the_frame_before(stree
     assert vectors[0] is vectors[1] is vectors[2]
     other = previous_vector(street, 45, change(preset("solution_selection"), "selection.threshold", 3.0))
     assert other is not vectors[0]
+
+
+@pytest.mark.parametrize(
+    ("made", "memory"), [(ch02_panel.FivePointPanel, ch02_panel._errors), (SelectionPanel, _candidates)]
+)
+def test_the_sets_of_another_front_end_have_their_own_solutions(
+    made: type[Panel], memory: Memory[Any], street: Sequence
+) -> None:
+    panel = made(street, 60)
+    panel.wait(LONG)
+    usual = panel.state()
+    other = replace(usual, config=change(usual.config, "matching.row_tolerance", 0.2))
+    remembered = panel.draw(other).numbers
+    assert remembered != panel.draw(usual).numbers
+    memory.clear()
+    assert panel.draw(other).numbers == remembered
 
 
 @pytest.mark.parametrize("variant", ["published", "kit"])

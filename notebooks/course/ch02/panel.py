@@ -19,7 +19,7 @@ from ..candidates import sets_of_five
 from ..colours import BAD, CYCLE, DARK, PALE, THIRD, WHITE
 from ..drawing import PHOTO_HEIGHT, WIDTH, caption, figure, photo
 from ..drawn_matches import draw_dots, draw_flow
-from ..frames import Points, frame_points, key_of, stereo
+from ..frames import Points, frame_points, stereo
 from ..memory import Memory
 from ..panel import Control, Drawing, Fact, Panel, State
 from ..rotation_errors import reference_rotation, rotation_errors, set_errors
@@ -179,7 +179,7 @@ class FivePointPanel(Panel):
             sets = sets_of_five(points.x_c, 2, SETS, view.spread == SIDE_BY_SIDE)
             return set_errors(points, R, sets, threshold)
 
-        key = (*key_of(state.sequence, state.frame), state.config.variant, view.noise, view.spread, threshold)
+        key = (*points.key, R.tobytes(), view.spread, threshold)
         return _errors.get(key, errors)
 
     def _picture(

@@ -177,7 +177,7 @@ class SelectionPanel(Panel):
         selection = state.config.selection
         points, touched = disturbed_frame(sequence, state.frame, state.config, state.view)
         R_true = None if points.T_cp is None else points.T_cp[:3, :3]
-        key = (*key_of(sequence, state.frame), state.config.variant, selection.sets, state.view)
+        key = (*points.key, selection.sets, state.view.draw)
         candidates = _candidates.get(key, lambda: candidates_of(points, selection.sets, state.view.draw))
         e_prev = previous_vector(sequence, state.frame, state.config)
         scored = scored_candidates(candidates, points, e_prev, R_true, selection, camera.f)
