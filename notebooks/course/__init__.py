@@ -7,15 +7,16 @@ Data: `frames` has frames and their matches, `kept_runs` finished paths, and `me
 `perturbed_path` make drives without images and paths with known errors. `candidates` takes the steps of solution
 selection one by one, and `rotation_errors` compares their results with the truth.
 
-Pictures: `drawing` has their style, `drawn_matches` draws matches into photos, `view3d` shows shapes that the mouse
-rotates, and `raster` turns figures into pixels. `measured_results` reads the tables beside the notebooks.
+Pictures: `drawing` has their style, and `colours` their colours. `drawn_matches` draws matches into photos, `by_depth`
+is a chart of two chapters, `view3d` shows shapes that the mouse rotates, and `raster` turns figures into pixels.
+`measured_results` reads the tables beside the notebooks.
 
 Exercises: `checker` checks answers, with the comparisons of `results`; `stored_answers` saves those that passed, and
 `own_functions` runs them on frames beside the library's. `answer_log` writes down what the checks said, and `tasks`,
 `submissions`, `grading`, `supervised`, `marks` and `hand_in` are for handing in and marking.
 
-Pages: `pages` writes the executed notebooks as HTML, and `minutes` counts how long a chapter takes. `kernel` says
-which Python to choose if that of the kernel lacks the kit.
+Pages: `pages` writes the executed notebooks as HTML, and `minutes` counts how long a chapter takes. `notebook_folder`
+says where the notebooks are, and `kernel` which Python to choose if that of the kernel lacks the kit.
 """
 
 from .kernel import require_kit

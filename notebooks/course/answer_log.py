@@ -20,7 +20,7 @@ from vo_lib.errors import DataError
 from vo_lib.files import read_mapping, write_atomic
 
 from .results import Verdict
-from .stored_answers import MARK, NOT_SAVED
+from .stored_answers import COURSE_FILE, NOT_SAVED
 
 NAME = "my_answers.json"
 LARGEST = 100  # numbers of an answer that is written down
@@ -33,7 +33,7 @@ def record(exercise: object, answer: Any, verdict: Verdict, kept: str = "") -> N
 
     kept : what `store_answer` said about a right function.
     """
-    if not Path(MARK).is_file():
+    if not Path(COURSE_FILE).is_file():
         return
     name = name_of(exercise)
     if not name:

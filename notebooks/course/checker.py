@@ -133,23 +133,28 @@ class Exercise:
 
     An answer is right if its results equal the results of `right` in all cases. A wrong answer gets the first
     message of this list that applies: the parts are exchanged; a mistake with the same results up to the end of
-    the first wrong part; a slip; a result that cannot be compared, such as one of another shape; a mistake
-    whose test is true; the result is the same for all inputs; NaN; the difference, with the `hint`. The third
-    different wrong answer in a row also gets the `line` of code.
+    the first wrong part; a slip; a result that is no list of indices, where the task asks for one; a result
+    that cannot be compared, such as one of another shape; a mistake whose test is true; the result is the same
+    for all inputs; NaN; the difference, with the `hint`. The third different wrong answer in a row also gets
+    the `line` of code.
 
     Parameters
     ----------
-    right : a function of the inputs of a case, a value, or, for a panel, an example of facts that pass, which
-        only tests use: facts pass if no mistake is true.
-    cases : function that returns the inputs of the calls, simple inputs first; only if `right` is a function.
+    right : what a right answer returns: a function of the inputs of a case, or a value. For a panel, an example
+        of facts that pass, which only tests use: facts pass if no mistake is true.
+    cases : function that returns the inputs of the calls, simple inputs first; given if the answer is a function.
+        Without `cases`, the answer is a value, and the further data of the call are the inputs of the only case:
+        then `right` and wrong answers may be functions of these data (of nothing: a value that takes long).
     also : other right answers.
     praise, hint : messages for right answers and for other mistakes. Format fields of `praise` are `got` and
         `right`, which are results of the first case, or names of facts.
     line : the code of a right answer, shown after the third different failure; by default the hint.
     library : functions of the library that an answer must not call.
-    mistakes : messages (fields as in `praise`) and their wrong answers. A wrong answer is a function of the
-        inputs, a value or a `Condition`; for a panel, a function of the facts that returns True for the mistake.
-    slips : messages by slip, in place of `SLIPS`; if `right` is a value, only these slips are tested.
+    mistakes : messages and their wrong answers. Format fields are `got` and `right`, the first wrong result and
+        the right one for it, and `what`, its name; for a panel, names of facts. A wrong answer is a function of
+        the inputs, a value or a `Condition`; for a panel, a function of the facts that returns True for the
+        mistake.
+    slips : messages by slip, in place of `SLIPS`; without `cases`, only these slips are tested.
     parts : names of several results, in the order of the comparison.
     form : function that prepares results for the comparison, such as `in_order`.
     atol, rtol : absolute tolerance in the unit of the result, and relative tolerance.

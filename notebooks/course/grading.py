@@ -1,8 +1,9 @@
 """Marks of one student: the functions of `my_vo.py` run in a process of their own, with a limit of time.
 
-The process writes a line of JSON before and after each section of my_vo.py and each exercise, into a file outside the
-student's folder, with a word that only this run knows. If it stops in the middle, this section or exercise is left
-out, and another process does the rest. What the functions print goes nowhere, and what they start ends with them.
+The process writes a line of JSON before each section of my_vo.py, and before and after each exercise, into a file
+outside the student's folder, with a word that only this run knows. If it stops in the middle, this section or exercise
+is left out, and another process does the rest. What the functions print goes nowhere, and what they start ends with
+them.
 """
 
 from __future__ import annotations

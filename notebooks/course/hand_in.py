@@ -43,7 +43,7 @@ def write_hand_in(folder: Path, target: Path) -> None:
 
     Raises `DataError` if the folder is no course, or if `target` is a file of somebody else.
     """
-    if not (folder / stored_answers.MARK).is_file():
+    if not (folder / stored_answers.COURSE_FILE).is_file():
         raise DataError("contains no course: give the folder of your notebooks with --copy", folder)
     _refuse_foreign(target)
     files, too_large = _files_of(folder)

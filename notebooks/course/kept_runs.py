@@ -59,7 +59,8 @@ def run_by_frame(
     """Runs over a short sequence, frame by frame, of the configurations that `poses_of` has not stored yet.
 
     Yields after each motion a function that returns the poses so far (n, 4, 4), or all stored poses, by name.
-    After the last one, `poses_of` has stored the results. All configurations have the same front end and boxes.
+    After the last one, `poses_of` has stored the results. All configurations must have the same front end
+    and boxes.
     """
     runs: dict[MethodConfig, MethodRun] = {}
     for config in configs.values():

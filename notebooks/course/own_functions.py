@@ -127,8 +127,8 @@ def _count(values: Array) -> str:
 def _other_form(got: Any, right: Any) -> str:
     """What is different about the form of a result, as the end of a sentence; "" if it can be used.
 
-    The number of rows is part of the answer, except for a mask, which must fit the features, and for no rows at
-    all, which leave nothing to draw. Nor do values that are not finite, where the library's all are.
+    A result with another number of rows is a wrong answer that can be drawn. Not so a mask of another length,
+    which does not fit the features; no rows at all; and values that are not finite, where the library's all are.
     """
     if got is None:
         return "" if right is None else "returns None"

@@ -644,15 +644,14 @@ class Panel:
                     lambda error: self._not_opened(choice, error),
                 )
 
-    def _use(self, sequence: Sequence, choice: int | None = None) -> None:
-        """Show a sequence, at the frame that it had before; that of a `choice` only if still wanted."""
+    def _use(self, sequence: Sequence, choice: int) -> None:
+        """Show the sequence of a choice, if it is still wanted, at the frame that it had before."""
         if len(sequence) < FEWEST_FRAMES:
             raise DataError(f"{sequence.name}: a panel needs at least {FEWEST_FRAMES} frames")
         with self.redraws.held():
-            if choice is not None:
-                if not self.opening.is_wanted(choice):
-                    return
-                self.opening.succeed()
+            if not self.opening.is_wanted(choice):
+                return
+            self.opening.succeed()
             if self._sequence is not None:
                 self._frames[self._sequence.name] = self.frame.value
                 self._clear()  # an error must not leave the picture of another sequence

@@ -1,4 +1,4 @@
-"""Paths that are long enough for KITTI's sub-sequences, and estimates with known errors, for chapter 6."""
+"""Paths that are long enough for KITTI's sub-sequences, and estimates with known errors."""
 
 from __future__ import annotations
 

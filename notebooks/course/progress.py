@@ -40,10 +40,10 @@ class Stopped(Exception):
 
 
 class Job:
-    """One running function that counts; Stop, or the start of another function, gives it up.
+    """The function that was started last, while it runs; Stop, or the start of another one, gives it up.
 
-    That takes effect at once, although the function runs on until its next report, which may take seconds:
-    what it returns or raises then is dropped.
+    That takes effect at once, although the function given up runs on until its next report, which may take
+    seconds: what it returns or raises then is dropped.
 
     `box` has a bar, words and a Stop button; the box is hidden while nothing runs.
     """
@@ -55,8 +55,8 @@ class Job:
         button.on_click(lambda _: self.stop())
         self.box = widgets.HBox([self._bar, self._words, button], layout={"display": "none"})
         self._lock = threading.Lock()
-        self._thread = threading.Thread()  # of the function that counts
-        self._over = threading.Event()  # of this function: it has ended, or is given up
+        self._thread = threading.Thread()  # of the function that was started last; after Stop, of none
+        self._over = threading.Event()  # set when this function has ended or is given up
         self._over.set()
         self._failed: Callable[[Exception], None] = lambda error: None
 

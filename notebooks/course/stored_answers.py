@@ -27,7 +27,7 @@ NAME = "my_vo.py"
 SECTION = re.compile(r"^# ---- (\w+) ----\r?\n", re.MULTILINE)  # before a function and its dependencies
 # Instructions with the name of a function.
 CALLED = ("LOAD_GLOBAL", "LOAD_ATTR", "LOAD_METHOD", "IMPORT_FROM")
-MARK = "00_start_here.ipynb"  # a file of the folders of notebooks and of solutions
+COURSE_FILE = "00_start_here.ipynb"  # a folder with this file is one of notebooks or of solutions
 LARGEST = 5000  # maximal size of an array that is saved
 KIT = ("vo_lib", __package__)  # whose functions are nobody's answers
 KIT_FOLDERS = (Path(vo_lib.__path__[0]), Path(__file__).parent)
@@ -47,7 +47,7 @@ def store_answer(function: Any, grade: Callable[[Any], Any] | None = None) -> st
     tests or scripts), and for a function without source (a lambda, a function of a console), nothing is
     written and the result is "". `grade`, the check, also tests the saved function. Never raises.
     """
-    if not (Path(MARK).is_file() and isinstance(function, FunctionType)):
+    if not (Path(COURSE_FILE).is_file() and isinstance(function, FunctionType)):
         return ""
     if module := kit_module_of(function):
         return f" It {NOT_SAVED} in `{NAME}`: it is the kit's own, of `{module}`."

@@ -72,7 +72,7 @@ def find_submissions(paths: list[Path]) -> Found:
     for path in paths:
         if not path.exists():
             raise DataError("is missing: expected a zip, a my_vo.py, or a folder of them", path)
-        if not path.is_dir() or (path / stored_answers.MARK).is_file() or _is_alone(path):
+        if not path.is_dir() or (path / stored_answers.COURSE_FILE).is_file() or _is_alone(path):
             found.students.append((_student(path, path.parent), path))
             continue
         inside = Found()
@@ -112,7 +112,7 @@ def _look_into_student(folder: Path, found: Found) -> None:
 
     Without names, as in `_look_into`.
     """
-    if (folder / stored_answers.MARK).is_file() or _is_alone(folder):
+    if (folder / stored_answers.COURSE_FILE).is_file() or _is_alone(folder):
         own_zip = folder / ZIP
         if own_zip.is_file():
             found.students.append(("", own_zip))

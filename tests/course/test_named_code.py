@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import json
+import pkgutil
 import re
 from dataclasses import fields, replace
 from pathlib import Path
@@ -94,3 +96,12 @@ def test_at_a_standstill_both_variants_return_no_motion_and_keep_the_vector(vari
     np.testing.assert_array_equal(rest.T_cp, np.eye(4))
     assert before is not None
     np.testing.assert_array_equal(odometry.e_prev, before)
+
+
+@pytest.mark.parametrize("package", ["", ".ch00", ".ch01", ".ch02", ".ch03", ".ch04"])
+def test_the_first_lines_of_a_package_name_its_modules(package: str) -> None:
+    module = importlib.import_module(f"course{package}")
+    named = set(re.findall(r"`(\w+)`", module.__doc__ or ""))
+    modules = {each.name for each in pkgutil.iter_modules(module.__path__)}
+    chapters = {f"ch{number:02}" for number in range(10)} | {"appendix"}
+    assert modules - chapters <= named

@@ -1022,7 +1022,8 @@ def test_a_panel_draws_after_code_and_a_job_changed_its_controls_at_the_same_tim
     sequence = example.state().sequence
     in_use = threading.Event()
     go_on = threading.Event()
-    job = threading.Thread(target=lambda: example._use(sequence), daemon=True)
+    choice = example.opening.choose("the same one, by another name")
+    job = threading.Thread(target=lambda: example._use(sequence, choice), daemon=True)
 
     def start_job(_: Any) -> None:
         job.start()

@@ -8,7 +8,6 @@ from functools import partial
 
 import numpy as np
 
-from course.simulation.tracks import SimulatedFrame, TrackConfig, simulate_tracks
 from vo_lib.data.sequence import Sequence
 from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.types import Array
@@ -21,6 +20,7 @@ from ..frames import key_of, stereo
 from ..memory import Memory
 from ..panel import Control, Drawing, Fact, Panel, State
 from ..perturbed_path import block_tour
+from ..simulation.tracks import SimulatedFrame, TrackConfig, simulate_tracks
 from .figures import MAP_HEIGHT, field_maps, image_grid
 from .rig_estimate import KITTI_01, TERMS, Learnt, errors_of_rig, learn, learn_by_frame, too_long
 

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from course.simulation.tracks import SimulatedFrame
 from vo_lib.errors import DataError
 from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.matches import StereoMatches
@@ -18,6 +17,8 @@ from vo_lib.kit.settings import CalibrationConfig, KitTranslationConfig
 from vo_lib.kit.weighted_translation import robust_translation
 from vo_lib.paper.settings import TranslationConfig
 from vo_lib.paper.translation import PairBefore, solve_translation
+
+from ..simulation.tracks import SimulatedFrame
 
 # Approximate faults of the rig in sequence 01 of KITTI: sizes of `RIG_FAULTS`, pixels.
 KITTI_01 = {

@@ -1,3 +1,3 @@
-"""Chapter 0."""
+"""Chapter 0, the task: `panel`, `figures` and `exercises`."""
 
 from .panel import StartPanel as StartPanel

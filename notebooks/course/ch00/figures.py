@@ -113,7 +113,10 @@ def road_axis(axis: Axes, ahead: tuple[float, float], height: int) -> None:
 
 
 def jam_figure(jam: Sequence, runs: Mapping[str, Array]) -> Figure:
-    """Paths of the runs from above, with equal scales, and their distances from the true path by frame."""
+    """Paths of the runs from above, with equal scales, and their distances from the true path by frame.
+
+    runs : poses (N, 4, 4) by name. The distances are drawn in centimetres.
+    """
     true = from_first(jam.true_poses)[:, :3, 3]
     frames = int(jam.frames[0]) + np.arange(len(true))
     length = float(true[-1, 2])

@@ -69,6 +69,8 @@ class StartPanel(Panel):
         """Move the point to a place "x,y" of the picture, shares of its width and height."""
         camera = self.state().sequence.camera
         x, y = [float(share) for share in change["new"].split(",")]
+        # The left image is centred in the upper PHOTO_HEIGHT rows of the picture, `scale` times as large; white
+        # margins fill the rest of them.
         scale = min(WIDTH / camera.width, PHOTO_HEIGHT / camera.height)
         u = 0.5 + (x - 0.5) * WIDTH / (scale * camera.width)
         v = 0.5 + (y * self.height - PHOTO_HEIGHT / 2) / (scale * camera.height)

@@ -214,6 +214,9 @@ def loop_picture(
     """The surroundings of one match in the four images, in the order of the loop, and the end of the loop.
 
     With a `measure`: rings at the true places or, where they are not known, the epipolar line.
+
+    back : (N, 2) places in the previous left image where the loops end, the start again if a loop is closed.
+    number : index of the match that is shown.
     """
     radius = 45
     scale = SQUARE / (2 * radius + 1)

@@ -24,7 +24,8 @@ from vo_lib.runs.drive import single_threaded
 from ..frames import before_step, key_of
 from ..memory import Memory
 
-# The checks of a match: the fate of a match that fails it, and the values of settings that turn it off.
+# The checks of a match: the fate of a match that fails it, and the loosest values of its settings. A match that fails
+# even these counts as `LOST`.
 CHECKS: dict[str, dict[str, Any]] = {
     "looks different": {"max_difference": 255.0},
     "rows, disparity": {"row_tolerance": 10.0, "min_disparity": 0.05},
@@ -49,9 +50,10 @@ class Trace:
     ----------
     id : (N,) numbers of the features.
     fates : possible fates of a feature, in the order of the steps; fate : (N,) fate of each feature.
-    matches : the M matched features, before all checks; index : (M,) their indices in `id`.
+    matches : the M features that are matched with the loosest checks; index : (M,) their indices in `id`.
     checked : matches that pass all checks; chosen : those of them that the buckets select.
-    lost : matches of closed loops in whole pixels that Lucas-Kanade does not find again; none for the kit.
+    lost : matches of closed loops in whole pixels that are lost in the refinement (not found again by Lucas-Kanade, or
+        beyond the loosest limits); none for the kit.
     """
 
     id: NDArray[np.int64]
@@ -67,7 +69,7 @@ class Trace:
 def trace(sequence: Sequence, frame: int, config: MethodConfig) -> Trace:
     """Fates of the features of the previous pair of `frame`, for the configuration's front end.
 
-    Earlier pairs are matched with the default checks: the settings apply to this step only.
+    Earlier pairs are matched with the default checks: the settings of the matching apply to this step only.
     """
     usual = dataclasses.replace(config, matching=type(config.matching)())
     key = (*key_of(sequence, frame), usual.features, usual.matching)
@@ -97,6 +99,7 @@ def trace(sequence: Sequence, frame: int, config: MethodConfig) -> Trace:
     else:
         _, features = before._previous  # the previous pair and its features, as above
         number = features.id
+    # How many steps in a row each feature passes, from the first on; its fate is the name of the step where it stops.
     steps_passed = np.cumprod([np.isin(number, each) for each in passed], axis=0).sum(axis=0)
     fate = np.array(fates)[steps_passed]
     order = np.argsort(number)
@@ -107,20 +110,20 @@ def trace(sequence: Sequence, frame: int, config: MethodConfig) -> Trace:
 def _checks_of(config: MethodConfig) -> dict[str, dict[str, Any]]:
     """Those of the checks that the configuration's front end has: the paper's has some of them."""
     checks = {}
-    for name, turned_off in CHECKS.items():
-        if all(hasattr(config.matching, setting) for setting in turned_off):
-            checks[name] = turned_off
+    for name, loosest in CHECKS.items():
+        if all(hasattr(config.matching, setting) for setting in loosest):
+            checks[name] = loosest
     return checks
 
 
 def _with_checks(config: MethodConfig, checks: dict[str, dict[str, Any]]) -> list[StereoLimits]:
-    """The settings of the matching without any check, then with one more check each time, up to all of them."""
+    """The settings of the matching with the loosest checks, then with one more of the checks that are set each time."""
     stages = []
     for on in range(len(checks) + 1):
-        turned_off: dict[str, Any] = {}
+        loosest: dict[str, Any] = {}
         for values in list(checks.values())[on:]:
-            turned_off |= values
-        stages.append(dataclasses.replace(config.matching, **turned_off))
+            loosest |= values
+        stages.append(dataclasses.replace(config.matching, **loosest))
     return stages
 
 

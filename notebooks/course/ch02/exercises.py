@@ -8,7 +8,6 @@ from functools import partial
 
 import numpy as np
 
-from course.simulation.problems import FOCAL, random_problems
 from vo_lib.geometry.motion import skew
 from vo_lib.geometry.types import Array, BoolArray, Index
 from vo_lib.paper.five_point import cubic_constraints, eliminate, five_point, hidden_variable_matrix
@@ -18,6 +17,7 @@ from vo_lib.paper.selection import truncated_errors
 from ..candidates import first_of_each_set
 from ..checker import Case, Condition, Exercise
 from ..rotation_errors import rotation_errors
+from ..simulation.problems import FOCAL, random_problems
 from . import library
 from .library import homogeneous, null_space, rows
 
@@ -235,10 +235,10 @@ def essentials() -> list[Case]:
     return [(each,) for each in [*E, rank_2, rng.normal(size=(3, 3))]]
 
 
-def ten_constraints(E: Array, scale: float = 1.0, half: float = 0.5) -> Array:
-    """The ten constraints (10,); `scale` multiplies the nine of the matrix equation, and `half` replaces ½."""
+def ten_constraints(E: Array, half: float = 0.5) -> Array:
+    """The ten constraints (10,) of a matrix (3, 3); wrong with another number `half` in place of ½."""
     M = E @ E.T @ E - half * np.trace(E @ E.T) * E
-    return np.append(scale * M.ravel(), np.linalg.det(E))
+    return np.append(M.ravel(), np.linalg.det(E))
 
 
 def up_to_scale(values: Array) -> Array:
@@ -511,7 +511,6 @@ null_basis = Exercise(
 essential_constraints = Exercise(
     ten_constraints,
     essentials,
-    also=(partial(ten_constraints, scale=-3.0),),
     form=up_to_scale,
     praise="ten cubics in the entries of E; `cubic_constraints` writes them in x, y, z, w.",
     hint="the matrix equation gives nine numbers, one for each entry; the determinant is the tenth.",

@@ -45,9 +45,10 @@ LEAST_REACH = 1.8  # of a view from above, in lengths of t: a camera and its arr
 
 
 def epipolar_line(E: Array, x_p: Array, camera: StereoCamera) -> Array:
-    """The epipolar line a u + b v + c = 0 of the current point, (3,) pixels, a² + b² = 1.
+    """The epipolar line of a previous point x_p (2,) in the current image: (a, b, c), pixels, a² + b² = 1.
 
-    `E x_p` is the line in normalised coordinates, and K⁻ᵀ E x_p the line in pixels.
+    Its points (u, v) have a u + b v + c = 0. `E x_p` is the line in normalised coordinates, and K⁻ᵀ E x_p the line
+    in pixels.
     """
     line = np.linalg.inv(camera.K).T @ E @ np.append(x_p, 1.0)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -243,7 +244,7 @@ def rows_figure(A: Array) -> Figure:
 
 
 def slice_figure(size: Array, reach: float, z: float) -> Figure:
-    """Size (K, K) of the ten numbers over (x, y) from -reach to reach around a solution, at one z and w = 1."""
+    """Norms (K, K) of the ten constraints over (x, y) from -reach to reach around a solution, at one z and w = 1."""
     made, (axis, bar) = figure(330, 2, (1.0, 0.025), 560)
     shown = axis.imshow(
         np.log10(np.maximum(size / (size.max() or 1.0), 1e-4)),

@@ -13,7 +13,8 @@ from ..drawing import figure, finish
 from ..simulation.problems import HALF_HEIGHT, HALF_WIDTH, Motion, random_problems
 from .figures import draw_camera
 
-# The kinds of scenes by name, and how their points are drawn. Only the sets of "neighbours" are other ones.
+# The kinds of scenes by name, and the motion and points of each (`random_problems`). "neighbours" is the scene of
+# "general"; only its sets of five are chosen in another way (`sets_in`).
 KINDS: dict[str, Motion] = {
     "general": "general",
     "neighbours": "general",

@@ -1,4 +1,8 @@
-"""The library's results in the form of the exercises of chapter 2: one match set, one matrix, one motion."""
+"""The right answers to the exercises of chapter 2, for one set of matches, one matrix or one motion.
+
+They are functions of `vo_lib` in the form of the exercises, and, written here, what `vo_lib` does not have in that
+form.
+"""
 
 from __future__ import annotations
 

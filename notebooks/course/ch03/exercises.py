@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from course.simulation.problems import random_problems
 from vo_lib.geometry.motion import essential_angle, essential_vector
 from vo_lib.geometry.types import Array, BoolArray, IntArray
 from vo_lib.paper.five_point import five_point
@@ -15,6 +14,7 @@ from vo_lib.paper.selection import draw_sets, nearest_to_prior, truncated_errors
 
 from ..candidates import first_of_each_set
 from ..checker import Case, Exercise
+from ..simulation.problems import random_problems
 
 
 def vectors() -> list[Case]:

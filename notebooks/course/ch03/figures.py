@@ -71,9 +71,12 @@ def epipoles_picture(image: Image, camera: StereoCamera, E: Array, t_cp: Array |
 
 
 def scores_figure(own: Array, library: Array, rotation_error: Array | None, whose: str) -> Figure:
-    """Image errors (M,) of all candidates by a function and by the library's, in the order of the library's.
+    """Image errors (M,) of all candidates by the student's function (dots) and by the library's (line).
 
-    With rotation errors (M,), degrees, a second chart shows the function's image errors by rotation error.
+    Both are in the order of the library's. With rotation errors (M,), degrees, a second chart shows the image errors by
+    the student's function over the rotation errors.
+
+    whose : `OwnFunction.whose`, for the legend.
     """
     made, axes = figure(260, 1 if rotation_error is None else 2)
     order = np.argsort(library, kind="stable")
@@ -93,7 +96,10 @@ def scores_figure(own: Array, library: Array, rotation_error: Array | None, whos
 
 
 def prior_figure(angle: Array, library: Array, image_error: Array, whose: str) -> Figure:
-    """Angles to the previous vector (M,), degrees, by a function and by the library's, and image errors (M,)."""
+    """Angles to the previous vector (M,), degrees, by the student's function and by the library's; image errors (M,).
+
+    whose : `OwnFunction.whose`, for the names of the charts.
+    """
     made, (left, right) = figure(260, 2)
     left.plot(angle, image_error, ".", color=GOOD, markersize=4.5)
     left.set(ylim=(-0.02, 1.02))

@@ -32,14 +32,14 @@ FAR = 40.0  # metres
 NEAR = 8.0  # metres
 
 
-def exact_matches(count: int, seed: int, noise: float = 0.0) -> StereoMatches:
+def matches_ahead(count: int, seed: int, noise: float = 0.0) -> StereoMatches:
     """Matches (count,) of random points 5 to 40 m ahead for the motion R_CP, T_CP, with noise in pixels."""
     return noisy_matches(CAMERA, spread_points(count, seed, 5.0, 40.0), rigid(R_CP, T_CP), noise, seed)
 
 
 def one_match() -> list[Case]:
     """One case with the four normalised points of a match, the rotation and the baseline."""
-    match = exact_matches(1, 3)
+    match = matches_ahead(1, 3)
     x_pl = CAMERA.normalise(match.prev_left)[0]
     x_pr = CAMERA.normalise(match.prev_right)[0]
     x_cl = CAMERA.normalise(match.cur_left)[0]
@@ -119,7 +119,7 @@ def solve(M: Array, c: Array) -> Array:
 
 def noisy_rows(count: int, seed: int, noise: float) -> tuple[Array, Array, Array]:
     """A (N, 8, 3), B (N, 8, 3) and c (N, 8) of noisy matches."""
-    return library_rows(CAMERA, exact_matches(count, seed, noise), R_CP)
+    return library_rows(CAMERA, matches_ahead(count, seed, noise), R_CP)
 
 
 def stacked(A: Array, B: Array, c: Array, w: Array) -> Array:
@@ -301,7 +301,7 @@ stack = Exercise(
     stacked,
     weighted_frames,
     atol=1e-6,
-    praise="t = ({got[0]:.4f}, {got[1]:.4f}, {got[2]:.4f}) m, the result of `eliminate_points`.",
+    praise="t = ({got[0]:.4f}, {got[1]:.4f}, {got[2]:.4f}) m, as with the library's `eliminate_points`.",
     hint="for each feature compute N_i; add up w_i B_iᵀ N_i B_i and w_i B_iᵀ N_i c_i; solve one 3×3 system at the end.",
     line="N = np.eye(8) - A[i] @ np.linalg.pinv(A[i]); H += w[i] * B[i].T @ N @ B[i]; g += w[i] * B[i].T @ N @ c[i]",
     library=("eliminate_points", "solve_translation", "robust_translation"),

@@ -24,7 +24,7 @@ LEAST = 0.01
 MOST = 100.0
 MILLI = 1e3  # from metres to millimetres
 
-UNKNOWNS = ("Qx", "Qy", "Qz", "tx", "ty", "tz", "c")
+COLUMNS = ("Qx", "Qy", "Qz", "tx", "ty", "tz", "c")  # of the table [A | B | c]
 ROWS = ("pl x", "pl y", "pr x", "pr y", "cl x", "cl y", "cr x", "cr y")  # previous left … current right
 
 
@@ -43,7 +43,7 @@ def rows_figure(systems: dict[str, Array]) -> Figure:
             )
             axis.add_patch(place)
         axis.set(xlim=(-0.5, 6.5), ylim=(7.5, -0.5))
-        axis.set_xticks(range(7), labels=UNKNOWNS)
+        axis.set_xticks(range(7), labels=COLUMNS)
         axis.set_yticks(range(8), labels=ROWS)
         axis.tick_params(length=0)
         finish(axis, name)

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from course.simulation.tracks import TrackConfig, simulate_tracks
 from vo_lib.errors import DataError
 from vo_lib.evaluation.statistics import mean_and_deviation
 from vo_lib.geometry.camera import StereoCamera
@@ -20,6 +19,7 @@ from vo_lib.paper.settings import TranslationConfig, TranslationLimits
 
 from ..candidates import consensus_rotation
 from ..simulation.drives import CAMERA, drive, points_of
+from ..simulation.tracks import TrackConfig, simulate_tracks
 
 # How the rows of all features are combined: by the configuration's own method, or in a plain way.
 METHOD = "the method's own"

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from course.simulation.tracks import TrackConfig, simulate_tracks
 from vo_lib.config import change, preset
 from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.kitti_errors import kitti_errors
@@ -22,6 +21,7 @@ from vo_lib.runs.front_end import TimedMatches
 
 from ..checker import Case, Condition, Exercise
 from ..simulation.drives import CAMERA, drive
+from ..simulation.tracks import TrackConfig, simulate_tracks
 
 # The sweep: simulated frames, lengths of the sub-sequences in metres, and numbers of five-point sets.
 FRAMES = 30
