@@ -165,7 +165,8 @@ def _distinct_solutions(v: Array, index: Index) -> tuple[Array, Index]:
     Five matches have at most ten essential matrices, or a whole family of them. So the solutions of a set
     that has more than ten are samples of a family, and all of them are left out.
     """
-    # By set, in a set by |x|, which is 1 or less: so duplicates of a solution are neighbours.
+    # By set, in a set by |x|, so that duplicates of a solution are neighbours. Since |x| is at most 1,
+    # 0.99 |x| does not reach the next set.
     order = np.argsort(index + 0.99 * np.abs(v[0]))
     v = v.take(order, axis=1)
     index = index[order]

@@ -1,7 +1,7 @@
 """The translation by the pseudo-inverse, equations (2) and (3) of the paper (chapter 4).
 
-Let Q be a feature's point as seen from the previous left camera, and P the same point as seen from the left
-camera of any pair: P = Q in the previous pair, and P = R Q + t in the current one. In a left image, the
+Let Q be a feature's point in the axes of the previous left camera, and P the same point in the axes of the
+left camera of any pair: P = Q in the previous pair, and P = R Q + t in the current one. In a left image, the
 feature is at x = P_x / P_z and y = P_y / P_z, where x = (u - cx) / f and y = (v - cy) / f. Multiplied by P_z,
 that is
 
@@ -21,10 +21,10 @@ depend only on Q.
 
 The paper says nothing of weights, of a limit of depth or of wrong matches, so these three are ours:
 
-- In metres, far features would have the largest weight, and the translations on KITTI's 01, which are too
-  long already, would be longer still (notebooks/paper_and_code.md has the numbers). So all rows of a feature
-  are divided by one number, its depth in the previous left camera. A row is then an error in the image, in
-  pixels divided by f. In (2), the factor α divides by the depth, too.
+- With rows in metres, far features would have the largest weight, and the translations on KITTI's 01, which
+  are too long already, would be longer still (notebooks/paper_and_code.md has the numbers). So all rows of a
+  feature are divided by one number, its depth in the previous left camera. A row is then an error in the
+  image, in pixels divided by f. In (2), the factor α divides by the depth, too.
 - A feature farther away than the setting `max_depth` is not used.
 - Features whose rows do not fit the translation are left out; the first estimate is the median of the
   translations of single features (`solve_translation`).
@@ -181,13 +181,13 @@ def solve_translation(
     config: TranslationLimits,
     before: PairBefore | None = None,
 ) -> tuple[Array, BoolArray] | None:
-    """One translation for all features: the rows of (3), stacked and solved by least squares.
+    """One translation for all features: the rows of (3) without Q, stacked and solved by least squares.
 
-    That is what the pseudo-inverse of the stacked rows gives.
+    That is the solution which the pseudo-inverse of the stacked rows gives.
 
-    Each feature alone gives a translation, and their median is the first estimate. Then, twice, the features
-    whose rows do not fit the estimate are left out (`residual_limit`), and the stacked rows of the others
-    give a new one.
+    Each feature alone gives a translation, and the median of these is the first estimate. Then, twice, the
+    features whose rows do not fit the estimate are left out (`residual_limit`), and the stacked rows of the
+    others give a new one.
 
     Parameters
     ----------

@@ -136,6 +136,7 @@ def _gauss_newton(
     ----------
     X_p : (M, N, 3) points, metres; measured : (M, N, 4) pixels; weight : (M, N); see `observations`.
     R, t : (M, 3, 3) and (M, 3) at the start.
+    iterations : largest number of steps.
     tolerance : length of a step, radians and metres, that ends the iteration of a problem.
     """
     R = R.copy()
