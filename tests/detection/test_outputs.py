@@ -12,9 +12,11 @@ import pytest
 from numpy.typing import NDArray
 from tiny_onnx import FLOAT, FLOAT16, INT64, UINT8, node, write_network
 
+from vo_lib.detection.settings import DetectorConfig
 from vo_lib.detection.yolo import YoloDetector
 from vo_lib.errors import DataError
 from vo_lib.geometry.boxes import Boxes
+from vo_lib.settings import declared
 
 Table = NDArray[np.float64]
 Outputs = dict[str, NDArray[Any]]
@@ -359,7 +361,7 @@ def written(path: Path, export: Export, image: tuple[int, int], net: tuple[int, 
 
 def assert_true_boxes(found: Boxes, image: tuple[int, int], tolerance: float = 0.02) -> None:
     assert found.class_id.tolist() == CLASSES.tolist()
-    assert found.score == pytest.approx(SCORES, abs=1e-3)
+    assert found.score == pytest.approx(SCORES, rel=1e-3)
     expected = TRUTH * [image[1], image[0], image[1], image[0]] - 0.5
     np.testing.assert_allclose(found.xyxy, expected, atol=tolerance)
 
@@ -469,6 +471,25 @@ def test_rows_without_a_score_decide_nothing(kind: str, garbage: Table, tmp_path
     )
     assert detector.layout_name == export.layout
     assert_true_boxes(detector.detect(np.zeros((375, 1242), np.uint8)), (375, 1242))
+
+
+@pytest.mark.parametrize("scores", [(0.95, 0.006, 0.002), (0.009, 0.006, 0.002)])
+@pytest.mark.parametrize("kind", EXPORTS)
+def test_boxes_with_low_scores_are_found_if_asked_for(
+    kind: str, scores: tuple[float, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also if no row of the outputs has a higher score."""
+    monkeypatch.setitem(globals(), "SCORES", np.array(scores))
+    export = EXPORTS[kind]
+    net = (640, 640)
+    image = (512, 512)
+    lowest = next(item.low for item in declared(DetectorConfig) if item.name == "score")
+    assert lowest is not None
+    path = written(tmp_path / "m.onnx", export, image, net)
+    detector = YoloDetector(path, DetectorConfig(score=lowest))
+    assert detector.layout_name == export.layout
+    tolerance = 1.0 if export.output_type == np.float16 else 0.02
+    assert_true_boxes(detector.detect(np.zeros(image, np.uint8)), image, tolerance)
 
 
 def test_a_network_without_boxes_gives_none(tmp_path: Path) -> None:

@@ -129,8 +129,10 @@ def model_classes(detector: YoloDetector) -> tuple[ClassNames, ClassNames]:
 def chosen_mask(detector: YoloDetector, classes: tuple[str, ...]) -> BoolArray:
     """Mask (C,) of a detector's classes, by its own numbers, that are chosen by name or number.
 
-    For a model without names, the mask ends with the largest chosen number. Raises as `ClassNames.choose`,
-    and `ClassesError` for a model without names if no class has the number.
+    For a model without names, the mask ends with the largest chosen number.
+
+    Raises as `ClassNames.choose`. For a model without names, raises `ClassesError` if a word of the choice is
+    no number, as the default `vehicles`, or is a number that no class has.
     """
     own, _ = model_classes(detector)
     if own.names:
@@ -170,7 +172,7 @@ def with_label_numbers(detector: YoloDetector, boxes: Boxes) -> Boxes:
 
 
 def with_kinds(detector: YoloDetector, boxes: Boxes) -> Boxes:
-    """A detector's boxes with COCO's class number of their kind, as boxes of a label folder have it."""
+    """A detector's boxes with the number of their kind, as a run has them from a label folder."""
     numbered = with_label_numbers(detector, boxes)
     _, names = model_classes(detector)
     if not names.names:
@@ -196,7 +198,7 @@ def write_label_folder(
 
     Only boxes of the chosen classes are written: boxes of other classes take no part in the suppression. The
     record of the detector lists these classes, so that a run with another choice does not take the folder.
-    The labels of an image that was replaced since, by its content, count as missing.
+    A label counts as missing if the content of its image has changed since.
 
     Parameters
     ----------
@@ -207,9 +209,10 @@ def write_label_folder(
     detected : called at the end with the number of images in which the detector ran, if it ran in any, and
         the seconds that this took; copied labels count in neither.
 
-    Raises `DataError` if the folder belongs to a sequence or a run; if it has files that are named as labels
-    and are none; if it has labels of another detector and `replace` is false; if another process writes
-    labels into the folder and `waiting` is None; or if the model has none of the classes.
+    Raises `DataError` if the folder belongs to a sequence or a run, or has the record of another program; if
+    it has files that are named as labels and are none; if it has labels of another detector and `replace` is
+    false, or one of them is of no frame of the sequence; if another process writes labels into the folder and
+    `waiting` is None; or as `chosen_mask`. Raises it also for a model or an image that cannot be used.
     """
     record = detection_record(model, config, classes, provider)
     require_label_folder(folder)

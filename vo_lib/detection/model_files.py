@@ -65,7 +65,8 @@ def model_files(path: Path) -> tuple[Path, ...]:
 def external_names(path: Path) -> list[str]:
     """Names, relative to the model's folder, of the files with weights that an ONNX file refers to, sorted.
 
-    Empty for a file that is not ONNX. Raises `DataError` for a name that leads out of the model's folder.
+    Empty for a file that is not ONNX. Raises `DataError` for a name that leads out of the model's folder, or
+    is the model's own.
     """
     model = memoryview(read_bytes(path))
     try:

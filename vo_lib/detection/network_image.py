@@ -46,7 +46,10 @@ class Letterbox:
         return np.asarray(np.clip(corners, 0.0, (width, height, width, height)) - 0.5)
 
     def to_network(self, xyxy: Array) -> Array:
-        """Boxes (K, 4) transformed from the original image to the network's image; undoes `to_image`."""
+        """Boxes (K, 4) transformed from the original image to the network's image.
+
+        This undoes `to_image`, but for the clipping.
+        """
         return np.asarray((xyxy + 0.5) * self._scales + self._offsets)
 
     @property

@@ -25,7 +25,9 @@ Outputs = Sequence[NDArray[Any]]
 
 LARGEST_SHARE = 2.0  # boxes up to here are shares of the image: no object is this small in pixels
 LARGEST_LOG = 20.0  # of a box's size in strides; avoids an overflow
-NO_OBJECT = 0.01  # rows below this score are empty, whatever their class number
+# A row with a lower score may be an empty one, which some networks fill with any numbers: it does not decide
+# what the numbers of a table are, and its class need not exist.
+NO_OBJECT = 0.01
 
 
 class UnusableOutput(ValueError):
@@ -175,11 +177,12 @@ def corners_of(
     """Corners (N, 4), pixels, of boxes (N, 4) in pixels or as shares of an image.
 
     form : see `BoxForm`. width, height : size of this image, pixels, as in `Reader.read`.
-    objects : mask (N,) of the boxes that decide whether all are shares; None: all boxes.
+    objects : mask (N,) of the boxes that decide whether all are shares; all boxes decide if it is None or
+        selects none.
     """
     if form == "cell":
         return _decoded(boxes, width, height)
-    deciding = boxes if objects is None else boxes[objects]
+    deciding = boxes if objects is None or not objects.any() else boxes[objects]
     largest = np.max(np.abs(deciding), initial=0.0, where=np.isfinite(deciding))
     if largest <= LARGEST_SHARE:
         boxes = boxes * (width, height, width, height)
@@ -189,23 +192,30 @@ def corners_of(
 
 
 def scores_by_class(score: Array, label: Array, class_count: int | None) -> Array:
-    """Scores (N, C) from the score (N,) and class number (N,) of each box; 0 for the other classes.
+    """Scores (N, C) from the score (N,) and class number (N,) of each row; 0 for the other classes.
 
-    Raises `UnusableOutput` for a class number that is not a whole number, or is not below `class_count`.
+    All scores of a row that is no box are 0: its class number is negative or, with a score below `NO_OBJECT`,
+    not the number of a class.
+
+    Raises `UnusableOutput` if the class number of a row with a higher score is not a whole number, or is not
+    below `class_count`.
     """
+    end = MAX_CLASSES if class_count is None else class_count
+    is_whole = label == np.rint(label)
     is_object = score >= NO_OBJECT
-    labels = label[is_object]
-    broken = labels[labels != np.rint(labels)]
+    broken = label[is_object & ~is_whole]
     if len(broken):
         raise UnusableOutput(f"expected the number of a class for each box, found {broken[0]:g}")
-    largest = float(np.max(labels, initial=0.0))
-    if largest >= (MAX_CLASSES if class_count is None else class_count):
+    largest = float(np.max(label[is_object], initial=0.0))
+    if largest >= end:
         raise UnusableOutput(
             f"a box has class {largest:g}, but the model has {class_count or 'fewer'} classes"
         )
-    scores = np.zeros((len(score), int(largest) + 1 if class_count is None else class_count))
-    rows = np.flatnonzero(is_object & (label >= 0))  # a negative number marks a row that is no box
-    scores[rows, label[rows].astype(np.intp)] = score[rows]
+    is_box = (score > 0) & is_whole & (label >= 0) & (label < end)
+    rows = np.flatnonzero(is_box)
+    classes = label[rows].astype(np.intp)
+    scores = np.zeros((len(score), int(classes.max(initial=0)) + 1 if class_count is None else class_count))
+    scores[rows, classes] = score[rows]
     return scores
 
 

@@ -69,7 +69,7 @@ class NetworkOutput:
 
 
 class YoloDetector:
-    """A detection network in an ONNX file; `outputs` lists the layouts that are read.
+    """A detection network in an ONNX file; module `outputs` lists the layouts that are read.
 
     Attributes
     ----------
