@@ -34,7 +34,8 @@ class PlacePairs(Rows):
     ----------
     first_frame, second_frame : (N,) frames of the two places, from 0.
     similarity : (N,) similarity of their left images.
-    matches, inliers : (N,) number of matches between the stereo pairs, and number of inliers of their motion.
+    matches : (N,) number of matches between the stereo pairs, outside masks and boxes, after the buckets.
+    inliers : (N,) number of these matches that are inliers of the motion.
     residual : (N,) root mean square of the inliers' reprojection errors, pixels; NaN without a motion.
     motion : (N, 4, 4) pose of the second left camera relative to the first; the identity without a motion.
     """

@@ -157,6 +157,7 @@ def interpolate_corrections(poses: Array, frames: IntArray, moved: Array) -> Arr
     """Poses (N, 4, 4) of all frames after the poses of `frames` (K,) have changed to `moved` (K, 4, 4).
 
     The first of `frames` is 0. Between successive `frames`, the change is distributed evenly, as a twist.
+    Frames behind the last of them get its change.
     """
     correction = moved @ inverse(poses[frames])
     position = np.interp(np.arange(len(poses)), frames, np.arange(len(frames)))

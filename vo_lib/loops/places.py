@@ -35,7 +35,10 @@ def place_frames(count: int, config: LoopConfig) -> IntArray:
 def learn_words(images: list[DescribedFeatures], config: LoopConfig, seed: int) -> Array:
     """The vocabulary (kinds, words, 32) of images, by k-means on a sample of the features of each kind.
 
-    The centres of the clusters are the words. Nearest is the centre with the largest scalar product.
+    The centres of the clusters are the words.
+
+    images : features with descriptors of length 1, so that the nearest centre is that with the largest scalar
+        product.
     """
     rng = np.random.default_rng(seed)
     words = []
@@ -58,6 +61,7 @@ def learn_words(images: list[DescribedFeatures], config: LoopConfig, seed: int) 
 def histogram(image: DescribedFeatures, words: Array, width: int, columns: int) -> Array:
     """Number of features for each column, kind and word (columns, kinds, words).
 
+    image : features with descriptors of length 1.
     words : (kinds, words, 32) from `learn_words`. width : of the image, pixels.
     """
     products = (words[image.kind] @ image.descriptor[:, :, None])[..., 0]
