@@ -68,6 +68,34 @@ def test_other_drives_agree_at_no_lag() -> None:
     assert slow.is_another_drive
 
 
+@pytest.mark.parametrize("error", [1e-9, 1e-4, 1e-3])  # of rounding, and of odometry; radians a frame
+@pytest.mark.parametrize("bend", [0.0, 5e-4])
+def test_errors_of_straight_paths_are_no_turns_of_another_drive(bend: float, error: float) -> None:
+    times = INTERVAL * np.arange(600.0)
+    rng = np.random.default_rng(3)
+
+    def turning(turns: Array) -> Array:
+        errors = rotation_from_vector(rng.normal(0.0, error, (600, 3)))
+        poses = straight(600)
+        for k in range(1, 600):
+            turn = rotation_from_vector(np.array([0.0, turns[k], 0.0])) @ errors[k]
+            poses[k] = poses[k - 1] @ rigid(turn, np.array([0.0, 0.0, 1.0]))
+        return poses
+
+    road = bend * np.sin(times)
+    path = turning(road)
+    for other in (turning(road), turning(-road)):
+        agreement = slow_turn_agreement(times, path, times, other)
+        assert agreement is not None
+        assert not agreement.is_another_drive
+    # Against such a path, the turns of a town are those of another drive.
+    for paths in ((path, town(600)), (town(600), path)):
+        for compare in (turn_agreement, slow_turn_agreement):
+            agreement = compare(times, paths[0], times, paths[1])
+            assert agreement is not None
+            assert agreement.is_another_drive
+
+
 @pytest.mark.parametrize("ahead", [0, 1, -1, 2, -3])
 def test_a_clock_that_is_a_few_frames_off_is_told_from_the_same_clock(ahead: int) -> None:
     """Also beyond the number of samples up to which all lags are searched, and between key frames."""

@@ -13,7 +13,14 @@ from made_entries import straight
 
 from vo_lib.data.poses import read_kitti_poses
 from vo_lib.errors import DataError
-from vo_lib.evaluation.ate_rpe import Alignment, Delta, absolute_error, align, relative_error
+from vo_lib.evaluation.ate_rpe import (
+    Alignment,
+    Delta,
+    absolute_error,
+    align,
+    pairs_by_length,
+    relative_error,
+)
 from vo_lib.evaluation.conventions import orientations_disagree, quaternions_disagree
 from vo_lib.evaluation.kitti_errors import (
     KITTI_BIN_MINIMUM,
@@ -212,6 +219,28 @@ def test_rpe_is_the_drift_per_frame() -> None:
     assert relative_error(truth, estimate, Delta(11)).to_dict()["translation"]["rmse_m"] is None
     with pytest.raises(ValueError, match="in metres needs the path"):
         relative_error(truth, estimate, Delta(5.0, "m"))
+
+
+@pytest.mark.parametrize("size", [0, -1, 0.5, 1.5, math.nan, math.inf])
+def test_intervals_that_are_no_number_of_frames_are_refused(size: float) -> None:
+    with pytest.raises(DataError, match=r"interval of .* frames: expected 1 frame, 2 frames"):
+        Delta(size)
+
+
+@pytest.mark.parametrize("size", [0.0, -1.0, math.nan, math.inf])
+def test_intervals_that_are_no_length_are_refused(size: float) -> None:
+    with pytest.raises(DataError, match=r"interval of .* m: expected a positive number of metres"):
+        Delta(size, "m")
+    with pytest.raises(DataError, match="unit 'km' of an interval: expected frames or m"):
+        Delta(1, "km")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("size", [1e-3, 1e-20, 5e-324])
+def test_pairs_over_a_tiny_length_are_successive_positions(size: float) -> None:
+    path = np.array([0.0, 1.0, 2.0, 2.0, 4.0, 5.0])  # with a standstill, over which there is no pair
+    first, last = pairs_by_length(path, size)
+    assert first.tolist() == [0, 1, 2, 4]
+    assert last.tolist() == [1, 2, 4, 5]
 
 
 def test_invalid_evaluations_are_refused() -> None:

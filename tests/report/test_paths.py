@@ -701,6 +701,25 @@ def test_a_path_of_another_drive_is_noticed(tmp_path: Path, capsys: pytest.Captu
                 assert text.index("another drive") < text.index("┏")
 
 
+def test_the_errors_of_a_straight_path_are_not_those_of_another_drive(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its orientations change by the rounding of one file, and by the errors of the other."""
+    rng = np.random.default_rng(2)
+    times = 0.1 * np.arange(500.0)
+    road = straight(500)
+    a, b = tmp_path / "a.tum", tmp_path / "b.tum"
+    for error in (1e-7, 3e-4, 1e-3):
+        estimate = [np.eye(4)]
+        for motion in np.linalg.inv(road[:-1]) @ road[1:]:
+            turn = rotation_from_vector(rng.normal(0.0, error, 3))
+            estimate.append(estimate[-1] @ motion @ rigid(turn, np.zeros(3)))
+        a.write_text(format_tum(times, TURNED @ road))
+        b.write_text(format_tum(times, np.array(estimate)))
+        for words in ((a, b), (b, "--truth", a)):
+            assert "another drive" not in printed(capsys, *words)
+
+
 def test_paths_in_other_axes_than_a_camera_are_noticed_without_truth(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -11,6 +11,7 @@ import dataclasses
 import os
 import re
 from collections.abc import Iterable
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from statistics import fmean
@@ -390,15 +391,14 @@ def parse_lengths(text: str) -> tuple[float, ...]:
 
 def parse_delta(text: str) -> Delta:
     """The interval of a text such as "10f" (frames) or "5m" (metres); `DataError` for other text."""
-    if re.fullmatch(r"\d+f", text, re.ASCII):
-        delta = Delta(int(text[:-1]))
-    elif re.fullmatch(r"(\d+\.?\d*|\.\d+)m", text, re.ASCII):
-        delta = Delta(float(text[:-1]), "m")
-    else:
-        delta = Delta(0)  # refused below
-    if not 0 < delta.size <= MAX_COORDINATE_M:
-        raise DataError(f"--delta {text!r}: expected frames such as 10f, or metres such as 5m")
-    return delta
+    frames = re.fullmatch(r"(\d{1,9})f", text, re.ASCII)
+    metres = re.fullmatch(r"(\d{1,9}\.?\d*|\.\d+)m", text, re.ASCII)
+    with suppress(DataError):  # for an interval of 0, which is refused below
+        if frames is not None:
+            return Delta(int(frames[1]))
+        if metres is not None:
+            return Delta(float(metres[1]), "m")
+    raise DataError(f"--delta {text!r}: expected frames such as 10f, or metres such as 5m")
 
 
 def changed_words(names: Iterable[str]) -> str:

@@ -5,9 +5,10 @@ Definitions: Sturm et al., IROS 2012. All poses are `T_w_c`, (N, 4, 4), metres.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 
@@ -46,11 +47,24 @@ class AbsoluteError:
         return {"alignment": self.alignment.value, "scale": self.scale} | _statistics(self.distance, "m")
 
 
-class Delta(NamedTuple):
-    """Interval of the relative error: its size in the unit "frames", or "m" along the true path."""
+@dataclass(frozen=True)
+class Delta:
+    """Interval of the relative error: its size in the unit "frames", or "m" along the true path.
+
+    Raises `DataError` unless the size is a positive number, and a whole one for frames.
+    """
 
     size: float = 1
-    unit: str = "frames"
+    unit: Literal["frames", "m"] = "frames"
+
+    def __post_init__(self) -> None:
+        if self.unit not in ("frames", "m"):
+            raise DataError(f"unit {self.unit!r} of an interval: expected frames or m")
+        is_positive = 0 < self.size < math.inf  # not so for NaN
+        if self.unit == "frames" and not (is_positive and self.size == int(self.size)):
+            raise DataError(f"an interval of {self.size:g} frames: expected 1 frame, 2 frames, …")
+        if not is_positive:
+            raise DataError(f"an interval of {self.size:g} m: expected a positive number of metres")
 
     @property
     def words(self) -> str:
@@ -165,6 +179,7 @@ def relative_error(
 
     Raises
     ------
+    DataError : truth and estimate do not fit (`frames_of_truth`).
     ValueError : an interval in metres without `path`.
     """
     frames = frames_of_truth(truth, estimate, frames)
@@ -207,7 +222,9 @@ def pairs_by_length(path: Array, delta: float) -> tuple[Index, Index]:
     end = 0
     while end < len(path):
         chain.append(end)
-        end = int(np.searchsorted(path, path[end] + delta))
+        # An interval may be too small to change the sum, but a pair always ends farther on than it starts.
+        least = max(path[end] + delta, np.nextafter(path[end], np.inf))
+        end = int(np.searchsorted(path, least))
     places = np.array(chain, np.intp)
     return places[:-1], places[1:]
 

@@ -9,8 +9,9 @@ in which they were written, the errors are large though the odometry is good. Ea
 - `mirrored_axis`: one axis points the other way.
 
 Each cuts the true path into parts, and compares every part with the estimate by its rotation, or by its
-displacement as seen from the pose at which it begins, or by both. Both paths are given as they were read, as
-poses `T_w_c`, (N, 4, 4), metres.
+displacement as seen from the pose at which it begins, or by both; `orientations_disagree` compares the
+displacements in the axes of the world, too. Both paths are given as they were read, as poses `T_w_c`,
+(N, 4, 4), metres.
 """
 
 from __future__ import annotations
@@ -89,7 +90,7 @@ def inverses_agree(truth: Array, estimate: Array) -> bool:
     """Whether two paths (N, 4, 4) agree far better if the poses of one of them are inverted.
 
     Then that one has poses from the world to the camera. On a straight path, inverted poses look like those
-    of a camera whose z axis points backwards.
+    of a camera whose z axis points backwards, so the result is then true for such a camera, too.
     """
     return _inverse_agrees(truth, estimate) or _inverse_agrees(estimate, truth)
 

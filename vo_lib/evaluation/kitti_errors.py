@@ -235,7 +235,7 @@ SHORT_PROTOCOL = SubsequenceProtocol(SHORT_LENGTHS, 1)
 
 
 def suitable_protocol(truth: Array, frames: Index | None = None) -> SubsequenceProtocol:
-    """KITTI's sub-sequences if the true path (N, 4, 4) is long enough, otherwise those of short paths.
+    """KITTI's sub-sequences if the true path (N, 4, 4) has at least one, otherwise those of short paths.
 
     frames : (M,) numbers of the true poses that are compared; None: all.
     """
@@ -246,7 +246,9 @@ def suitable_protocol(truth: Array, frames: Index | None = None) -> SubsequenceP
 
 
 def is_as_kitti(protocol: SubsequenceProtocol, subsequences: int, whole_truth: bool) -> bool:
-    """Whether errors may be called those of KITTI's benchmark: its rule on a whole path that is long enough.
+    """Whether errors may be called those of KITTI's benchmark.
+
+    They are if they follow its rule on a whole path with at least `FEW_SUBSEQUENCES` sub-sequences.
 
     subsequences : number of them.
     whole_truth : whether every frame of a whole sequence has an estimate.

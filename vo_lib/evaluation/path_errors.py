@@ -144,7 +144,8 @@ def evaluate(
 
     Raises
     ------
-    DataError : truth and an estimate differ in length, or an option is out of range.
+    DataError : truth and an estimate differ in length, a pose is not finite, or a length or the step of the
+        protocol is not positive.
     """
     distances = trajectory_distances(truth)
     compared = np.arange(len(truth)) if frames is None else frames

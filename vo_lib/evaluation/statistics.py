@@ -181,7 +181,7 @@ def paired_change(before: ArrayLike, after: ArrayLike, probability: float = CONF
     """Mean of the changes of the same seeds, `after` minus `before`, both (S,), with its confidence interval.
 
     The mean change is more than chance if the interval excludes 0. The deviation is that of the changes, not
-    of the errors.
+    of the errors. Raises ValueError if `before` and `after` have different numbers of seeds.
     """
     old = np.asarray(before, np.float64)
     new = np.asarray(after, np.float64)
