@@ -492,6 +492,29 @@ def test_boxes_with_low_scores_are_found_if_asked_for(
     assert_true_boxes(detector.detect(np.zeros(image, np.uint8)), image, tolerance)
 
 
+@pytest.mark.parametrize(
+    "kind", ["rtdetr, original", "rtdetr with classes", "end to end", "yolov7 end to end", "ai hub"]
+)
+def test_a_class_beyond_the_names_is_refused(kind: str, tmp_path: Path) -> None:
+    """Also where the network already runs while it is loaded."""
+    export = replace(EXPORTS[kind], names=("car",))
+    path = written(tmp_path / "m.onnx", export, (375, 1242), (640, 640))
+    with pytest.raises(DataError, match="a box has class 2, but the model has 1 classes") as caught:
+        YoloDetector(path).detect(np.zeros((375, 1242), np.uint8))
+    assert str(caught.value).startswith(f"{path}: ")
+
+
+@pytest.mark.parametrize("count", [-1.0, np.nan])
+def test_an_impossible_number_of_boxes_is_refused(count: float, tmp_path: Path) -> None:
+    def build(boxes: Table, net: tuple[int, int]) -> Outputs:
+        return nas_batch(boxes, net) | {"num_predictions": np.array([[count]])}
+
+    export = replace(EXPORTS["yolo-nas batch"], build=build)
+    path = written(tmp_path / "m.onnx", export, (375, 1242), (640, 640))
+    with pytest.raises(DataError, match="expected the number of boxes in an output, found"):
+        YoloDetector(path).detect(np.zeros((375, 1242), np.uint8))
+
+
 def test_a_network_without_boxes_gives_none(tmp_path: Path) -> None:
     inputs = {"images": ((1, 3, 640, 640), FLOAT)}
     for name, shape in (("output", (0, 7)), ("output0", (1, 300, 6)), ("output0", (1, 0, 6)), ("o", (0, 6))):

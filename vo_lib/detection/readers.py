@@ -146,7 +146,10 @@ class SeparateOutputs:
         rows = (table.T if self.boxes_first else table).astype(np.float64)
         count = len(rows)
         if self.count_output is not None:
-            count = min(int(outputs[self.count_output].ravel()[0]), count)
+            stated = float(outputs[self.count_output].ravel()[0])
+            if not stated >= 0:  # NaN is not
+                raise UnusableOutput(f"expected the number of boxes in an output, found {stated:g}")
+            count = int(min(stated, count))
         corners = corners_of(rows[:count, :4], self.form, width, height)
         if self.labels is None:
             scores = table_of(outputs[self.scores]).astype(np.float64)

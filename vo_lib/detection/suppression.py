@@ -30,7 +30,8 @@ def best_boxes(
 
     Only boxes of the wanted classes compete: a person's box never suppresses that of a car. The IoU limit of
     the suppression is `largest_iou` within a class, and `ONE_OBJECT_IOU` for all boxes. Those with a score
-    below `least_score` or with numbers that are not finite are ignored.
+    below `least_score` or with numbers that are not finite are ignored, as are all but the best
+    `MAX_SUPPRESSED_BOXES`.
 
     Parameters
     ----------

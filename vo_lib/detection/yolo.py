@@ -218,10 +218,7 @@ class YoloDetector:
         asks_for_size = self._sizes_input is not None
         read_width = width if asks_for_size else letterbox.width
         read_height = height if asks_for_size else letterbox.height
-        try:
-            corners, scores = self._output_layout.reader.read(outputs, read_width, read_height)
-        except UnusableOutput as error:
-            raise DataError(str(error), self.path) from None
+        corners, scores = self._read_unscaled(outputs, read_width, read_height)
         if len(corners) and np.isnan(corners).all():
             raise DataError(
                 "the network's output is not a number for any box: if it calculates with 16 bits, export it "
@@ -233,6 +230,13 @@ class YoloDetector:
             scale_y = letterbox.height / height
             corners = corners * (scale_x, scale_y, scale_x, scale_y)
         return ScoredBoxes(corners, scores)
+
+    def _read_unscaled(self, outputs: list[NDArray[Any]], width: int, height: int) -> ScoredBoxes:
+        """`Reader.read`, but with a `DataError` if the outputs cannot be read."""
+        try:
+            return self._output_layout.reader.read(outputs, width, height)
+        except UnusableOutput as error:
+            raise DataError(str(error), self.path) from None
 
     def _check_boxes(self, boxes: Boxes, letterbox: Letterbox) -> None:
         """Raise `DataError` if most of the boxes, in the network's image, have their centre far outside."""
@@ -323,7 +327,7 @@ class YoloDetector:
         width = self._width or self._default_size
         height = self._height or self._default_size
         outputs = self._run(np.zeros((1, 3, height, width), self._type), original_size)
-        corners, _ = self._output_layout.reader.read(outputs, *original_size)
+        corners, _ = self._read_unscaled(outputs, *original_size)
         return float(np.abs(corners[:, [0, 2]]).max(initial=0.0))
 
 
