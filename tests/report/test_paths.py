@@ -701,23 +701,28 @@ def test_a_path_of_another_drive_is_noticed(tmp_path: Path, capsys: pytest.Captu
                 assert text.index("another drive") < text.index("┏")
 
 
+def straight_with_errors(frames: int, error: float, seed: int = 0) -> Array:
+    """Poses (N, 4, 4) straight ahead, with random turns of about this angle, radians, from frame to frame."""
+    turns = rotation_from_vector(np.random.default_rng(seed).normal(0.0, error, (frames, 3)))
+    poses = straight(frames)
+    for k in range(1, frames):
+        poses[k] = poses[k - 1] @ rigid(turns[k], np.array([0.0, 0.0, 1.0]))
+    return poses
+
+
 def test_the_errors_of_a_straight_path_are_not_those_of_another_drive(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Its orientations change by the rounding of one file, and by the errors of the other."""
-    rng = np.random.default_rng(2)
     times = 0.1 * np.arange(500.0)
-    road = straight(500)
     a, b = tmp_path / "a.tum", tmp_path / "b.tum"
+    a.write_text(format_tum(times, TURNED @ straight_with_errors(500, 1e-7)))
     for error in (1e-7, 3e-4, 1e-3):
-        estimate = [np.eye(4)]
-        for motion in np.linalg.inv(road[:-1]) @ road[1:]:
-            turn = rotation_from_vector(rng.normal(0.0, error, 3))
-            estimate.append(estimate[-1] @ motion @ rigid(turn, np.zeros(3)))
-        a.write_text(format_tum(times, TURNED @ road))
-        b.write_text(format_tum(times, np.array(estimate)))
+        b.write_text(format_tum(times, straight_with_errors(500, error, seed=1)))
         for words in ((a, b), (b, "--truth", a)):
             assert "another drive" not in printed(capsys, *words)
+    b.write_text(format_tum(times, town_road(500)))
+    assert "perhaps one is of another drive" in printed(capsys, a, b)
 
 
 def test_paths_in_other_axes_than_a_camera_are_noticed_without_truth(

@@ -129,6 +129,10 @@ def align(truth: Array, estimate: Array, alignment: Alignment) -> tuple[Array, f
     Returns
     -------
     (N, 4, 4) aligned poses, and the scale applied to the estimate's positions (1 except for SIM3).
+
+    Raises
+    ------
+    DataError : as `check_pair`.
     """
     check_pair(truth, estimate)
     if alignment is Alignment.NONE:
@@ -152,7 +156,7 @@ def align(truth: Array, estimate: Array, alignment: Alignment) -> tuple[Array, f
 
 
 def absolute_error(truth: Array, estimate: Array, alignment: Alignment = Alignment.SE3) -> AbsoluteError:
-    """ATE: distances between the positions of two paths (N, 4, 4) after an alignment of the estimate."""
+    """ATE: distances between the positions of two paths (N, 4, 4) after an alignment; raises as `align`."""
     aligned, scale = align(truth, estimate, alignment)
     return AbsoluteError(alignment, scale, np.linalg.norm(aligned[:, :3, 3] - truth[:, :3, 3], axis=1))
 

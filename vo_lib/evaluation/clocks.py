@@ -101,9 +101,9 @@ def turn_agreement(times: Array, poses: Array, others: Array, other_poses: Array
     longest = max(float(times[-1] - times[0]), float(others[-1] - others[0]))
     step = max(interval, other_interval, longest / MAX_SAMPLES)
     start = min(float(times[0]), float(others[0]))
-    rates = _turn_rates(times, poses, start, step)
-    other_rates = _turn_rates(others, other_poses, start, step)
-    coarse_samples = _coarse_lag(rates, other_rates)
+    on_grid = _turn_rates(times, poses, start, step)
+    other_on_grid = _turn_rates(others, other_poses, start, step)
+    coarse_samples = _coarse_lag(on_grid, other_on_grid)
     if coarse_samples is None:
         return None
     if interval >= other_interval:
@@ -120,25 +120,25 @@ def turn_agreement(times: Array, poses: Array, others: Array, other_poses: Array
     if 0 not in fine:
         return None
     best = max(fine, key=lambda lag: fine[lag])  # the smallest of equally good ones, which comes first
-    full_rates, dense_rates = compared.turn_rates(0.0)
+    rates, dense_rates = compared.turn_rates(0.0)
     return TurnAgreement(
         as_given=fine[0],
         with_lag=fine[best],
         lag=best * frame_s,
-        samples=len(full_rates),
-        turning=float(max(full_rates.std(), dense_rates.std())),
+        samples=len(rates),
+        turning=float(max(rates.std(), dense_rates.std())),
     )
 
 
 class _TurnRates(NamedTuple):
-    """Turn rates (M,), rad/s, of a path at consecutive samples of a common grid; `first` is the first one."""
+    """Turn rates (M,), rad/s, of a path at the samples first, first + 1, … of a common grid."""
 
     first: int
     rates: Array
 
 
 def _turn_rates(times: Array, poses: Array, start: float, step: float) -> _TurnRates:
-    """Turn rates of a path; sample k of the grid is at the time start + k step."""
+    """Turn rates of a path at all samples in it; sample k of the grid is at the time start + k step."""
     angles = _angles(poses[:-1, :3, :3], poses[1:, :3, :3])
     place = ((times[:-1] + times[1:]) / 2 - start) / step  # on the grid, of the middle between two poses
     first = int(np.ceil(place[0]))

@@ -122,7 +122,7 @@ def mirrored_axis(truth: Array, estimate: Array) -> str:
     for k, axis in enumerate("xyz"):
         signs = np.ones(4)
         signs[k] = -1.0
-        mirrored = estimate * np.outer(signs, signs)
+        mirrored = estimate * np.outer(signs, signs)  # S T S, with the diagonal matrix S of the signs
         mirrored_rotation = _rotation_error(truth, mirrored, parts)
         mirrored_displacement = _displacement_error(truth, mirrored, parts)
         if (
