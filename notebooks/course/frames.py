@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+import itertools
+from collections.abc import Callable, Hashable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from operator import attrgetter
 from typing import Any
 
@@ -48,8 +49,39 @@ def is_open(name: str) -> bool:
 
 
 def remember_sequence(sequence: Sequence) -> str:
-    """Remember a sequence that was opened elsewhere; return its name."""
-    return _sequences.get(sequence.name, lambda: sequence).name
+    """Remember a sequence that was opened elsewhere; return the name by which `opened` gives it.
+
+    That is its own name, unless this belongs to another sequence: folders may have equal names, and a part has the
+    name of the whole.
+    """
+    return next(
+        name for name in _names_for(sequence) if _are_same(_sequences.get(name, lambda: sequence), sequence)
+    )
+
+
+def _names_for(sequence: Sequence) -> Iterator[str]:
+    """The sequence's own name, which a part leaves to the whole, then longer ones."""
+    if is_open(sequence.name) or not sequence.is_part or sequence.name not in available():
+        yield sequence.name
+    longer = f"{sequence.folder}, {sequence.frames[0]} to {sequence.frames[-1]}"
+    yield longer
+    for number in itertools.count(2):  # copies with other labels, say
+        yield f"{longer} ({number})"
+
+
+def _are_same(one: Sequence, other: Sequence) -> bool:
+    """Whether two sequences have the same frames, truth, labels and so on."""
+    if one is other:
+        return True
+    if type(one) is not type(other):
+        return False
+    for each in fields(one):
+        mine = getattr(one, each.name)
+        theirs = getattr(other, each.name)
+        has_array = isinstance(mine, np.ndarray) or isinstance(theirs, np.ndarray)
+        if not (np.array_equal(mine, theirs) if has_array else mine == theirs):
+            return False
+    return True
 
 
 def opened(name: str, progress: Progress | None = None) -> Sequence:

@@ -7,10 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import write_bands
 from real_images import DRIVE_0013, RealImages
 
 from course import frames
 from course.candidates import consensus_rotation
+from course.ch00 import StartPanel
+from course.memory import Memory
 from course.rotation_errors import reference_rotation
 from vo_lib.config import preset
 from vo_lib.data.catalogue import open_sequence
@@ -67,6 +70,38 @@ def test_equally_many_points_of_another_configuration_have_their_own_rotation(st
         np.testing.assert_array_equal(R_cp, expected)
         rotations.append(R_cp)
     assert not np.array_equal(rotations[0], rotations[1])
+
+
+def test_sequences_of_the_same_name_are_remembered_side_by_side(tmp_path: Path) -> None:
+    """A panel of the second one used to show the first one."""
+    first = frames.load(str(write_bands(tmp_path / "first" / "run")))
+    second = frames.load(str(write_bands(tmp_path / "second" / "run")))
+    assert first.name == second.name
+    given = [first, second, second.part(0, 3), second.part(1, 4), replace(second, truth=None)]
+    names = [frames.remember_sequence(each) for each in given]
+    assert len(set(names)) == len(given)
+    assert [frames.opened(name) for name in names] == given
+    assert [frames.remember_sequence(each) for each in given] == names  # a cell that is run again
+    same = open_sequence(tmp_path / "second" / "run")
+    assert frames.remember_sequence(same) == names[1]
+
+
+def test_a_part_leaves_the_name_of_a_known_sequence_to_the_whole(
+    street: Sequence, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(frames, "_sequences", Memory(8))
+    part = street.part(30, 40)
+    name = frames.remember_sequence(part)
+    assert frames.opened(name) is part
+    assert len(frames.load(street.name)) == len(street)
+    assert frames.remember_sequence(replace(part, name="a part of it")) == "a part of it"
+
+
+def test_a_panel_shows_the_part_that_it_was_given(street: Sequence) -> None:
+    frames.load(street.name)
+    panel = StartPanel(street.part(30, 40), frame=3)
+    assert panel.error == ""
+    assert panel.state().sequence.frames == street.frames[30:40]
 
 
 @pytest.mark.parametrize(("frame", "ages"), [(1, [1]), (2, [1, 2]), (60, [1, 2])])
