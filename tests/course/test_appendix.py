@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from course.appendix import CalibrationPanel
+from course.appendix.panel import FRAMES, _learnt, tracks_of
 from course.appendix.rig_estimate import KITTI_01, errors_of_rig, learn
 from course.perturbed_path import block_tour
 from course.simulation.tracks import SimulatedFrame, TrackConfig, simulate_tracks
+from vo_lib.data.sequence import Sequence
 from vo_lib.geometry.camera import StereoCamera
 from vo_lib.kit.rig import DISPARITY_TERMS, ERROR_NAMES
 
@@ -31,3 +36,18 @@ def test_only_the_terms_asked_for_are_learnt() -> None:
     large = np.abs(estimate.errors[: len(DISPARITY_TERMS)]) > 1e-3
     assert [term for term, is_large in zip(DISPARITY_TERMS, large, strict=True) if is_large] == ["1", "x²"]
     assert estimate.errors[ERROR_NAMES.index("row xy")] < -3.0
+
+
+def test_a_drive_is_not_taken_for_its_first_frames(street: Sequence) -> None:
+    part = street.part(0, 12)
+    assert len(tracks_of(part, 1)) == 11
+    assert len(tracks_of(street, 1)) == FRAMES
+    panel = CalibrationPanel(part, frame=1)
+    state = panel.state()
+    of_part = panel.draw(state)
+    whole = replace(state, sequence=street)
+    of_whole = panel.draw(whole)
+    assert "in 11 frames" in of_part.sentence
+    assert f"in {FRAMES} frames" in of_whole.sentence
+    _learnt.clear()
+    assert panel.draw(whole).numbers == of_whole.numbers != of_part.numbers

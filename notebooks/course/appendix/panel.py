@@ -16,7 +16,7 @@ from vo_lib.kit.rig import field_at
 from vo_lib.settings import Checked, setting
 
 from ..ch04.figures import lengths_figure
-from ..frames import key_of, stereo
+from ..frames import stereo
 from ..memory import Memory
 from ..panel import Control, Drawing, Fact, Panel, State
 from ..perturbed_path import block_tour
@@ -99,7 +99,8 @@ class CalibrationPanel(Panel):
 
 def _key(state: State) -> tuple[Hashable, ...]:
     """All that the estimate depends on."""
-    return (*key_of(state.sequence, state.frame), state.view)
+    sequence = state.sequence
+    return sequence.camera, _path_of(sequence, state.frame).tobytes(), state.view
 
 
 def _rig_of(state: State) -> tuple[StereoCamera, list[SimulatedFrame], Array, tuple[str, ...]]:
@@ -110,12 +111,20 @@ def _rig_of(state: State) -> tuple[StereoCamera, list[SimulatedFrame], Array, tu
 
 
 def tracks_of(sequence: Sequence, frame: int) -> list[SimulatedFrame]:
-    """Simulated matches along `FRAMES` frames of the true path; without truth, of `block_tour`."""
-    poses = block_tour(1) if sequence.truth is None else sequence.truth
-    first = max(min(frame, len(poses) - FRAMES) - 1, 0)
+    """Simulated matches along the path of a frame."""
+    path = _path_of(sequence, frame)
 
     def make() -> list[SimulatedFrame]:
-        part = poses[first : first + FRAMES + 1]
-        return list(simulate_tracks(part, sequence.camera, TrackConfig(points=150), seed=0))
+        return list(simulate_tracks(path, sequence.camera, TrackConfig(points=150), seed=0))
 
-    return _tracks.get(key_of(sequence, first), make)
+    return _tracks.get((sequence.camera, path.tobytes()), make)
+
+
+def _path_of(sequence: Sequence, frame: int) -> Array:
+    """True poses (`FRAMES` + 1, 4, 4) from the frame before on; without truth, of `block_tour`.
+
+    Near the end of the sequence, its last poses; of a short one, all that it has.
+    """
+    poses = block_tour(1) if sequence.truth is None else sequence.truth
+    first = max(min(frame, len(poses) - FRAMES) - 1, 0)
+    return poses[first : first + FRAMES + 1]
