@@ -28,12 +28,12 @@ CLEAR_RATIO = 1.5  # smallest ratio of the shares of variance that are unexplain
 CLEAR_EVIDENCE = 30.0  # smallest n log(ratio) for n samples: twice the logarithm of the likelihood ratio
 # Turns over a longer time, in which the noise of single frames hardly counts, tell whether two paths are of
 # one drive at all (`slow_turn_agreement`).
-NO_AGREEMENT = 0.5  # a smaller correlation, with the times as they are, is no agreement
-# Smallest standard deviation of a path's turn rates, rad/s, with which the correlation tells more than the
-# errors of the paths. With poses `SLOW_INTERVAL_S` apart, it is 0.08 to 0.17 in KITTI's drives, and 0.01 in
-# the straight 04; that of the errors of ORB-SLAM2's turn rates there is 0.002 to 0.005.
-CLEAR_TURNS = 0.02
 SLOW_INTERVAL_S = 0.5  # about the time from one of the compared poses to the next
+NO_AGREEMENT = 0.5  # a smaller correlation, with the times as they are, is no agreement
+# Smallest standard deviation, rad/s, of the turn rates of a path with clear turns. If both are straighter,
+# their errors decide on the correlation. With the interval above, KITTI's drives 00 to 10 have 0.08 to 0.17,
+# but the straight 04 has 0.01. The errors of ORB-SLAM2's turn rates in 02, 06 and 08 have 0.002 to 0.005.
+CLEAR_TURNS = 0.02
 
 
 class TurnAgreement(NamedTuple):
@@ -80,7 +80,9 @@ class TurnAgreement(NamedTuple):
         return is_without_agreement and self.turning >= CLEAR_TURNS
 
 
-def turn_agreement(times: Array, poses: Array, others: Array, other_poses: Array) -> TurnAgreement | None:
+def turn_agreement(
+    times: Array, poses: Array, other_times: Array, other_poses: Array
+) -> TurnAgreement | None:
     """How well the turns of a path agree with another's, as they are and with the best lag.
 
     A coarse search over all lags, in steps that may be longer than a frame, is followed by a fine one around
@@ -89,27 +91,27 @@ def turn_agreement(times: Array, poses: Array, others: Array, other_poses: Array
     Parameters
     ----------
     times, poses : of the first path, (N,) seconds and (N, 4, 4).
-    others, other_poses : of the second path, (M,) seconds and (M, 4, 4).
+    other_times, other_poses : of the second path, (M,) seconds and (M, 4, 4).
 
     Returns
     -------
-    None if the turn rate of one of the paths is exactly constant, as without any rotation, or if both have
-    too short a time in common.
+    TurnAgreement, or None if the turn rate of one of the paths is exactly constant, as without any rotation,
+    or if both have too short a time in common.
     """
     interval = float(np.median(np.diff(times)))
-    other_interval = float(np.median(np.diff(others)))
-    longest = max(float(times[-1] - times[0]), float(others[-1] - others[0]))
+    other_interval = float(np.median(np.diff(other_times)))
+    longest = max(float(times[-1] - times[0]), float(other_times[-1] - other_times[0]))
     step = max(interval, other_interval, longest / MAX_SAMPLES)
-    start = min(float(times[0]), float(others[0]))
+    start = min(float(times[0]), float(other_times[0]))
     on_grid = _turn_rates(times, poses, start, step)
-    other_on_grid = _turn_rates(others, other_poses, start, step)
+    other_on_grid = _turn_rates(other_times, other_poses, start, step)
     coarse_samples = _coarse_lag(on_grid, other_on_grid)
     if coarse_samples is None:
         return None
     if interval >= other_interval:
-        compared = _AtFullRate(times, poses, others, other_poses, sign=1.0)
+        compared = _AtFullRate(times, poses, other_times, other_poses, sign=1.0)
     else:
-        compared = _AtFullRate(others, other_poses, times, poses, sign=-1.0)
+        compared = _AtFullRate(other_times, other_poses, times, poses, sign=-1.0)
     # From here, lags are in frames of the denser path: all of them within a coarse step of 0, and of the
     # coarse result.
     frame_s = min(interval, other_interval)
@@ -244,17 +246,17 @@ class _AtFullRate:
 
 
 def slow_turn_agreement(
-    times: Array, poses: Array, others: Array, other_poses: Array
+    times: Array, poses: Array, other_times: Array, other_poses: Array
 ) -> TurnAgreement | None:
     """`turn_agreement` of poses about `SLOW_INTERVAL_S` apart; parameters as there.
 
     None also if a path is not longer than one such interval.
     """
     rows = _rows_apart(times)
-    other_rows = _rows_apart(others)
+    other_rows = _rows_apart(other_times)
     if min(len(rows), len(other_rows)) < 2:
         return None
-    return turn_agreement(times[rows], poses[rows], others[other_rows], other_poses[other_rows])
+    return turn_agreement(times[rows], poses[rows], other_times[other_rows], other_poses[other_rows])
 
 
 def _rows_apart(times: Array) -> Index:
