@@ -55,7 +55,7 @@ def remember_sequence(sequence: Sequence) -> str:
     name of the whole.
     """
     return next(
-        name for name in _names_for(sequence) if _are_same(_sequences.get(name, lambda: sequence), sequence)
+        name for name in _names_for(sequence) if are_same(_sequences.get(name, lambda: sequence), sequence)
     )
 
 
@@ -63,13 +63,18 @@ def _names_for(sequence: Sequence) -> Iterator[str]:
     """The sequence's own name, which a part leaves to the whole, then longer ones."""
     if is_open(sequence.name) or not sequence.is_part or sequence.name not in available():
         yield sequence.name
-    longer = f"{sequence.folder}, {sequence.frames[0]} to {sequence.frames[-1]}"
+    longer = long_name(sequence)
     yield longer
     for number in itertools.count(2):  # copies with other labels, say
         yield f"{longer} ({number})"
 
 
-def _are_same(one: Sequence, other: Sequence) -> bool:
+def long_name(sequence: Sequence) -> str:
+    """A name with the folder and the frames, which tells a part from the whole."""
+    return f"{sequence.folder}, {sequence.frames[0]} to {sequence.frames[-1]}"
+
+
+def are_same(one: Sequence, other: Sequence) -> bool:
     """Whether two sequences have the same frames, truth, labels and so on."""
     if one is other:
         return True

@@ -77,7 +77,7 @@ from .colours import BAD, DARK
 from .controls import Control as Control
 from .controls import Knob, WholeSlider, is_dragged, labelled, typed_path
 from .drawing import WIDTH, photo, shortened, stack
-from .frames import DEFAULT, is_open, opened, remember_sequence, stereo, why_missing
+from .frames import DEFAULT, are_same, is_open, long_name, opened, remember_sequence, stereo, why_missing
 from .opening import Opening
 from .progress import LABEL_LENGTH, Job, Stopped
 from .redraws import Redraws
@@ -470,10 +470,12 @@ class Panel:
         """A sentence if the sequence differs from the sequence of the cells; else ""."""
         here = self._sequence
         home = self._home
-        if here is None or home is None or here.folder == home.folder:
+        if here is None or home is None or are_same(here, home):
             return ""
-        shown = shortened(here.name, LABEL_LENGTH)
-        used = shortened(home.name, LABEL_LENGTH)
+        names = (here.name, home.name)
+        if here.name == home.name:
+            names = (long_name(here), long_name(home))
+        shown, used = [shortened(name, LABEL_LENGTH) for name in names]
         return f" (Only the panel shows {shown}; the cells still use {used}.)"
 
     def _fail(self, error: Exception) -> None:

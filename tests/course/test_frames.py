@@ -19,6 +19,8 @@ from vo_lib.config import preset
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.sequence import Sequence
 
+LONG = 300.0  # seconds; a safeguard
+
 
 def test_what_a_sequence_lacks_is_printed(bands: Path, capsys: pytest.CaptureFixture[str]) -> None:
     sequence = replace(open_sequence(bands), truth=None, labels=None)
@@ -102,6 +104,12 @@ def test_a_panel_shows_the_part_that_it_was_given(street: Sequence) -> None:
     panel = StartPanel(street.part(30, 40), frame=3)
     assert panel.error == ""
     assert panel.state().sequence.frames == street.frames[30:40]
+    assert "Only the panel" not in panel._text.value
+    panel.chooser.value = street.name  # the cells still use the part
+    panel.wait(LONG)
+    assert "Only the panel shows" in panel._text.value
+    assert "000000 to" in panel._text.value
+    assert "000030 to 000039" in panel._text.value
 
 
 @pytest.mark.parametrize(("frame", "ages"), [(1, [1]), (2, [1, 2]), (60, [1, 2])])
