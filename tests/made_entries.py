@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +40,18 @@ def entry_of(
     protocol: SubsequenceProtocol | None = None,
 ) -> Entry:
     """Runs whose steps are too long by `percent`, one run per seed."""
+    return _entry_of(name, n, tuple(percent), method, variant, protocol)
+
+
+@functools.cache  # the tests ask for the same runs again and again
+def _entry_of(
+    name: str,
+    n: int,
+    percent: tuple[float, ...],
+    method: str,
+    variant: str,
+    protocol: SubsequenceProtocol | None,
+) -> Entry:
     ms = {"matching": 30.0, "wait_images": 9.0, "cached_matches": 2.0, "rotation": 4.0, "filter": 1.0}
     motion = FrameResult(np.eye(4), matches=100, removed=25, ms=ms)
     sequence = sequence_of(name, n)

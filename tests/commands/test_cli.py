@@ -200,6 +200,7 @@ def test_a_run_fits_into_a_terminal(bands: Path) -> None:
     assert "so feature_selection is equal to solution_selection." in " ".join(" ".join(lines).split())
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_a_run_without_motion_gets_no_advice_on_options_that_it_has_not(
     bands: Path, done: Callable[..., str]
 ) -> None:
@@ -209,6 +210,7 @@ def test_a_run_without_motion_gets_no_advice_on_options_that_it_has_not(
     assert "--alignment" not in printed
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_lost_tracking_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bands = write_bands(tmp_path / "bands", 14)
     for frame in range(3, 13):  # the next frame has no motion either

@@ -128,6 +128,7 @@ def test_number_without_a_name_contradicts_the_names(run: Say, labels: Path) -> 
     assert "labels/classes.txt, one a line" in said
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_names_of_other_labels_above_do_not_count(run: Say, labels: Path) -> None:
     for path in labels.iterdir():
         path.write_text(f"2 {BOX}", encoding="utf-8")
@@ -147,6 +148,7 @@ def test_class_numbers_that_do_not_count_are_listed(run: Say, labels: Path) -> N
     assert "the others do not, class 0 (person): 5 boxes" in said
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_missing_surplus_and_shifted_label_files_are_listed(run: Say, labels: Path) -> None:
     (labels / "000000.txt").rename(labels / "000006.txt")
     code, said = run("--labels", str(labels), "--filter.classes", "0")
@@ -156,6 +158,7 @@ def test_missing_surplus_and_shifted_label_files_are_listed(run: Say, labels: Pa
     assert "are the names shifted?" in said
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_removal_of_no_feature_or_of_all_causes_a_warning(run: Say, labels: Path, tmp_path: Path) -> None:
     for path in labels.iterdir():
         path.write_text("2 0.01 0.01 0.01 0.01\n", encoding="utf-8")
@@ -169,6 +172,7 @@ def test_removal_of_no_feature_or_of_all_causes_a_warning(run: Say, labels: Path
     assert "warning: 100.0 % of the features are removed in boxes" in run("--labels", str(labels))[1]
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_tables_and_sweeps_have_the_warnings(
     bands: Path, labels: Path, tmp_path: Path, cache: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -283,6 +287,7 @@ def test_the_config_of_a_run_is_read_again_even_with_settings_without_effect(
     assert "solution_selection does not use this setting" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 @pytest.mark.parametrize(("value", "words"), [(0, "no pixel is masked"), (1, "all pixels are masked")])
 def test_masks_that_cover_nothing_or_everything_cause_a_warning(
     run: Say, tmp_path: Path, value: int, words: str

@@ -120,6 +120,7 @@ def test_other_inputs_are_refused_before_the_work(
         assert main([*words, *second.split(), "--fresh"]) == 0
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_the_boxes_decide_about_a_run_without_a_record_of_its_detector(
     street: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

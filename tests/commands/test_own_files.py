@@ -113,6 +113,7 @@ def test_a_damaged_run_is_computed_again_with_a_note(
     assert "contains this run already" in capsys.readouterr().out
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 @pytest.mark.parametrize("command", ["sweep", "reproduce"])
 def test_damaged_runs_of_a_table_are_computed_again_with_a_note(
     bands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str
@@ -205,6 +206,7 @@ def test_film_of_somebody_else_is_refused_before_the_runs_of_a_table(
     assert contents(tmp_path / "out") == before
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 @pytest.mark.parametrize(
     "names", [("x_y", "x y"), ("街道", "山路"), ("Road", "road"), ("a__b", "a_b"), ("é", "_")]
 )
@@ -250,6 +252,7 @@ def test_data_set_of_somebody_else_is_kept(
         assert contents(folder) == before
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 @pytest.mark.parametrize("variant", [[], ["--variant", "kit"]], ids=["published", "kit"])
 @pytest.mark.parametrize("exchange", [False, True])
 def test_exchanged_cameras_are_named(

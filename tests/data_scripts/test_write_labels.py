@@ -256,6 +256,7 @@ def test_record_of_another_program_is_kept(
         assert (out / DETECTOR_RECORD).read_text(encoding="utf-8") == content
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_second_detection_waits_for_the_first(
     bands: Path, model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -368,6 +369,7 @@ def test_copied_labels_take_no_part_in_the_time_of_the_detector(
     assert all(seconds >= pause for _, seconds in counted)
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_labels_of_other_classes_are_never_taken(
     bands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -417,6 +419,7 @@ def test_model_without_names_is_chosen_by_number(
     assert "its classes are chosen by number" in one_line(capsys)
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_every_class_that_is_chosen_is_removed(
     bands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -450,6 +453,7 @@ def test_models_of_other_names_tell_how_to_choose(
     assert texts(bands / "labels") == before  # nothing is deleted before the model is known to be usable
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_incomplete_labels_are_completed_where_a_detector_is_asked_for(
     bands: Path, model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -207,6 +207,7 @@ def test_the_film_and_the_trajectory_picture_show_the_loops(bands: Path) -> None
     assert min(pictures[1]) > 20
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_a_reproduction_adds_loops_below_the_papers_table(bands: Path, tmp_path: Path) -> None:
     twice(bands)
     words = f"reproduce --sequences {bands} --variant published --methods feature_selection --seeds 1"

@@ -480,6 +480,7 @@ def test_a_straight_drive_without_truth_has_no_errors_in_its_caption(tree: Path)
     assert "errors to the side" not in report
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_lengths_without_effect_are_reported(tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
     remark = "--lengths has no effect on kitti/11, which has no ground truth"
     assert reproduce(tree, "--sequences", "02,11", "--variant", "published", "--seeds", "1") == 0
@@ -489,6 +490,7 @@ def test_lengths_without_effect_are_reported(tree: Path, capsys: pytest.CaptureF
     assert "kitti/02 will have no errors" not in printed
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 @pytest.mark.parametrize("lengths", [["--lengths", "50,30"], []])
 def test_a_path_shorter_than_every_sub_sequence_names_both_lengths_and_the_option(
     tree: Path, capsys: pytest.CaptureFixture[str], lengths: list[str]
@@ -506,6 +508,7 @@ def test_a_path_shorter_than_every_sub_sequence_names_both_lengths_and_the_optio
     assert "distances from the true path" in page
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_settings_are_compared_without_truth(
     tree: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -587,6 +590,7 @@ def test_report_embeds_a_film(tree: Path) -> None:
     assert (tree / "out" / unquote(address)).samefile(place / "my film.webm")
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_failed_run_is_reported_with_its_cause(tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
     image = tree / "kitti" / "sequences" / "07" / "image_0" / "000003.png"
     image.write_bytes(image.read_bytes()[:300])

@@ -272,6 +272,7 @@ def test_a_reference_of_which_a_run_failed_does_not_tell_how_far_seeds_are_apart
     )
 
 
+@pytest.mark.usefixtures("pictures_not_drawn")
 def test_a_sweep_without_truth_names_the_settings_that_it_compares_with(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

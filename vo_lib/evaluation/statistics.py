@@ -18,6 +18,7 @@ Every standard deviation is that of a sample, over n - 1.
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from dataclasses import dataclass
@@ -85,6 +86,7 @@ def one_run_shows(before: float, deviation: float, after: float, new_deviation: 
     return bool(abs(after - before) > limit)
 
 
+@functools.cache  # bisection takes 0.1 ms, and few pairs of arguments occur
 def t_quantile(probability: float, freedom: float) -> float:
     """Quantile of Student's distribution for `freedom` degrees of freedom, a whole number or infinity.
 

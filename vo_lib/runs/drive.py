@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, cast
 
 import cv2
 import numpy as np
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from ..data.sequence import Sequence, at_pixels
 from ..errors import DataError
@@ -322,7 +322,7 @@ class _ThreadLimit:
             if self._holders == 1:
                 self._undo.callback(cv2.setNumThreads, cv2.getNumThreads())
                 cv2.setNumThreads(1)
-                self._undo.enter_context(threadpool_limits(limits=1, user_api="blas"))
+                self._undo.enter_context(_libraries().limit(limits=1, user_api="blas"))
 
     def release(self) -> None:
         """Remove the limit, unless another run holds it."""
@@ -330,6 +330,12 @@ class _ThreadLimit:
             self._holders -= 1
             if self._holders == 0:
                 self._undo.close()
+
+
+@functools.cache  # the search for them takes 2 ms; NumPy has loaded its BLAS by now
+def _libraries() -> ThreadpoolController:
+    """The libraries of this process that have threads of their own."""
+    return ThreadpoolController()
 
 
 _thread_limit = _ThreadLimit()  # one for the process, like the settings of both libraries

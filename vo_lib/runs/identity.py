@@ -176,8 +176,12 @@ def processor_name() -> str:
     return platform.processor() or platform.machine()
 
 
+@functools.cache
 def git_commit() -> str | None:
-    """Commit of the kit's work tree, with "-dirty" after local changes; None outside git."""
+    """Commit of the kit's work tree, with "-dirty" after local changes; None outside git.
+
+    As of the first call, since a process goes on with the code that it has imported.
+    """
     if not (PACKAGE.parent / ".git").exists():
         return None
     command = ["git", "-C", str(PACKAGE.parent), "describe"]

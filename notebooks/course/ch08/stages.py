@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import inspect
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
@@ -245,5 +246,10 @@ def _as_array(part: Any, shape: Shape) -> tuple[Array, str]:
 
 def named_inputs(name: str, inputs: tuple[Any, ...]) -> dict[str, Any]:
     """The inputs of a stage by the names of the exercise's parameters."""
-    names = inspect.signature(functions_to_write()[name][1].right).parameters
-    return dict(zip(names, inputs, strict=False))
+    return dict(zip(_input_names(name), inputs, strict=False))
+
+
+@functools.cache
+def _input_names(name: str) -> tuple[str, ...]:
+    """Names of the parameters of an exercise's function."""
+    return tuple(inspect.signature(functions_to_write()[name][1].right).parameters)
