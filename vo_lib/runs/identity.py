@@ -58,13 +58,19 @@ def import_closure(modules: Iterable[str]) -> tuple[Path, ...]:
         if path in files or not path.exists():
             continue
         files.add(path)
-        for node in ast.parse(path.read_bytes()).body:
-            if isinstance(node, ast.ImportFrom) and node.level:
-                # In "from .name import other", `name` is a module, or a package with the module `other`.
-                target = path.parents[node.level - 1].joinpath(*(node.module or "").split("."))
-                waiting.append(target.with_suffix(".py"))
-                waiting += [target / f"{imported.name}.py" for imported in node.names]
+        for imported in _relative_imports(path.read_bytes()):
+            # In "from .name import other", `name` is a module, or a package with the module `other`.
+            target = path.parents[imported.level - 1].joinpath(*(imported.module or "").split("."))
+            waiting.append(target.with_suffix(".py"))
+            waiting += [target / f"{alias.name}.py" for alias in imported.names]
     return tuple(sorted(files))
+
+
+@functools.cache  # the code of matches and that of poses have most modules in common
+def _relative_imports(source: bytes) -> tuple[ast.ImportFrom, ...]:
+    """The statements "from .name import other" at the top level of a module."""
+    statements = ast.parse(source).body
+    return tuple(each for each in statements if isinstance(each, ast.ImportFrom) and each.level)
 
 
 def short_digest(data: bytes) -> str:
