@@ -203,7 +203,8 @@ def write_label_folder(
     Parameters
     ----------
     classes : classes by name or number (setting filter.classes).
-    replace : delete the frames' labels of another detector with its record, and no other file.
+    replace : delete the frames' labels of another detector with its record and list of images, and no other
+        file.
     others : other folders with labels of this record; the labels of the same images are copied.
     waiting : called if another process writes labels into the folder (see `only_process`).
     detected : called at the end with the number of images in which the detector ran, if it ran in any, and

@@ -1,4 +1,8 @@
-"""Vehicle detectors by name: the included detector, and downloaded or registered detectors."""
+"""Vehicle detectors by name: the included one, and downloaded or registered ones.
+
+`vo data get_detector` downloads a detector, or registers one: it copies an ONNX file from disk under a name
+into the folder of detectors.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +39,7 @@ def list_detectors(folder: Path | None = None) -> dict[str, Path]:
 
 
 def is_in_own_folder(path: Path) -> bool:
-    """Whether a registered model is in a folder of its name, as a model of several files is."""
+    """Whether a model is in a folder of its own name, as a registered model of several files is."""
     return path.parent.name == path.stem
 
 

@@ -48,14 +48,14 @@ from .readers import (
     table_of,
 )
 
-# Cell sizes of networks, pixels; the usual ones last, so that they count if two sets give as many rows.
+# Cell sizes of networks, pixels; the usual ones last, so that they count if two sets give equally many rows.
 STRIDE_SETS = ((16, 32), (8, 16), (4, 8, 16, 32, 64), (8, 16, 32, 64), (4, 8, 16, 32), STRIDES)
 ANCHORS = 3  # boxes a cell in networks with anchors: YOLOv5 and v7
 MAX_SELECTED = 3000  # a network that selects its boxes gives at most this many
 MAX_COLUMNS = 1000  # of a table with a row for each selected box
-FOLLOWS_GRID = 0.8  # correlation of the boxes' centres with their cells, from which they are decoded
-LARGEST_RAW = 7.0  # size in YOLOX's output before decoding, a logarithm: e⁷ strides are wider than any image
-ORDERED = 0.9  # share of the boxes whose first corner is left above the second, if they are corners
+FOLLOWS_GRID = 0.8  # smallest correlation of decoded centres with the places of their cells
+LARGEST_RAW = 7.0  # largest size in YOLOX's raw output, a logarithm: e⁷ strides are wider than any image
+ORDERED = 0.9  # of boxes given as corners, smallest share whose first corner is left above the second
 SCORE_SLACK = 0.05  # by which scores of quantised models may be below 0 or above 1
 MASK_COEFFICIENTS = 32  # of a box in the segmentation models of Ultralytics
 
@@ -106,7 +106,8 @@ def recognise(outputs: Sequence[Output], metadata: Metadata, width: int, height:
     if metadata.task not in ("", "detect", "segment"):
         what = TASKS.get(metadata.task, f"a model for the task {metadata.task[:20]!r}")
         raise UnusableOutput(f"is {what}, whose boxes the kit does not read; {REMEDY}")
-    # Indices of the outputs with a row, or a single value, for each box; the others are maps.
+    # Indices of the outputs with a row or a single value for each box, or with the count of the boxes; the
+    # others are maps.
     tables = [index for index, output in enumerate(outputs) if table_of(output.values).ndim <= 2]
     if len(tables) == 1 and table_of(outputs[tables[0]].values).ndim == 2:
         layout = _from_table(outputs, tables[0], metadata, width, height)
@@ -129,7 +130,7 @@ def _from_table(
     boxes_a_cell_by_rows = _grids_by_rows(width, height)
     masks = _mask_count(outputs)
     if metadata.names is not None and 4 + len(metadata.names) in table.shape:
-        masks = 0  # a detection model; its maps are of no concern here
+        masks = 0  # a detection model, whatever its maps are for
     # The number of boxes that a network selects may happen to be that of the cells of a grid.
     selects_boxes = metadata.one_to_one or metadata.transformer
     columns_first = table.shape[1] in boxes_a_cell_by_rows

@@ -77,7 +77,7 @@ ONE_FRAME = Delta()
 
 @dataclass(frozen=True, eq=False)
 class RelativeError:
-    """RPE over intervals `delta`: translation errors (M,), metres, and rotation errors (M,), radians."""
+    """RPE over S intervals `delta`: translation errors (S,), metres, and rotation errors (S,), radians."""
 
     delta: Delta
     translation: Array

@@ -42,7 +42,9 @@ class TurnAgreement(NamedTuple):
     Attributes
     ----------
     as_given : with the times as they are.
-    with_lag : with the best lag; of several that are about as good, with the smallest one.
+    with_lag : with the best lag. Of several peaks that are about as good, the coarse search takes the one
+        nearest to lag 0; around it and around lag 0, the highest correlation counts, however small its
+        advantage.
     lag : seconds by which the clock of the first path is then ahead of that of the second one, a multiple of
         the shorter of the median intervals of both.
     samples : number of intervals compared with the times as they are.
@@ -65,7 +67,11 @@ class TurnAgreement(NamedTuple):
 
     @property
     def is_one_clock(self) -> bool:
-        """Whether the turns agree best with the times as they are, by no accident."""
+        """Whether the turns agree best with the times as they are, by no accident.
+
+        On a path with gentle turns, noise may make the lag of a frame slightly better. The result is then
+        false, which does not mean that there are two clocks.
+        """
         evidence = -self.samples * float(np.log(_unexplained(self.as_given)))
         return self.lag == 0 and evidence >= CLEAR_EVIDENCE
 

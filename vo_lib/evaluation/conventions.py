@@ -9,9 +9,9 @@ in which they were written, the errors are large though the odometry is good. Ea
 - `mirrored_axis`: one axis points the other way.
 
 Each cuts the true path into parts, and compares every part with the estimate by its rotation, or by its
-displacement as seen from the pose at which it begins, or by both; `orientations_disagree` compares the
-displacements in the axes of the world, too. Both paths are given as they were read, as poses `T_w_c`,
-(N, 4, 4), metres.
+displacement as seen from the pose at which it begins, or by both. `orientations_disagree` compares the
+displacements in the axes of the world, too, and `inverses_agree` also does all this with the two paths
+exchanged. Both paths are given as they were read, as poses `T_w_c`, (N, 4, 4), metres.
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ DISAGREEMENT_RATIO = 4.0  # an error is far larger than another from this ratio 
 # Mean rotation error, below which there is nothing to explain: a straight path has no rotations, and so says
 # nothing about the order of a quaternion or about an axis.
 MIN_ROTATION_ERROR = np.radians(0.1)
-# Where x, y, z, w stand in a wrongly ordered quaternion: w first read as last, and the reverse.
+# Places of the true x, y, z, w in a quaternion that was read in the wrong order: the file has w, x, y, z and
+# was read as x, y, z, w; and the reverse.
 OTHER_ORDERS = ([1, 2, 3, 0], [3, 0, 1, 2])
 
 

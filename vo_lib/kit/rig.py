@@ -68,8 +68,9 @@ class RigFault(NamedTuple):
 
 DISPARITY_TERMS = ("1", "x", "y", "x²", "xy", "y²", "x³", "x²y", "x⁴")
 ROW_TERMS = DISPARITY_TERMS[:6]
-# KITTI's rigs have a k1 of 12 to 17 px. The floors: on drawn scenes with perfect lenses, cars cause up to
-# 2.6 px of k1, and a highway causes 0.8 px of p2.
+# The k1 of KITTI's rigs is estimated as 14 to 17 px together with k2, as here, and as 8 to 14 px without k2.
+# The floors: on drawn scenes with perfect lenses, cars cause up to 2.6 px of k1, and a highway causes 0.8 px
+# of p2.
 LENS_PX = {
     "p1": LensPrior(1.5, 0.7),
     "p2": LensPrior(1.5, 1.2),

@@ -69,7 +69,7 @@ class BoxFilter:
 def vehicles(boxes: Boxes, config: FilterConfig) -> Boxes:
     """The boxes with a sufficient score, enlarged by the margin.
 
-    The chosen classes are no matter here: a sequence gives boxes of these classes only.
+    The setting `classes` is not used here: a sequence gives boxes of the chosen classes only.
     """
     selection = boxes[boxes.score >= config.score]
     top_left = selection.xyxy[:, :2]

@@ -17,9 +17,9 @@ each operation for all sets in one pass over memory. S is the number of sets, M 
 
 Two steps differ from Nistér's paper. Nistér sets w = 1; here (z, w) is a point of the projective line, so no
 solution is at infinity. Nistér eliminates ten monomials and divides by their pivots, which may be small; here
-reflections eliminate only four of them, and the other six stay as columns of the matrix whose determinant is
-taken. In the worst 5 % of the sets, the polynomial then has a hundred to a thousand times less rounding error
-than his.
+reflections eliminate only four of them. The other six give three of the six columns, x², y² and xy, of the
+matrix whose determinant is taken. In the worst 5 % of the sets, the polynomial then has a hundred to a
+thousand times less rounding error than his.
 """
 
 from __future__ import annotations

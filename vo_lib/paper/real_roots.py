@@ -3,7 +3,7 @@
 The polynomials are homogeneous in (z, w). Each polynomial is solved for z/w and for w/z in [-1, 1], so no
 root is at infinity. [-1, 1] is cut into pieces, and these again, until each has no root or one root, as the
 sign changes of the polynomial's Bernstein coefficients there tell (Descartes' rule); then Newton's method
-gives the root. If the interval is mapped to [0, 1], the polynomial is a sum of Bernstein polynomials, and its
+gives the root. If a piece is mapped to [0, 1], the polynomial is a sum of Bernstein polynomials, and its
 Bernstein coefficients are their factors (`_bernstein`). The last axis of the arrays is the axis of the
 polynomials or of their intervals.
 """

@@ -103,7 +103,7 @@ def earlier_rows(camera: StereoCamera, matches: StereoMatches, before: PairBefor
     n = len(matches)
     A = np.zeros((n, 2, 2, 3))
     c = np.zeros((n, 2, 2))
-    # Places of the features that both pairs have, in the matches of each.
+    # Places of the features that are in both sets of matches, in each of the two.
     _, here, there = np.intersect1d(matches.id, before.matches.id, return_indices=True)
     earlier = before.matches[there]
     # R' and t' of the module's text: from the previous frame, where Q is, to the frame before it.

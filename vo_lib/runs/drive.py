@@ -106,7 +106,8 @@ def frames(
     Raises
     ------
     DataError : an image or a label file is invalid, or the classes of a rule with boxes do not fit the label
-        folder (`boxes_for`).
+        folder (`boxes_for`); if the matches are computed from the images, also if frames are missing between
+        the frames of the sequence.
     """
     read_boxes = boxes_for(sequence, config.filter)
     for index, (frame_matches, ms) in enumerate(_matches_outside_masks(sequence, config, matches)):
@@ -116,7 +117,11 @@ def frames(
 def _matches_outside_masks(
     sequence: Sequence, config: MethodConfig, matches: Iterable[TimedMatches] | None
 ) -> Iterator[TimedMatches]:
-    """The matches of each frame outside the masks: the given ones or, for None, computed from the images."""
+    """The matches of each frame outside the masks: the given ones or, for None, computed from the images.
+
+    BLAS and OpenCV use one thread from the first frame to the last, also in the caller's work between two
+    frames: this generator waits inside the context.
+    """
     _keep_freed_memory()
     with single_threaded():
         all_matches = find_matches(sequence, config) if matches is None else matches

@@ -51,7 +51,7 @@ RUN_FILES = (CONFIG, POSES, POSES_TUM, LOG, CALIBRATION, METRICS, PICTURE, LOOPS
 
 # Fields of config.json beside the identity of the run (`identity.run_identity`).
 SETTINGS_DIGEST = "settings_digest"  # shows whether somebody has edited the settings
-DETECTOR_OF_BOXES = "detector_of_boxes"  # these fields of the detector's record; null if none made the boxes
+DETECTOR_OF_BOXES = "detector_of_boxes"  # `DETECTOR_INPUTS` of its record; null if no detector made the boxes
 DETECTOR_INPUTS = ("model", "sha256", "provider", "settings", "classes")
 # The type of each value that is read back, and its name in messages. `_are_two_texts` checks "frames".
 CONFIG_VALUES: dict[str, tuple[type, str]] = {
@@ -145,10 +145,10 @@ def changed_files(folder: Path) -> list[str]:
 
 
 def _digest_or_none(path: Path) -> str | None:
-    """SHA-256 of a file, or None."""
+    """SHA-256 of a file; None for a file that is missing or cannot be read."""
     try:
         return file_sha256(path)
-    except DataError:  # a missing or unreadable file
+    except DataError:
         return None
 
 

@@ -290,7 +290,8 @@ def run_jobs(
     _add_kept_times(jobs, to_run, unfilled, cache, durations)
     # The first jobs say how long the others will take.
     first_runs = _first_jobs(to_run, running_task, workers)
-    # Front ends of these runs, and one of each kind; of the latter, the runs come later.
+    # Beside the front ends that these runs need, one front end of each kind is done first, to measure its
+    # time; the runs that need only the latter come later.
     first_keys = [_front_end(job) for job in [*first_runs, *_first_jobs(unfilled, matching_task, workers)]]
     first_front_ends = {key: job_for_front_end[key] for key in first_keys}
     other_front_ends = {key: job for key, job in job_for_front_end.items() if key not in first_front_ends}
