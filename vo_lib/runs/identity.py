@@ -117,7 +117,12 @@ def truth_digest(sequence: Sequence) -> str:
 
 def library_versions() -> dict[str, str]:
     """Versions of the kit and of the libraries that can change a result."""
-    return {"kit": metadata.version("stereo-vo-kit"), "numpy": np.__version__, "opencv": cv2.__version__}
+    return {"kit": _kit_version(), "numpy": np.__version__, "opencv": cv2.__version__}
+
+
+@functools.cache  # read from a file, for each identity of a run
+def _kit_version() -> str:
+    return metadata.version("stereo-vo-kit")
 
 
 def made_with(modules: tuple[str, ...]) -> dict[str, str]:
