@@ -183,12 +183,13 @@ class Exercise:
             self.slips = {**usual, **self.slips}
         # The mistakes by message: those that are wrong answers, and those that are recognised by a test.
         self.answers: dict[str, list[Any]] = {}
-        self.tests: dict[str, Callable[..., Any]] = {}
+        self.tests: dict[str, list[Callable[..., Any]]] = {}
         for says, examples in self.mistakes.items():
             several = examples if isinstance(examples, tuple) else (examples,)
             for each in several:
                 if isinstance(each, Condition) or isinstance(self.right, Mapping):
-                    self.tests[says] = each.test if isinstance(each, Condition) else each
+                    test = each.test if isinstance(each, Condition) else each
+                    self.tests.setdefault(says, []).append(test)
                 else:
                     self.answers.setdefault(says, []).append(each)
 
@@ -249,8 +250,8 @@ class Exercise:
         if not answer:
             return Verdict(False, "the panel shows no numbers: choose another sequence.")
         facts = defaultdict(lambda: float("nan"), answer)
-        for says, test in self.tests.items():
-            if test(facts):
+        for says, tests in self.tests.items():
+            if any(test(facts) for test in tests):
                 return Verdict(False, says.format_map(facts))
         return Verdict(True, self.praise.format_map(facts))
 
@@ -333,8 +334,8 @@ class Exercise:
 
     def _tested_mistake(self, wrong: _WrongResult) -> str:
         """The message of the first mistake whose test is true; "" if there is none."""
-        for says, test in self.tests.items():
-            if holds(test, wrong.got, *wrong.inputs):
+        for says, tests in self.tests.items():
+            if any(holds(test, wrong.got, *wrong.inputs) for test in tests):
                 return says
         return ""
 

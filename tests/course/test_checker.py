@@ -54,6 +54,12 @@ MATRIX = table(same, ones(2, 3))
 ORDER = table(np.argsort, lambda: [(np.array([3.0, 1.0, 2.0]),)], also=(lambda a: [0, 1],), form=in_order)
 STOPS = table(lambda x: None if x else 1.0, numbers, odd=lambda x: [1.0][int(x)])
 SPOILT = table(lambda kept, spoiled: len(spoiled), lambda: [(np.zeros(2), [np.zeros(3)])] * 2)
+IS_SEVEN = Condition(lambda got, x: got == 7)
+IS_EIGHT = Condition(lambda got, x: got == 8)
+EITHER = table(square, numbers, odd=(IS_SEVEN, IS_EIGHT))
+EITHER_FACT = table(
+    {"got": 3.0}, twice=lambda f: False, odd=(lambda f: f["got"] == 7, lambda f: f["got"] == 8)
+)
 # In addition to the bank of wrong answers.
 VERDICTS: list[tuple[Exercise, tuple[Any, ...], str]] = [
     (SQUARE, (square,), "right: well done, 0.0."),
@@ -91,6 +97,12 @@ VERDICTS: list[tuple[Exercise, tuple[Any, ...], str]] = [
     (STOPS, (lambda x: {0.0: 1.0}.get(x) or [].pop(),), "odd."),
     (STOPS, (lambda x: 1.0,), "expected None for x = 2"),
     (table(square, numbers, odd=Condition(lambda *case: 1 / 0)), (lambda x: 7.0,), "ZeroDivisionError"),
+    (EITHER, (lambda x: 7.0,), "odd."),
+    (EITHER, (lambda x: 8.0,), "odd."),
+    (EITHER, (lambda x: 9.0,), "9, expected 0"),
+    (EITHER_FACT, ({"got": 7.0},), "odd."),
+    (EITHER_FACT, ({"got": 8.0},), "odd."),
+    (EITHER_FACT, ({"got": 3.0},), "right: "),
     (SPOILT, (lambda kept, spoiled: 1,), "right: "),
     (SPOILT, (lambda kept, spoiled: spoiled[0].fill(1) or 1,), "changes its input `spoiled`"),
 ]
