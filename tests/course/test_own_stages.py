@@ -193,6 +193,36 @@ def test_a_stage_that_fails_in_the_loop_is_named_with_its_frame(
     assert f"own.join({stage}=None)" in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("result", "words"),
+    [
+        (None, "returns None"),
+        (1.0, "does not return 2 results"),
+        ([1.0, 2.0, 3.0], "does not return 2 results"),
+        ([1.0, None], "returns no real numbers, but NoneType"),
+        ([np.ones(3), 1.0], "returns the shape (3,), not ()"),
+        ([1.0, math.nan], "returns NaN or infinity in 1 of 1 numbers"),
+    ],
+)
+def test_errors_of_another_form_are_refused(result: Any, words: str) -> None:
+    """They used to reach the table of the cell as they were."""
+    path = winding_road(30, 0.01, 1.0)
+    with pytest.raises(StageError, match=r"^after the last frame: your `all_errors` ") as caught:
+        with_stages(all_errors=lambda *_: result).all_errors(path, path, (10,), 1)
+    assert words in str(caught.value)
+
+
+def test_errors_are_two_numbers_whether_yours_or_the_librarys() -> None:
+    path = winding_road(30, 0.01, 1.0)
+    other = winding_road(30, 0.012, 1.0)
+    library = np.array(own.join().all_errors(path, other, (10,), 1))
+    assert library.shape == (2,)
+    assert library.min() > 0
+    for form in (list, tuple, np.asarray):
+        mine = with_stages(all_errors=lambda *_, form=form: form(library))
+        np.testing.assert_array_equal(np.array(mine.all_errors(path, other, (10,), 1)), library)
+
+
 def test_a_stage_may_return_lists_sets_and_numbers_of_one_entry(
     turning: tuple[Sequence, list[TimedMatches]],
 ) -> None:

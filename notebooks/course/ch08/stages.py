@@ -37,9 +37,12 @@ SHAPES: Mapping[str, Callable[..., list[Shape]]] = {
     "translation_of_all": lambda *_: [(3,)],
     "weights": lambda r, s: [np.shape(r)],
     "chain": lambda motions: [(len(motions) + 1, 4, 4)],
+    "all_errors": lambda *_: [(), ()],
 }
 # The shapes of the inputs of each stage, in the order of its parameters. A letter is a length, the same length for
-# each input of a call; `MAY_BE_NONE` lists the letters of which there may be none at all.
+# each input of a call; `MAY_BE_NONE` lists the letters of which there may be none at all. F: matches of a frame as they
+# come or, for `buckets`, outside the boxes; B and C: boxes of the previous and of the current frame; N: matches that
+# are used, all of them or the inliers; M: candidates; K: motions; T: poses.
 INPUTS: Mapping[str, tuple[tuple[str | int, ...], ...]] = {
     "keep_outside": (("F", 2), ("F", 2), ("B", 4), ("C", 4)),
     "buckets": (("F", 2), ("F",), ("F",), (), ()),
@@ -188,8 +191,6 @@ def too_long(limit_s: float, error: TooLong) -> str:
 
 def in_form(name: str, given: Any, inputs: tuple[Any, ...]) -> tuple[Any, str]:
     """The result of a stage as arrays, and what is wrong with it; "" if it can be used."""
-    if name not in SHAPES:
-        return given, ""
     shapes = SHAPES[name](*inputs)
     if given is None:
         return None, "returns None"
