@@ -1,4 +1,9 @@
-"""Chapter 8: the student's functions of all chapters; library functions replace missing functions."""
+"""Chapter 8: the student's functions of all chapters; library functions replace missing functions.
+
+Also what the cells in and around the loop need: the matches that go into it (`reporting`, `kept_by`), the solutions
+of all sets (`solve_sets`), the residuals (`residuals`), the poses that come out (`usable_path`), a path mixed from
+two (`mixed`), and a film (`film`).
+"""
 
 from __future__ import annotations
 
