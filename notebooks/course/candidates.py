@@ -37,6 +37,7 @@ def sets_of_five(x_c: Array, seed: int | list[int], sets: int, side_by_side: boo
 
 def candidates_of(points: Points | SimulatedPoints, sets: int, draw: int) -> Candidates:
     """All solutions of `sets` random five-point sets of a frame, with the seed `draw`; `DataError` without any."""
+    # The 5 stands for these sets: what a panel draws otherwise, such as its noise, has another number before `draw`.
     chosen = sets_of_five(points.x_c, [5, draw], sets)
     candidates = five_point(points.x_p[chosen], points.x_c[chosen])
     if len(candidates.E) == 0:

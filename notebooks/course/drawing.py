@@ -104,21 +104,24 @@ def finish(
             axis.legend(loc=legend, **look)
 
 
-def log_axis(axis: Axis, low: float, high: float, steps: tuple[float, ...] = (1.0,)) -> None:
-    """Make an axis logarithmic from `low` to `high`, with plain numbers at `steps` × 10ⁿ."""
-    name = "x" if axis is axis.axes.xaxis else "y"
-    axis.axes.set(**{f"{name}scale": "log", f"{name}lim": (low, high)})
-    axis.set_major_locator(LogLocator(subs=steps, numticks=20))
-    axis.set_major_formatter("{x:g}")
-    axis.set_minor_locator(NullLocator())
+def log_axis(side: Axis, low: float, high: float, steps: tuple[float, ...] = (1.0,)) -> None:
+    """Make a side of a chart (`chart.xaxis` or `chart.yaxis`) logarithmic from `low` to `high`.
+
+    It gets plain numbers at `steps` × 10ⁿ.
+    """
+    name = "x" if side is side.axes.xaxis else "y"
+    side.axes.set(**{f"{name}scale": "log", f"{name}lim": (low, high)})
+    side.set_major_locator(LogLocator(subs=steps, numticks=20))
+    side.set_major_formatter("{x:g}")
+    side.set_minor_locator(NullLocator())
 
 
-def numbers_at(axis: Axis, places: Iterable[float]) -> None:
-    """Put the numbers of an axis at the given places.
+def numbers_at(side: Axis, places: Iterable[float]) -> None:
+    """Put the numbers of a side of a chart at the given places.
 
     Unlike `set_ticks`, it makes no object for each number, which would take a quarter of the time of a chart.
     """
-    axis.set_major_locator(FixedLocator(list(places)))
+    side.set_major_locator(FixedLocator(list(places)))
 
 
 def room(value: float, *, steps: tuple[float, ...] = FINE, least: float = 0.0) -> float:

@@ -54,9 +54,11 @@ def remember_sequence(sequence: Sequence) -> str:
     That is its own name, unless this belongs to another sequence: folders may have equal names, and a part has the
     name of the whole.
     """
-    return next(
-        name for name in _names_for(sequence) if are_same(_sequences.get(name, lambda: sequence), sequence)
-    )
+    for name in _names_for(sequence):
+        kept = _sequences.get(name, lambda: sequence)  # stores the sequence if the name is free
+        if are_same(kept, sequence):
+            return name
+    raise AssertionError("there is always a longer name")
 
 
 def _names_for(sequence: Sequence) -> Iterator[str]:

@@ -47,10 +47,12 @@ def rotation_errors(E: Array, R_true: Array) -> Array:
 
 
 def set_errors(points: Points, R_true: Array, chosen: Index, threshold: float) -> tuple[Array, float]:
-    """Rotation error, degrees, of the candidate with the smallest image error.
+    """Rotation errors, degrees: of the best candidate of each set, and of the winner of all sets.
 
-    Returns the errors by set, of the sets that have a solution, and the error of the winner of all sets.
+    The best candidate has the smallest image error over all matches. Returns (K,) for the K sets that have a
+    solution, and a float.
 
+    R_true : (3, 3), the rotation of comparison, which may be that of `reference_rotation`.
     chosen : (S, 5) matches of each set. threshold : at which image errors are truncated, normalised units.
     """
     solutions = five_point(points.x_p[chosen], points.x_c[chosen])

@@ -131,6 +131,8 @@ def load_sections(
             definitions |= own
             if name in own:
                 named[name] = own[name]
+    # A section also has copies of the functions that its own one calls, as they were when it was saved. So a
+    # function is taken from the section with its name, which has the version that passed last.
     return definitions | named, faults
 
 

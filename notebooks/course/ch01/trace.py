@@ -24,8 +24,8 @@ from vo_lib.runs.drive import single_threaded
 from ..frames import before_step, key_of
 from ..memory import Memory
 
-# The checks of a match: the fate of a match that fails it, and the loosest values of its settings. A match that fails
-# even these counts as `LOST`.
+# For each check of a match: the fate of a match that fails it, and the loosest values of the settings of the check. A
+# match that fails a check even with these counts as `LOST`.
 CHECKS: dict[str, dict[str, Any]] = {
     "looks different": {"max_difference": 255.0},
     "rows, disparity": {"row_tolerance": 10.0, "min_disparity": 0.05},
@@ -44,7 +44,7 @@ _loops: Memory[tuple[Index, ...]] = Memory(16)
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """N features of the previous pair and their fates.
+    """N features of the previous pair, each with a stereo match there, and their fates.
 
     Attributes
     ----------
@@ -85,7 +85,8 @@ def trace(sequence: Sequence, frame: int, config: MethodConfig) -> Trace:
     passed = [each.id for each in (*results, chosen)]  # numbers of the features that pass each step
     lost = empty_matches()
     if isinstance(config, PublishedConfig):
-        # What the front end remembers of the previous pair: its features, and the numbers of the left ones.
+        # The paper's front end keeps the previous pair with its features (`DescribedPair`), and in `_id` the
+        # numbers of the left ones.
         previous = before._previous
         ids = before._id
         number = ids[previous.to_right >= 0]
@@ -97,7 +98,8 @@ def trace(sequence: Sequence, frame: int, config: MethodConfig) -> Trace:
         passed = [in_loops, *passed]
         lost = whole_pixels(previous, pair, *loops)[~np.isin(in_loops, results[0].id)]
     else:
-        _, features = before._previous  # the previous pair and its features, as above
+        # The kit's keeps a tuple: the previous pair, and its features, which have their numbers with them.
+        _, features = before._previous
         number = features.id
     # How many steps in a row each feature passes, from the first on; its fate is the name of the step where it stops.
     steps_passed = np.cumprod([np.isin(number, each) for each in passed], axis=0).sum(axis=0)

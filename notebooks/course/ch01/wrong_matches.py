@@ -80,8 +80,9 @@ class ErrorMeasure:
     def rises(self, matches: StereoMatches) -> Array:
         """How far each match would have moved up or down between the frames if it were right, (N,) metres.
 
-        The rotation of the camera is undone, and a camera in a car hardly rises. What one pixel of the disparities
-        can make of it is subtracted; 0 where a disparity is too small for a depth.
+        The rotation of the camera is undone, and a camera in a car hardly rises. From the difference of the two
+        heights, what an error of one pixel in each disparity would change is subtracted: a height Y = y Z, with
+        Z = f b / d, changes by |Y| / d. 0 if a disparity is not above 1 px.
         """
         camera = self.sequence.camera
         _, R_cp, _, _ = cv2.recoverPose(self.E, matches.prev_left, matches.cur_left, camera.K)
@@ -95,6 +96,7 @@ class ErrorMeasure:
             X = camera.back_project(left, np.maximum(disparity, 1.0))
             disparities.append(disparity)
             heights.append((X @ R.T)[:, 1])
+        # The change of both heights together by one pixel of their disparities.
         by_a_pixel = np.sum(np.abs(heights) / np.maximum(disparities, 1.0), axis=0)
         rise = np.maximum(np.abs(heights[1] - heights[0]) - by_a_pixel, 0.0)
         return np.where(np.minimum(*disparities) > 1.0, rise, 0.0)
@@ -103,11 +105,11 @@ class ErrorMeasure:
         """Mask (N,) of the matches with two depths in the window around them; None without true depths."""
         if self.known is None:
             return None
-        near = 1.0 / depth(self.known, self.frame - 1)
+        inverse_depth = 1.0 / depth(self.known, self.frame - 1)  # 0 for the sky, whose depth is infinite
         reach = OUTLINE_WINDOW // 2
         mask = []
         for u, v in np.rint(matches.prev_left).astype(int).tolist():
-            around = near[max(v - reach, 0) : v + reach + 1, max(u - reach, 0) : u + reach + 1]
+            around = inverse_depth[max(v - reach, 0) : v + reach + 1, max(u - reach, 0) : u + reach + 1]
             mask.append(around.max() > OUTLINE_RATIO * around.min())
         return np.array(mask, np.bool_)
 
@@ -139,9 +141,10 @@ def count_line(name: str, error: Array) -> str:
 def strongest_wrong(
     matches: StereoMatches, error: Array, least: float = GROSS, most: float = SHOWN
 ) -> int | None:
-    """Index of the strongest match with an error between two limits, pixels; else of the largest one above `RIGHT`.
+    """Index of the strongest match with an error between two limits, pixels.
 
-    None if no match is wrong.
+    Without such a match, it is that of the match with the largest error, if this is above `RIGHT`; None if no
+    match is wrong.
     """
     if len(error) == 0:
         return None

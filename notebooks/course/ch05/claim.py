@@ -48,17 +48,19 @@ def _mean_errors(sequence: Sequence, poses: Array) -> tuple[float, float, float]
     return float(turns.mean()), float(steps.mean()), off
 
 
-def claim_lines(sequence: Sequence, *seeds: Mapping[str, Array]) -> str:
+def claim_lines(sequence: Sequence, *runs_of_seeds: Mapping[str, Array]) -> str:
     """A line for each run: mean errors of a step, and the distance of the end of the path from the true end.
 
     For several seeds, the line has the mean and the standard deviation over the seeds: what one run may show.
+
+    runs_of_seeds : for each seed, the poses (N, 4, 4) of each run by its name.
     """
     lines = []
-    for name in seeds[0]:
-        rows = [_mean_errors(sequence, runs[name]) for runs in seeds]
+    for name in runs_of_seeds[0]:
+        rows = [_mean_errors(sequence, runs[name]) for runs in runs_of_seeds]
         turn, step, off = np.mean(rows, axis=0)
         lines.append(f"{name:13}: error per step {turn:.4f}° and {step:5.2f} mm, at the end {off:5.2f} cm")
-        if len(seeds) > 1:
+        if len(runs_of_seeds) > 1:
             lines[-1] += "; seeds ± {:.4f}°, {:.2f} mm, {:.2f} cm".format(*standard_deviation(rows))
     return "\n".join(lines)
 
@@ -82,12 +84,15 @@ def whole_drive_line(section: str, row: str) -> str:
 
 
 def errors_by_seed(
-    sequence: Sequence, seeds: list[dict[str, Array]]
+    sequence: Sequence, runs_of_seeds: list[dict[str, Array]]
 ) -> list[tuple[str, str, dict[str, Array]]]:
-    """Mean errors of a step and the error of the end: name, unit, and the values over the seeds by run."""
+    """Mean errors of a step and the error of the end: name, unit, and the values over the seeds by run.
+
+    runs_of_seeds : for each seed, the poses (N, 4, 4) of each run by its name.
+    """
     kinds = (("rotation", "°"), ("translation", "mm"), ("end", "cm"))
     values: dict[str, list[tuple[float, float, float]]] = defaultdict(list)
-    for runs in seeds:
+    for runs in runs_of_seeds:
         for name, poses in runs.items():
             values[name].append(_mean_errors(sequence, poses))
     tables = {name: np.array(rows) for name, rows in values.items()}  # (seeds, kinds)
@@ -97,9 +102,12 @@ def errors_by_seed(
     return errors
 
 
-def seeds_figure(sequence: Sequence, seeds: list[dict[str, Array]], height: int = 230) -> Figure:
-    """The errors of each run as dots, for each seed joined by a line, so that one sees how far runs overlap."""
-    kinds = errors_by_seed(sequence, seeds)
+def seeds_figure(sequence: Sequence, runs_of_seeds: list[dict[str, Array]], height: int = 230) -> Figure:
+    """The errors of each run as dots, for each seed joined by a line, so that one sees how far runs overlap.
+
+    runs_of_seeds : for each seed, the poses (N, 4, 4) of each run by its name.
+    """
+    kinds = errors_by_seed(sequence, runs_of_seeds)
     made, axes = figure(height, len(kinds))
     for axis, (kind, unit, errors) in zip(axes, kinds, strict=True):
         names = list(errors)

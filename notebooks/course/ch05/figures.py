@@ -47,7 +47,11 @@ def filter_picture(
     state: NDArray[np.int64] | None,
     words: str,
 ) -> Image:
-    """The image with kept matches in blue, removed matches in orange, and the vehicle boxes."""
+    """The image with kept matches in blue, removed matches in orange, and the vehicle boxes.
+
+    keep : (N,) mask of the kept matches. boxes : K vehicle boxes.
+    state : (K,) of a `Removal`: parked, unknown or moving boxes; None if the rule does not tell them apart.
+    """
     drawn = match_image(image, matches, keep, boxes, state)
     for (x0, y0, x1, _), score in zip(np.rint(boxes.xyxy).astype(int).tolist(), boxes.score, strict=True):
         if x1 - x0 >= LEAST_LABELLED:  # words above small boxes would cover each other

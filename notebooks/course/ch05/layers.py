@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from vo_lib.geometry.types import Image
 
 Map = NDArray[np.float32]
-Source = int | tuple[int, int]
+Source = int | tuple[int, int]  # what a layer reads: a map, or two that are joined (see `Network`)
 
 GREY = 114  # of borders, and zero for the network
 CONTRAST = 64  # grey levels, one for the network

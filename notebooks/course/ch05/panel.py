@@ -65,6 +65,7 @@ class FilteringPanel(Panel):
         sequence = state.sequence
         frame = state.frame
         if state.view.model.strip() != LABELS:
+            # Only to fail here, with the label of the control; the result stays in memory for `filtered_frame`.
             with about("model", MODEL_REMEDY):
                 frame_candidates(sequence, frame, detector_of(state.view.model))
         matches = frame_matches(sequence, frame, state.config)

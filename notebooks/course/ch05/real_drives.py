@@ -27,6 +27,8 @@ from ..frames import opened
 from .claim import LINES, step_errors
 
 FEWEST = 3  # features of a box whose median says something
+ACCEPTS = 1.0  # inlier threshold of the runs in the chart of the turns, pixels
+REJECTS = 0.25  # a threshold that rejects features of things that move nearly as the camera does, pixels
 FETCH = {
     "kitti/drive_0005": "2011_09_26_drive_0005 --frames 100:154",
     "kitti/drive_0013": "2011_09_26_drive_0013 --frames 0:80",
@@ -98,7 +100,10 @@ def distances_by_box(
 
 
 def farthest_box(rows: list[BoxDistances]) -> BoxDistances | None:
-    """The box with at least three features whose median distance is the largest."""
+    """The box whose features are farthest from their epipolar lines, by the median; None without such a box.
+
+    Only boxes with at least `FEWEST` features count.
+    """
     boxes = [each for each in rows if each.row >= 0 and each.count >= FEWEST]
     return max(boxes, key=lambda each: each.median, default=None)
 
@@ -119,9 +124,10 @@ def turns_figure(
 ) -> Figure:
     """Rotation error of each step by run, and the share of features in boxes by frame.
 
-    A second area shows those features in boxes that are a little off their epipolar lines.
+    The runs are those with the inlier threshold `ACCEPTS`. A second area shows the features in boxes that this
+    threshold accepts, but `REJECTS` does not: they are a little off their epipolar lines.
 
-    matches, distances : matches of the frames 1 … N - 1, and their distances (`line_distances`), pixels.
+    runs : poses (N, 4, 4) by the name of the run. matches, distances : matches of the frames 1 … N - 1, and their distances (`line_distances`), pixels.
     """
     made, (turns, shares) = figure(250, 2)
     frames = np.arange(1, len(sequence))
@@ -133,10 +139,12 @@ def turns_figure(
     for frame, each, far in zip(frames.tolist(), matches, distances, strict=True):
         boxed = on_vehicles(each, sequence.boxes(frame - 1), sequence.boxes(frame), FilterConfig())
         in_boxes.append(100 * boxed.mean())
-        accepted.append(100 * np.mean(boxed & (far > 0.25) & (far < 1.0)))
+        accepted.append(100 * np.mean(boxed & (far > REJECTS) & (far < ACCEPTS)))
     shares.fill_between(frames, in_boxes, color=PALE, step="mid", label="all")
-    shares.fill_between(frames, accepted, color=BAD, step="mid", label="off their lines by 0.25 to 1 px")
+    shares.fill_between(
+        frames, accepted, color=BAD, step="mid", label=f"off their lines by {REJECTS:g} to {ACCEPTS:g} px"
+    )
     shares.set_ylim(0, 1.3 * max(in_boxes))
-    finish(turns, "rotation error of each step, 1 px [deg]", "frame")
+    finish(turns, f"rotation error of each step, {ACCEPTS:g} px [deg]", "frame")
     finish(shares, "features in boxes [% of all]", "frame", "", "upper left")
     return made

@@ -102,6 +102,7 @@ class ExplorePanel(Panel):
     def draw(self, state: State) -> Drawing:
         sequence = state.sequence
         truth = sequence.true_poses
+        # Do the runs here, frame by frame, with shared candidates; then `poses_of` has them in memory.
         for _ in run_by_frame(sequence, self.compared(state)):
             pass
         paths = {name: poses_of(sequence, config) for name, config in self.compared(state).items()}

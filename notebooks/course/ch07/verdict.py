@@ -29,6 +29,9 @@ FEWEST = 3  # seeds that a verdict needs
 # tell 10 % apart could not see them.
 MARGIN = 0.10
 
+# The outcomes. INSIDE: no farther from the mean of our seeds than one more run may be (`Judged.allowed`); the number is
+# REPRODUCED if the whole allowed interval is also within `MARGIN` of it. OUTSIDE: farther; then it is asked whether the
+# difference is small (CLOSE), or whether another reading of the paper (`choice_ranges`) explains it (BY_CHOICES).
 REPRODUCED = "reproduced"
 SCATTERED = "too scattered to tell"
 CLOSE = f"different, but within {100 * MARGIN:.0f} %"
@@ -59,8 +62,9 @@ VERDICT_COLUMNS = [
 class Judged:
     """A printed number beside ours, both in % or in deg/100 m, and the verdict.
 
-    printed : as in the paper; converted : in the right unit; allowed : difference within the seeds;
-    choices : lowest and highest error that other readings of the paper gave on the whole sequence, or None;
+    printed : as in the paper; converted : in the right unit (`paper_unit.converted`).
+    allowed : the largest difference that one more run of our method, and rounding, explain.
+    choices : lowest and highest error that other readings of the paper gave on the whole sequence, or None.
     kind : of `ERROR_KINDS`; deviation, seeds : of ours.
     """
 
@@ -127,7 +131,7 @@ def judge(
         outcome = CLOSE
     else:
         # Runs that scatter widely must not make the range of the readings wide.
-        outcome = _outside(right, choices, min(allowed, margin))
+        outcome = _by_readings(right, choices, min(allowed, margin))
     return Judged(
         row=row,
         method=method,
@@ -143,11 +147,14 @@ def judge(
     )
 
 
-def _outside(right: float, choices: tuple[float, float] | None, allowed: float) -> str:
-    """The outcome of a number outside the seeds, from the range of the other readings."""
+def _by_readings(right: float, choices: tuple[float, float] | None, beyond: float) -> str:
+    """The outcome of a number outside the seeds that is not close, from the range of the other readings.
+
+    beyond : how far the number may lie beyond the ends of the range.
+    """
     if choices is None:
         return DIFFERENT
-    if choices[0] - allowed <= right <= choices[1] + allowed:
+    if choices[0] - beyond <= right <= choices[1] + beyond:
         return BY_CHOICES
     return NOT_REPRODUCED
 

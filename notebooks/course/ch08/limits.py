@@ -66,7 +66,9 @@ def interrupt_each_line(frame: FrameType | None) -> None:
         if own:
             frame.f_trace = interrupt
         frame = frame.f_back
-    sys.settrace(_interruption(NO_THREAD))  # calls that begin from now on are left alone
+    # Python looks at `f_trace` only while a trace function is set. This one asks for nothing (no thread has the
+    # number 0), so calls that begin from now on are left alone.
+    sys.settrace(_interruption(NO_THREAD))
 
 
 def _interruption(thread: int) -> Any:

@@ -33,6 +33,33 @@ FARTHEST_M = 100.0
 FIRST_FRAMES = 4  # most differences show in these; only without one, all frames are compared
 CLOSE = 1e-6  # relative difference of equal numbers
 
+# What can have happened to an input: words, and the function from the right input to the wrong one.
+CHANGES: tuple[tuple[str, Callable[[Array], Any]], ...] = (
+    ("it has the opposite sign", lambda right: -right),
+    ("it is transposed", lambda right: np.swapaxes(right, -1, -2)),
+    ("it is in the opposite order", lambda right: right[::-1]),
+    ("its columns are in the opposite order", lambda right: right[..., ::-1]),
+    ("its first entry is missing", lambda right: right[1:]),
+    ("its last entry is missing", lambda right: right[:-1]),
+    (
+        "its rotation is transposed",
+        lambda right: _with_rotation(right, np.swapaxes(right[..., :3, :3], -1, -2)),
+    ),
+    ("it is inverted", lambda right: np.linalg.inv(right)),
+    (
+        "its rotation is transposed and its translation has the opposite sign, which is not the inverse",
+        lambda right: _with_translation(
+            _with_rotation(right, np.swapaxes(right[..., :3, :3], -1, -2)), -right[..., :3, 3]
+        ),
+    ),
+    ("its translation is missing", lambda right: _with_translation(right, 0.0 * right[..., :3, 3])),
+    ("its translation has the opposite sign", lambda right: _with_translation(right, -right[..., :3, 3])),
+    ("its rotation is missing", lambda right: _with_rotation(right, np.eye(3))),
+)
+KNOWN = tuple(words for words, _ in CHANGES)
+FACTOR = "it is multiplied by "  # and the factor
+UNKNOWN = "the numbers differ"  # if none of these explains it
+
 
 def library_loop(
     sequence: Sequence, matches: Iterable[TimedMatches], seed: int = 0, *, odometry: StudentOdometry
@@ -115,7 +142,7 @@ def first_difference(
 ) -> str:
     """A sentence on the first step at which `drive` differs from `library_loop` with the same stages; else "".
 
-    A loop may do without `chain`: then its poses are compared with those of `chain`.
+    The inputs of the stages are compared first, then the poses with those of `chain`, which a loop may do without.
 
     drive : called as drive(sequence, matches, odometry=…), with the first `FIRST_FRAMES` frames, then with all;
         its seed must be 0 if none is given, as that of `library_loop`.
@@ -161,7 +188,10 @@ def recorded(
 
 
 def _first_difference_of_calls(own_calls: list[Call], right_calls: list[Call], views: _Views) -> str:
-    """The first difference between the calls of two loops, frame by frame, in the order of the stages."""
+    """The first difference between the calls of two loops, frame by frame, in the order of the stages.
+
+    views : the points and depths of all frames, to name where a wrong input comes from.
+    """
     own_frames = _by_frame(own_calls)
     right_frames = _by_frame(right_calls)
     for frame, right_stages in right_frames.items():
@@ -241,6 +271,7 @@ def _difference_of_call(
             exchanged = _equal(given[argument], expected[other]) and _equal(given.get(other), value)
             if other != argument and exchanged:
                 return f"`{name}` gets `{argument}` and `{other}` in exchanged places"
+        # A change that explains all numbers is the best explanation; otherwise look where the numbers come from.
         if words not in KNOWN and not words.startswith(FACTOR):
             words = (
                 _of_other_frame(given[argument], argument, others)
@@ -315,34 +346,6 @@ def _rows_in(wanted: Array, table: Array) -> Array | None:
     places = {row.tobytes(): index for index, row in enumerate(table)}
     rows = [places.get(row.tobytes()) for row in np.ascontiguousarray(wanted.reshape(-1, width))]
     return None if None in rows else np.array(rows, np.intp)
-
-
-# What can have happened to an input: words, and the function from the right input to the wrong one.
-CHANGES: tuple[tuple[str, Callable[[Array], Any]], ...] = (
-    ("it has the opposite sign", lambda right: -right),
-    ("it is transposed", lambda right: np.swapaxes(right, -1, -2)),
-    ("it is in the opposite order", lambda right: right[::-1]),
-    ("its columns are in the opposite order", lambda right: right[..., ::-1]),
-    ("its first entry is missing", lambda right: right[1:]),
-    ("its last entry is missing", lambda right: right[:-1]),
-    (
-        "its rotation is transposed",
-        lambda right: _with_rotation(right, np.swapaxes(right[..., :3, :3], -1, -2)),
-    ),
-    ("it is inverted", lambda right: np.linalg.inv(right)),
-    (
-        "its rotation is transposed and its translation has the opposite sign, which is not the inverse",
-        lambda right: _with_translation(
-            _with_rotation(right, np.swapaxes(right[..., :3, :3], -1, -2)), -right[..., :3, 3]
-        ),
-    ),
-    ("its translation is missing", lambda right: _with_translation(right, 0.0 * right[..., :3, 3])),
-    ("its translation has the opposite sign", lambda right: _with_translation(right, -right[..., :3, 3])),
-    ("its rotation is missing", lambda right: _with_rotation(right, np.eye(3))),
-)
-KNOWN = tuple(words for words, _ in CHANGES)
-FACTOR = "it is multiplied by "
-UNKNOWN = "the numbers differ"
 
 
 def _with_rotation(T: Array, R: Array) -> Array:
