@@ -121,6 +121,30 @@ def test_unusable_models_are_refused(tmp_path: Path) -> None:
         chosen_mask(YoloDetector(path), ("vehicles",))
 
 
+@pytest.mark.parametrize("classes", [(), ("vehicles",), ("0", "car"), ("2",)])
+def test_a_model_without_names_has_its_classes_chosen_by_number(
+    tmp_path: Path, classes: tuple[str, ...]
+) -> None:
+    path = tmp_path / "model.onnx"
+    write_answering(path, yolov8_answer())
+    detector = YoloDetector(path)
+    assert detector.names is None
+    assert chosen_mask(detector, ("1",)).tolist() == [False, True]
+    with pytest.raises(DataError, match="so its classes are chosen by number from 0 to 1"):
+        chosen_mask(detector, classes)
+
+
+def test_a_model_that_does_not_tell_its_number_of_classes_has_no_class_beyond_those_of_any_model(
+    tmp_path: Path,
+) -> None:
+    answer = np.array([[[10.0, 10.0, 30.0, 20.0, 0.9, 2.0]]], np.float32)  # corners, score, class
+    detector = YoloDetector(write_answering(tmp_path / "model.onnx", answer))
+    assert detector.class_count is None
+    assert chosen_mask(detector, ("2",)).tolist() == [False, False, True]
+    with pytest.raises(DataError, match="so its classes are chosen by number"):
+        chosen_mask(detector, ("20261127000000",))
+
+
 def recall_precision(
     images: Iterable[tuple[Boxes, Boxes]], min_height: float, min_iou: float = 0.5
 ) -> tuple[float, float, int]:

@@ -36,6 +36,7 @@ from ..files import only_process, read_bytes, read_mapping, read_text, write_ato
 from ..geometry.boxes import VEHICLES, Boxes
 from ..geometry.types import BoolArray, Progress
 from ..settings import to_dict
+from .metadata import MAX_CLASSES
 from .model_files import model_sha256
 from .models import find_model
 from .settings import DetectorConfig
@@ -131,8 +132,8 @@ def chosen_mask(detector: YoloDetector, classes: tuple[str, ...]) -> BoolArray:
 
     For a model without names, the mask ends with the largest chosen number.
 
-    Raises as `ClassNames.choose`. For a model without names, raises `ClassesError` if a word of the choice is
-    no number, as the default `vehicles`, or is a number that no class has.
+    Raises as `ClassNames.choose`. For a model without names, raises `ClassesError` if there is no word, or if
+    one is no number, as the default `vehicles`, or is a number that no class has.
     """
     own, _ = model_classes(detector)
     if own.names:
@@ -140,7 +141,7 @@ def chosen_mask(detector: YoloDetector, classes: tuple[str, ...]) -> BoolArray:
         count = len(own.names)
     else:
         numbers = [int(word) for word in classes if word.isdecimal()]
-        if len(numbers) < len(classes) or not _have_numbers(detector, numbers):
+        if not numbers or len(numbers) < len(classes) or not _have_numbers(detector, numbers):
             raise _choose_by_number(detector)
         count = max(numbers) + 1
     mask = np.zeros(count, np.bool_)
@@ -149,8 +150,9 @@ def chosen_mask(detector: YoloDetector, classes: tuple[str, ...]) -> BoolArray:
 
 
 def _have_numbers(detector: YoloDetector, numbers: list[int]) -> bool:
-    """Whether a detector has classes with all of these numbers, as far as its file tells."""
-    return detector.class_count is None or max(numbers) < detector.class_count
+    """Whether a detector has classes with all of these numbers, one or more, as far as its file tells."""
+    class_count = MAX_CLASSES if detector.class_count is None else detector.class_count
+    return max(numbers) < class_count
 
 
 def _choose_by_number(detector: YoloDetector) -> ClassesError:

@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-SMALLEST_INPUT_PX = 32
-MAX_INPUT_PX = 4096  # a larger size in a model's metadata is ignored
+SMALLEST_INPUT_PX = 32  # a smaller size in a model's metadata is ignored
+MAX_INPUT_PX = 4096  # and a larger one
 MAX_CLASSES = 10_000  # no detector has more; a larger number is not a class
 TRANSFORMER_HEAD = "RTDETRDecoder"  # Ultralytics' name for the head of RT-DETR
 NO_NAMES = ("", "None", "null")

@@ -442,7 +442,7 @@ def _score_table(outputs: Sequence[Output], scores: int, count: int) -> tuple[bo
 
 
 def _boxes_output(outputs: Sequence[Output], tables: Sequence[int]) -> tuple[int, bool]:
-    """Number of the output with the boxes, and whether it is (columns, N)."""
+    """Index of the output with the boxes, and whether it is (columns, N)."""
     columns_first: dict[int, bool] = {}  # of the outputs that may be boxes
     for index in tables:
         shape = table_of(outputs[index].values).shape

@@ -25,7 +25,7 @@ USED_BY_LOOPS = "reprojection."
 
 
 def settings_of(config: MethodConfig) -> dict[str, settings.Setting]:
-    """The settings of both variants by dotted name; of a name that both have, that of the configuration."""
+    """The settings of both variants by dotted name; a name that both have stands for this configuration's."""
     own = {item.name: item for item in settings.declared(type(config))}
     return SETTINGS | own
 

@@ -381,8 +381,8 @@ def error_curves_figure(title: str, by: str, curves: Mapping[str, ErrorCurve]) -
         axes[0].plot(x, te, **style, **marker_style)
         axes[1].plot(x, re_degrees, **style, **marker_style)
     label_axis(axes[0], "", "TE [%]")
-    abscissa = "sub-sequence length [m]" if by == "length" else "speed [km/h]"
-    label_axis(axes[1], abscissa, "RE [deg/100 m]")
+    below = "sub-sequence length [m]" if by == "length" else "speed [km/h]"
+    label_axis(axes[1], below, "RE [deg/100 m]")
     for axis in axes:
         axis.set_ylim(bottom=0.0)
     handles, of_handles = axes[0].get_legend_handles_labels()

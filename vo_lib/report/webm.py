@@ -27,9 +27,9 @@ from ..geometry.types import Image
 
 # VP8 takes a quarter of VP9's time in OpenCV, which uses one thread and passes no options to the encoder.
 CODEC = cv2.VideoWriter.fourcc(*"VP80")
-# OpenCV limits the bits per second and offers no other way to make a film small. A frame gets this limit
-# divided by the frames per second, so the encoder is told a large number of them. `WebmWriter` writes the
-# true number into the film.
+# `cv2.VideoWriter` has no parameter that makes a film small, but it limits the bits per second, and a frame
+# gets this limit divided by the frames per second. So the encoder is told a far larger number of frames per
+# second, and spends fewer bits on each. `WebmWriter` writes the true number into the film.
 ENCODER_FPS = 3000
 MOST_WAITING = 8  # pictures that may wait for the encoder, beside the one that it works on
 KEY_FRAME = 0x80  # flag of a block

@@ -80,7 +80,7 @@ def run_once(
     Raises
     ------
     DataError : the folder is missing, not writable, in use by another process, or contains another run or
-        other files.
+        other files; and as `run_identity` and `run_methods`.
     """
     if not own:
         refuse_foreign_files(folder, fresh)  # before the lock, which marks the folder as the kit's

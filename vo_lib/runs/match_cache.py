@@ -52,7 +52,8 @@ class CachedMatches:
     ----------
     path : the file for this sequence and front end.
 
-    Raises `DataError` if an image is invalid, or if the cache cannot be written.
+    Raises `DataError` for an image that cannot be read; iteration and `fill` also as `find_matches`, and if
+    the cache cannot be written.
     """
 
     def __init__(self, sequence: Sequence, config: MethodConfig, cache: Path | None = None):
