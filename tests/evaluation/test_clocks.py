@@ -13,10 +13,13 @@ from vo_lib.geometry.types import Array
 INTERVAL = 0.1
 
 
-def town(frames: int, seed: int = 0) -> Array:
-    """Poses (N, 4, 4), ten a second, with turns to both sides that begin at random times."""
+def town(frames: int, seed: int = 0, turn_frames: int = 15) -> Array:
+    """Poses (N, 4, 4), ten a second, with turns to both sides that begin at random times.
+
+    turn_frames : duration of a turn; a longer one is gentler.
+    """
     rng = np.random.default_rng(seed)
-    turns = np.convolve(rng.normal(0.0, 0.05, frames), np.hanning(15), "same")
+    turns = np.convolve(rng.normal(0.0, 0.75 / turn_frames, frames), np.hanning(turn_frames), "same")
     poses = np.tile(np.eye(4), (frames, 1, 1))
     for k in range(1, frames):
         turn = rotation_from_vector(np.array([0.0, turns[k], 0.0]))
@@ -94,6 +97,19 @@ def test_errors_of_straight_paths_are_no_turns_of_another_drive(bend: float, err
             agreement = compare(times, paths[0], times, paths[1])
             assert agreement is not None
             assert agreement.is_another_drive
+
+
+@pytest.mark.parametrize("turn_frames", [41, 81])
+@pytest.mark.parametrize("ahead", [1, -2])
+def test_a_lag_of_a_frame_is_found_in_gentle_turns(ahead: int, turn_frames: int) -> None:
+    """The correlation without the lag is then nearly as high, so the highest one counts."""
+    poses = town(400, turn_frames=turn_frames)
+    times = INTERVAL * np.arange(400.0)
+    agreement = turn_agreement(times + INTERVAL * ahead, estimated(poses), times, poses)
+    assert agreement is not None
+    assert agreement.lag == pytest.approx(INTERVAL * ahead)
+    assert agreement.as_given > agreement.with_lag - 0.06
+    assert agreement.is_another_clock
 
 
 @pytest.mark.parametrize("ahead", [0, 1, -1, 2, -3])

@@ -127,7 +127,9 @@ def turn_agreement(
     fine = _correlations(compared, sorted(lags, key=abs), frame_s)
     if 0 not in fine:
         return None
-    best = max(fine, key=lambda lag: fine[lag])  # the smallest of equally good ones, which comes first
+    # In gentle turns, a lag of a frame lowers the correlation by less than `ABOUT_EQUAL`, so the highest one
+    # counts here; of equal ones, that of the smallest lag, which comes first.
+    best = max(fine, key=lambda lag: fine[lag])
     rates, dense_rates = compared.turn_rates(0.0)
     return TurnAgreement(
         as_given=fine[0],
