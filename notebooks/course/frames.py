@@ -51,8 +51,8 @@ def is_open(name: str) -> bool:
 def remember_sequence(sequence: Sequence) -> str:
     """Remember a sequence that was opened elsewhere; return the name by which `opened` gives it.
 
-    That is its own name, unless this belongs to another sequence: folders may have equal names, and a part has the
-    name of the whole.
+    That is its own name, unless this belongs to another sequence: folders may have equal names, and a part, or a
+    sequence with other labels, has the name of the whole.
     """
     for name in _names_for(sequence):
         kept = _sequences.get(name, lambda: sequence)  # stores the sequence if the name is free
@@ -61,10 +61,22 @@ def remember_sequence(sequence: Sequence) -> str:
     raise AssertionError("there is always a longer name")
 
 
+def remember_as(name: str, sequence: Sequence) -> None:
+    """Remember a sequence by the name that `remember_sequence` gave it, also if it was forgotten in between."""
+    _sequences.keep(name, sequence)
+
+
 def _names_for(sequence: Sequence) -> Iterator[str]:
-    """The sequence's own name, which a part leaves to the whole, then longer ones."""
-    if is_open(sequence.name) or not sequence.is_part or sequence.name not in available():
+    """The sequence's own name, unless it belongs to one of the catalogue that is not open, then longer ones."""
+    folders = available()
+    if sequence.name in folders and not is_open(sequence.name):
+        # To compare them, the one of the catalogue is opened; no other has its folder and all its frames.
+        if not sequence.is_part and sequence.folder == folders[sequence.name]:
+            opened(sequence.name)
+            yield sequence.name
+    else:
         yield sequence.name
+    yield with_frames(sequence.name, sequence)
     longer = long_name(sequence)
     yield longer
     for number in itertools.count(2):  # copies with other labels, say
@@ -73,7 +85,12 @@ def _names_for(sequence: Sequence) -> Iterator[str]:
 
 def long_name(sequence: Sequence) -> str:
     """A name with the folder and the frames, which tells a part from the whole."""
-    return f"{sequence.folder}, {sequence.frames[0]} to {sequence.frames[-1]}"
+    return with_frames(str(sequence.folder), sequence)
+
+
+def with_frames(name: str, sequence: Sequence) -> str:
+    """A name and the numbers of the first and the last frame."""
+    return f"{name}, {sequence.frames[0]} to {sequence.frames[-1]}"
 
 
 def are_same(one: Sequence, other: Sequence) -> bool:

@@ -77,7 +77,17 @@ from .colours import BAD, DARK
 from .controls import Control as Control
 from .controls import Knob, WholeSlider, is_dragged, labelled, typed_path
 from .drawing import WIDTH, photo, shortened, stack
-from .frames import DEFAULT, are_same, is_open, long_name, opened, remember_sequence, stereo, why_missing
+from .frames import (
+    DEFAULT,
+    are_same,
+    is_open,
+    long_name,
+    opened,
+    remember_as,
+    remember_sequence,
+    stereo,
+    why_missing,
+)
 from .opening import Opening
 from .progress import LABEL_LENGTH, Job, Stopped
 from .redraws import Redraws
@@ -223,7 +233,8 @@ class Panel:
         self.opening = Opening()
         self._sequence: Sequence | None = None
         self._home: Sequence | None = None  # the first sequence
-        self._frames: dict[str, int] = {}  # last frame of each sequence
+        self._given: dict[str, Sequence] = {}  # sequences that were given, by their names in the list
+        self._frames: dict[str, int] = {}  # last frame of each sequence, by its name in the list
 
         self.knobs = self._make_knobs({key.replace("__", "."): value for key, value in values.items()})
         self.variant = widgets.Dropdown(options=VARIANTS, tooltip=SWITCH, **labelled("method"))
@@ -244,7 +255,11 @@ class Panel:
         self._tips = widgets.HTML(layout={"display": "none"})
         self.box = self._layout()
 
-        name = sequence if isinstance(sequence, str) else remember_sequence(sequence)
+        if isinstance(sequence, str):
+            name = sequence
+        else:
+            name = remember_sequence(sequence)
+            self._given[name] = sequence
         self._offer(name)
         self._give_tips()
         self._follow_variant()
@@ -628,6 +643,8 @@ class Panel:
             if not self.opening.pending:
                 return  # back to what is shown
         try:
+            if name in self._given:
+                remember_as(name, self._given[name])  # since then, it may have been forgotten
             if self.is_ready(name):
                 self._use(opened(name), choice)
             else:
@@ -653,16 +670,17 @@ class Panel:
         with self.redraws.held():
             if not self.opening.is_wanted(choice):
                 return
+            before = self.opening.shown
             self.opening.succeed()
-            if self._sequence is not None:
-                self._frames[self._sequence.name] = self.frame.value
+            if before is not None:
+                self._frames[before] = self.frame.value
                 self._clear()  # an error must not leave the picture of another sequence
             self._sequence = sequence
             self._home = self._home or sequence
             self.facts = {}
             self.redraws.forget()
             self.frame.max = len(sequence) - 1
-            self.frame.value = self._frames.get(sequence.name, self.frame.value)  # or its maximum
+            self.frame.value = self._frames.get(self.opening.shown or "", self.frame.value)  # or its maximum
         self.redraw()
 
 

@@ -112,6 +112,73 @@ def test_a_panel_shows_the_part_that_it_was_given(street: Sequence) -> None:
     assert "000030 to 000039" in panel._text.value
 
 
+def test_the_name_of_the_catalogue_is_left_to_its_sequence(
+    street: Sequence, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A cell that opened the scene by name used to get the sequence without its truth."""
+    monkeypatch.setattr(frames, "_sequences", Memory(8))
+    without = replace(street, truth=None)
+    name = frames.remember_sequence(without)
+    assert frames.opened(name) is without
+    assert frames.load(street.name).truth is not None
+    monkeypatch.setattr(frames, "_sequences", Memory(8))
+    assert frames.remember_sequence(street) == street.name
+
+
+def test_a_sequence_that_was_given_can_be_chosen_again_after_many_others(
+    street: Sequence, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It used to be lost: its name is no folder that could be opened again."""
+    monkeypatch.setattr(frames, "_sequences", Memory(1))
+    part = street.part(30, 40)
+    panel = StartPanel(part, frame=3)
+    name = panel.chooser.value
+    panel.chooser.value = street.name
+    panel.wait(LONG)
+    assert not frames.is_open(name)
+    panel.chooser.value = name
+    panel.wait(LONG)
+    assert panel.error == ""
+    assert panel.state().sequence == part
+
+
+def test_panels_of_two_sequences_of_the_same_name_go_back_to_their_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, street: Sequence
+) -> None:
+    monkeypatch.setattr(frames, "_sequences", Memory(1))
+    panels = []
+    given = []
+    for folder in ("first", "second"):
+        sequence = open_sequence(write_bands(tmp_path / folder / "run"))
+        given.append(sequence)
+        panels.append(StartPanel(sequence, frame=1))
+        frames.opened(street.name)  # the name of the first one is free again
+    for panel, sequence in zip(panels, given, strict=True):
+        name = panel.chooser.value
+        assert name == "run"
+        panel.chooser.value = street.name
+        panel.wait(LONG)
+        panel.chooser.value = name
+        panel.wait(LONG)
+        assert panel.state().sequence == sequence
+
+
+def test_a_part_and_the_whole_keep_places_of_their_own(street: Sequence) -> None:
+    """They have the same name, but not in the list."""
+    frames.load(street.name)
+    panel = StartPanel(street.part(30, 40), frame=3)
+    name = panel.chooser.value
+    panel.chooser.value = street.name
+    panel.wait(LONG)
+    panel.frame.value = 7
+    panel.chooser.value = name
+    panel.wait(LONG)
+    assert panel.state().frame == 3
+    panel.chooser.value = street.name
+    panel.wait(LONG)
+    assert panel.state().frame == 7
+
+
 @pytest.mark.parametrize(("frame", "ages"), [(1, [1]), (2, [1, 2]), (60, [1, 2])])
 def test_the_matches_of_a_frame_are_one_or_two_frames_old(
     frame: int, ages: list[int], street: Sequence

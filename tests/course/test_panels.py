@@ -1010,7 +1010,7 @@ def test_the_picture_of_another_sequence_does_not_stay(example: Example, bands: 
     other = tmp_path / "other"
     shutil.copytree(bands, other)
     example.set(selection__top_k=4)
-    example._frames["other"] = 2  # where the panel fails
+    example._frames[str(other)] = 2  # where the panel fails
     example.folder.value = str(other)
     example.wait(LONG)
     assert example.error == "ValueError: no second frame"
