@@ -240,7 +240,9 @@ def test_evaluate_takes_the_interval_of_rpe_and_the_tolerance_of_times(
     (tmp_path / "ours.txt").write_text(format_tum(times + 0.2, scaled(truth, 1.1)))
     files: list[Path | str] = [tmp_path / "ours.txt", "--truth", tmp_path / "truth.txt"]
     words = [*files, "--t-max-diff", "0.3"]
-    assert "fewer than two poses" in refused(capsys, *files)
+    message = refused(capsys, *files)
+    assert "fewer than two poses" in message
+    assert message.endswith("; --t-max-diff sets the tolerance")
     # A step is 0.5 m long, and its error 0.05 m.
     for delta, key, error in (("1f", "frames", 0.05), ("8f", "frames", 0.4), ("3.2m", "m", 0.35)):
         rpe = numbers(capsys, *words, "--delta", delta)["ours"]["rpe"]

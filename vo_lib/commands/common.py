@@ -169,9 +169,11 @@ def open_with_bar(name: str, cache: Path | None, part: argparse.Namespace | None
         sequence.require_unbroken()
         return sequence
     sequence = dataclasses.replace(sequence, masks=part.masks)
+    first = 0
     if part.frames:
-        sequence = sequence.part(*parse_frames(part.frames, len(sequence)))
-    sequence.require_unbroken()
+        first, stop = parse_frames(part.frames, len(sequence))
+        sequence = sequence.part(first, stop)
+    sequence.require_unbroken(first)
     if part.masks is not None:
         _note_masked_share(sequence, part.masks)
     return sequence

@@ -37,6 +37,9 @@ SETTINGS_PAGE = "--help-settings"  # the option that lists a command's settings
 ENDINGS = (DataError, OSError, MemoryError, KeyboardInterrupt)
 # How the end of a message says what to type, by the remedy of a `DataError`.
 REMEDIES = {
+    "part": ", with --frames",
+    "sequences": " (option --sequences)",
+    "tolerance": "; --t-max-diff sets the tolerance",
     "fresh": ", or replace the run with --fresh",
     "fresh runs": " with --out, or replace the runs with --fresh",
     "replace": ", or add --replace",

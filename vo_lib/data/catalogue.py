@@ -88,10 +88,13 @@ def parse_sequences(text: str) -> list[str]:
         first = int(numbers[1])
         last = int(numbers[2] or numbers[1])
         if last < first or f"{last:02d}" not in EXPECTED_FRAMES:
-            raise DataError(f"--sequences {item}: expected numbers from 00 to 21, or a range such as 02-10")
+            raise DataError(
+                f"sequences {item}: expected numbers from 00 to 21, or a range such as 02-10",
+                remedy="sequences",
+            )
         names += [f"{KITTI}{number:02d}" for number in range(first, last + 1)]
     if not all(names):
-        raise DataError(f"--sequences {text!r}: expected names separated by commas")
+        raise DataError(f"sequences {text!r}: expected names separated by commas", remedy="sequences")
     return names
 
 

@@ -30,7 +30,7 @@ _RANGE = r"\d{1,6}:\d{1,6}"
 _PART_OPTIONS = re.compile(
     rf"(?:--sequences \d\d|--raw [0-9_]+_drive_\d{{4}}) --frames ({_RANGE}(?:,{_RANGE})*)", re.ASCII
 )
-_EXPECTED_PART = "expected a line such as --sequences 00 --frames 0:201"
+_EXPECTED_PART = "expected the options of `vo data get_kitti`, such as --sequences 00 --frames 0:201"
 _MEANING_OF_PIECE = "A:B has the frames A to B-1"
 
 MAX_FOCAL_PX = 1e6  # also for the principal point; larger numbers overflow in later computations

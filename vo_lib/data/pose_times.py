@@ -130,9 +130,7 @@ def time_mismatch(times: Array, true_times: Array, truth_name: str, tolerance: f
     right unit; and, if none of these, times that lie a little apart.
     """
     ranges = time_ranges(times, true_times, truth_name)
-    problem = (
-        f"fewer than two poses at the times of {truth_name}, within --t-max-diff {tolerance:g} s: {ranges}"
-    )
+    problem = f"fewer than two poses at the times of {truth_name}, within {tolerance:g} s: {ranges}"
     theirs = f"those of {truth_name}"
     own_unit = _unit_of(times)
     true_unit = _unit_of(true_times)
@@ -157,7 +155,8 @@ def time_mismatch(times: Array, true_times: Array, truth_name: str, tolerance: f
     elif not reason:
         distances = np.abs(times - true_times[nearest_indices(true_times, times)])
         reason = (
-            f"; the nearest times are {float(distances.min()):.3g} s apart, so another clock, or --t-max-diff"
+            f"; the nearest times are {float(distances.min()):.3g} s apart, so the clocks differ, or the "
+            "tolerance is too small"
         )
     return problem + reason
 

@@ -90,24 +90,26 @@ class Sequence:
         ends = [*starts[1:], len(self)]
         return [range(start, end) for start, end in zip(starts, ends, strict=True)]
 
-    def require_unbroken(self) -> None:
+    def require_unbroken(self, first: int = 0) -> None:
         """Raise `DataError` if frame numbers are missing between the frames: no motion leads across a gap.
 
-        In a drive that `skips_frames` on purpose, every step is a motion.
+        In a drive that `skips_frames` on purpose, every step is a motion. The error names the parts without a
+        gap. `first` : for a `part` of a sequence, the index of its first frame in the whole one.
         """
         pieces = self.pieces
         if len(pieces) < 2 or self.skips_frames:
             return
         numbers = []
-        options = []
+        parts = []
         for piece in pieces:
-            first = int(self.frames[piece.start])
-            last = int(self.frames[piece.stop - 1])
-            numbers.append(f"{first}:{last + 1}")
-            options.append(f"--frames {piece.start}:{piece.stop}")
+            first_number = int(self.frames[piece.start])
+            last_number = int(self.frames[piece.stop - 1])
+            numbers.append(f"{first_number}:{last_number + 1}")
+            parts.append(f"{first + piece.start}:{first + piece.stop}")
         raise DataError(
             f"{self.name} has the frames {', '.join(numbers)} with a gap between, and no motion leads across "
-            f"a gap: choose a piece by {' or '.join(options)}"
+            f"a gap: choose part {' or '.join(parts)}, counted from 0",
+            remedy="part",
         )
 
     @property
