@@ -233,7 +233,9 @@ def rig_of(source: Source, options: argparse.Namespace) -> tuple[RectifiedRig, l
             "the calibration is missing: add --focal, --centre and --baseline, or --calibration FILE"
         )
     try:
-        cx, cy = [float(word) for word in options.centre.split(",")]
+        u, v = options.centre.split(",")
+        cx = float(u)
+        cy = float(v)
     except ValueError:
         raise DataError(f"--centre {options.centre!r}: expected two numbers such as 607.2,185.2") from None
     metres_per_unit = UNITS.get(options.unit, 1.0)

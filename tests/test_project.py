@@ -209,6 +209,27 @@ def test_no_module_imports_itself_in_a_circle() -> None:
     list(graphlib.TopologicalSorter(graph).static_order())  # raises CycleError, with the circle
 
 
+def test_packages_of_the_course_do_not_import_each_other_in_a_circle() -> None:
+    """A chapter imports what all share, and this imports the simulation, which imports neither."""
+    modules = modules_by_name()
+    graph: dict[str, set[str]] = {}
+    for own, path in modules.items():
+        if path.is_relative_to(COURSE):
+            package = course_package(own)
+            names = {name.removeprefix("notebooks.") for name in imports(path)}
+            imported = {course_package(name) for name in names if name.split(".")[0] == "course"}
+            graph.setdefault(package, set()).update(imported - {package})
+    assert "course.simulation" in graph["course"]
+    assert graph["course.simulation"] == set()
+    list(graphlib.TopologicalSorter(graph).static_order())  # raises CycleError, with the circle
+
+
+def course_package(name: str) -> str:
+    """The package of a module of the course or of a name in one: a folder, or `course`, which all share."""
+    folder = COURSE.joinpath(*name.split(".")[1:2])
+    return f"course.{folder.name}" if folder != COURSE and folder.is_dir() else "course"
+
+
 # Names that several modules may have, since the folder says which one it is.
 SAME_ROLE = {
     "__init__": "of each package",

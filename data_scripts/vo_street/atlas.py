@@ -73,7 +73,8 @@ class TextureSet:
             along_s = _starts(int(size[k, 0]), int(top[k, 0]))
             along_t = _starts(int(size[k, 1]), int(top[k, 1]))
             starts.append((along_s, along_t))
-        corner, rows = _arrange([(along_s[-1], along_t[-1]) for along_s, along_t in starts])
+        sizes = [(along_s[-1], along_t[-1]) for along_s, along_t in starts]
+        corner, rows = _arrange(sizes)
         texels = np.zeros((rows, ATLAS_WIDTH), np.float32)
         levels = int(top.max()) + 1
         column = np.zeros((count, levels), np.float32)

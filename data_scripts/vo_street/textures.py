@@ -99,7 +99,9 @@ def asphalt(rng: Rng, lanes: int, width: float, length: float, solid_centre: boo
         y = (width / 2 + k * 3.3) * per_m[1]
         half = 0.07 * per_m[1]
         broken = abs(k) < lanes and not (k == 0 and solid_centre)
-        first, last = (0.25, 0.6) if broken else (0.0, 1.0)
+        # Where the line begins and ends, as shares of the stretch.
+        first = 0.25 if broken else 0.0
+        last = 0.6 if broken else 1.0
         box(lines, first * columns, y - half, last * columns, y + half, 1.0)
     wear = np.clip(0.9 + 0.16 * fractal(rng, rows, columns, 0.8, 4.0), 0.35, 1.0)
     blend(image, lines * wear, 215.0)

@@ -355,7 +355,8 @@ class Exercise:
     def _passed(self, got: Results, right: Results, changed: list[int]) -> Verdict:
         """Praise with the results of the first case, unless a call changed its inputs."""
         if changed:
-            name = [*inspect.signature(self.right).parameters][changed[0]]
+            names = list(inspect.signature(self.right).parameters)
+            name = names[changed[0]]
             says = f"the results are right, but the function changes its input `{name}`."
             return Verdict(False, says, "copy the input first.")
         if self.parts:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Hashable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from operator import attrgetter
 from typing import Any
 
@@ -19,7 +19,6 @@ from vo_lib.data.label_remarks import coverage_remarks
 from vo_lib.data.sequence import Sequence
 from vo_lib.data.truth import Truth, open_truth
 from vo_lib.errors import DataError
-from vo_lib.geometry.boxes import VEHICLES, Boxes
 from vo_lib.geometry.matches import StereoMatches
 from vo_lib.geometry.motion import inverse
 from vo_lib.geometry.types import Array, Image, Progress
@@ -148,22 +147,6 @@ def load_part(name: str, first: int, last: int) -> Sequence:
         return sequence.part(start, start + len(frames))
 
     return with_bar(f"drawing frames {first} to {last} of {name}", find)
-
-
-@dataclass(frozen=True, eq=False)
-class WithBoxes(Sequence):
-    """A sequence with given boxes for each frame, in place of its labels; all of them count."""
-
-    given: list[Boxes] = field(kw_only=True)
-
-    def labelled_boxes(self, index: int) -> Boxes:
-        return self.given[index]
-
-    def boxes_of(self, classes: tuple[str, ...] = (VEHICLES,)) -> Callable[[int], Boxes]:
-        return self.labelled_boxes
-
-    def refuse_other_numbers(self, classes: tuple[str, ...]) -> None:
-        """No label folder needs a check."""
 
 
 def key_of(sequence: Sequence, frame: int) -> tuple[Hashable, ...]:

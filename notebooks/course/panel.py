@@ -487,10 +487,13 @@ class Panel:
         home = self._home
         if here is None or home is None or are_same(here, home):
             return ""
-        names = (here.name, home.name)
-        if here.name == home.name:
-            names = (long_name(here), long_name(home))
-        shown, used = [shortened(name, LABEL_LENGTH) for name in names]
+        shown = here.name
+        used = home.name
+        if shown == used:
+            shown = long_name(here)
+            used = long_name(home)
+        shown = shortened(shown, LABEL_LENGTH)
+        used = shortened(used, LABEL_LENGTH)
         return f" (Only the panel shows {shown}; the cells still use {used}.)"
 
     def _fail(self, error: Exception) -> None:
@@ -505,14 +508,19 @@ class Panel:
 
     def _complain(self, error: Exception, remark: str = "") -> None:
         """Show an error, and a remark behind it."""
-        # The text of a DataError is for readers; for other errors, the type helps to find the mistake.
-        self.error = str(error) if isinstance(error, DataError) else f"{type(error).__name__}: {error}"
-        for name, knob in self.knobs.items():
-            # The reader knows the control by its label.
-            self.error = re.sub(rf"(?<![\w.]){re.escape(name)}(?![\w.])", knob.control.words, self.error)
-        said = f"{self.error.rstrip('.')}.{remark}" if remark else self.error
+        sentence = self._error_words(error)
+        self.error = sentence
+        said = f"{sentence.rstrip('.')}.{remark}" if remark else sentence
         words = f'role="alert" style="{ERROR_STYLE}">{marked(said)}'
         self._message.value = f'<div class="{ERROR_CLASS}" {words}</div>'
+
+    def _error_words(self, error: Exception) -> str:
+        """An error as a sentence in which settings have the labels of their controls, as the reader knows them."""
+        # The text of a DataError is for readers; for other errors, the type helps to find the mistake.
+        sentence = str(error) if isinstance(error, DataError) else f"{type(error).__name__}: {error}"
+        for name, knob in self.knobs.items():
+            sentence = re.sub(rf"(?<![\w.]){re.escape(name)}(?![\w.])", knob.control.words, sentence)
+        return sentence
 
     def _not_opened(self, choice: int, error: Exception) -> None:
         """Say why the sequence of a choice is not shown; the one shown before stays, also in the list."""

@@ -68,7 +68,7 @@ def forecast_of(seconds_of_others: float) -> list[tuple[float, bool]]:
     tasks = [Task(f"sets={count}", 10, "run") for count in range(10)]
     forecast = Forecast(Durations(), [tasks], lambda rest, again: said.append((rest, again)), lambda: now)
     forecast.done(tasks[0], 100.0)
-    forecast.say()
+    forecast.announce()
     for task in tasks[1:]:
         now += seconds_of_others
         forecast.done(task, seconds_of_others)
@@ -88,7 +88,7 @@ def test_a_forecast_says_nothing_without_a_rest_or_a_measure() -> None:
     said: list[tuple[float, bool]] = []
     task = Task("run", 10, "run")
     forecast = Forecast(Durations(), [[], [task]], lambda rest, again: said.append((rest, again)))
-    forecast.say()  # nothing is done yet
+    forecast.announce()  # nothing is done yet
     forecast.done(task, 3.0)
-    forecast.say()
+    forecast.announce()
     assert said == []

@@ -52,7 +52,8 @@ def read_class_names(folder: Path) -> ClassNames:
     if record.exists():
         return _names_of_detector(record)
     label_folder = Path(os.path.abspath(folder))
-    for place in [label_folder, *label_folder.parents][:LEVELS]:
+    places = [label_folder, *label_folder.parents]
+    for place in places[:LEVELS]:
         names_by_file: dict[Path, dict[int, str]] = {}
         for path in _files_of_names(place, label_folder):
             names = _read_names(path)

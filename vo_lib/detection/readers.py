@@ -110,7 +110,8 @@ class LabelColumn:
         score = rows[:, self.score]
         label = rows[:, self.label]
         if self.either and not is_score_and_label(score, label) and is_score_and_label(label, score):
-            score, label = label, score
+            score = rows[:, self.label]
+            label = rows[:, self.score]
         boxes = rows[:, self.box : self.box + 4]
         corners = corners_of(boxes, self.form, width, height, score >= NO_OBJECT)
         return ScoredBoxes(corners, scores_by_class(score, label, self.class_count))

@@ -23,6 +23,7 @@ ONE_LINE = 0.6  # smallest share of their squares along a line, if it is one tha
 CAMERA_CONE_DEG = 45.0  # a camera that drives forward moves nearer than this to its z axis
 FORWARD = 0.9  # smallest mean z component of a path that clearly moves along +z
 NOT_FORWARD = 0.5  # largest mean z component of a path that clearly does not
+AXES = ("x", "y", "z")
 # Of leaps:
 MAX_SPEED = 100.0  # m/s; no vehicle of a test drive is faster
 MAX_STEP = 10.0  # metres from pose to pose without times: that speed at ten frames a second
@@ -95,13 +96,13 @@ def unusual_axis(poses: Array) -> str:
         sizes = np.array([abs(mean[0]), abs(mean[1]), max(-mean[2], 0.0)])  # +z is not the unusual one
         axis = int(np.argmax(sizes))
         sign = "-" if mean[axis] < 0 else "+"
-        return sign + "xyz"[axis]
+        return sign + AXES[axis]
     # The eigenvectors are lines; the last one has the largest share of the squared directions.
     shares, lines = np.linalg.eigh(directions.T @ directions / len(directions))
     line = np.abs(lines[:, -1])
     if shares[-1] < ONE_LINE or line[2] > camera_cone:
         return ""
-    return "xy"[int(np.argmax(line[:2]))]
+    return "x" if line[0] >= line[1] else "y"
 
 
 def _directions(poses: Array) -> Array:

@@ -43,7 +43,7 @@ class KitBoxFilter(BoxFilter):
         super().__init__(config)
         self._on_moving: OnMoving | None = None  # set for the rule `truth`
         self._classifier: BoxMotionClassifier | None = None  # set for the rule `moving`
-        self._frame = 0
+        self._frame = 0  # number of the last frame, counted from the first one, 0
         if config.rule == "truth":
             if on_moving is None:
                 raise ValueError("the rule truth needs the function on_moving")
@@ -60,17 +60,17 @@ class KitBoxFilter(BoxFilter):
     def step(self, matches: StereoMatches, boxes: Boxes) -> Removal:
         """What the rule does to the matches between the previous frame and the frame with these boxes."""
         self._frame += 1
-        removal = self._by_rule(matches, boxes)
+        removal = self._by_rule(matches, boxes, self._frame)
         remaining = int(np.count_nonzero(removal.kept))
         if remaining < len(matches) and remaining < self.config.min_matches:
             return replace(removal, kept=np.ones(len(matches), np.bool_), flags=(Flag.FILTER_OFF,))
         return removal
 
-    def _by_rule(self, matches: StereoMatches, boxes: Boxes) -> Removal:
-        """What the rule does, however few matches remain."""
+    def _by_rule(self, matches: StereoMatches, boxes: Boxes, frame: int) -> Removal:
+        """What the rule does in a frame, by its number, however few matches remain."""
         if self._classifier is not None:
             return self._classifier.step(matches, boxes)
         if self._on_moving is not None:
-            kept = ~self._on_moving(self._frame, matches)
+            kept = ~self._on_moving(frame, matches)
             return Removal(kept, vehicles(boxes, self.config))
         return super().step(matches, boxes)

@@ -344,7 +344,9 @@ def _reference_of(members: list[_Member], files: Mapping[Path, PoseFile]) -> _Me
     """
     timed = [member for member in members if files[member.file].times is not None]
     timed_runs = [member for member in timed if member.is_run]
-    return [*timed_runs, *timed, *members][0]
+    if timed_runs:
+        return timed_runs[0]
+    return timed[0] if timed else members[0]
 
 
 def _frame_number_warning(files: Mapping[Path, Array | None]) -> list[str]:

@@ -467,7 +467,9 @@ def _draw_box(picture: Image, corners: list[int], state: int, thick: bool) -> No
     if state == MOVING:
         cv2.rectangle(picture, (x0, y0), (x1, y1), BOX, 2 if thick else 1, cv2.LINE_AA)
         return
-    dash, period = (7, 12) if state == PARKED else (1, 5)  # pixels: dashed, or dotted
+    # Dashes for a parked vehicle, dots for one without a verdict, pixels.
+    dash = 7 if state == PARKED else 1
+    period = 12 if state == PARKED else 5
     for x in range(x0, x1 + 1, period):
         for y in (y0, y1):
             cv2.line(picture, (x, y), (min(x + dash, x1), y), BOX, 1)

@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -33,7 +33,6 @@ from .front_end import TimedMatches, find_matches
 if TYPE_CHECKING:
     from ..kit.box_rules import OnMoving
     from ..kit.calibration import Calibration
-    from ..kit.kit_odometry import SelfCalibratingOdometry
 
 FREED_FLOATS = 2**21  # 16 MB, see `_keep_freed_memory`
 
@@ -201,7 +200,9 @@ def _estimated_calibration(odometry: Odometry) -> Calibration | None:
     """The calibration errors that an odometry of variant `kit` has estimated; None for `published`."""
     if not isinstance(odometry.config, KitConfig):
         return None
-    return cast("SelfCalibratingOdometry", odometry).calibration  # `make_kit_odometry` makes no others
+    from ..kit.kit_odometry import SelfCalibratingOdometry
+
+    return odometry.calibration if isinstance(odometry, SelfCalibratingOdometry) else None
 
 
 def make_odometry(

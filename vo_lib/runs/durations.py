@@ -117,7 +117,7 @@ class _Rates:
 
 
 class Forecast:
-    """Says how long the rest of many tasks will take, and once more if the rest turns out much different.
+    """Reports how long the rest of many tasks will take, and once more if the rest turns out much different.
 
     Methods may be called from several threads.
     """
@@ -126,18 +126,18 @@ class Forecast:
         self,
         durations: Durations,
         stages: Iterable[Iterable[Task]],
-        said: Callable[[float, bool], None],
+        report: Callable[[float, bool], None],
         clock: Callable[[], float] = time.monotonic,
     ):
         """Begin before the first task is done.
 
         stages : the tasks of each stage; a stage begins when the one before is done.
-        said : called with the estimated seconds of the rest, and whether this corrects the first estimate.
+        report : called with the estimated seconds of the rest, and whether this corrects the first estimate.
         clock : returns the time in seconds, for tests.
         """
         self._durations = durations
         self._waiting = [Counter(stage) for stage in stages]
-        self._said = said
+        self._report = report
         self._clock = clock
         self._first_estimate: float | None = None  # seconds, from the time below on
         self._estimated_at = 0.0
@@ -156,14 +156,14 @@ class Forecast:
             if self._first_estimate is not None and not self._corrected:
                 self._correct(self._first_estimate)
 
-    def say(self) -> None:
-        """Say how long the rest will take, unless nothing is left or nothing is known."""
+    def announce(self) -> None:
+        """Report how long the rest will take, unless nothing is left or nothing is known."""
         with self._lock:
             rest = self._rest()
             if rest:
                 self._first_estimate = rest
                 self._estimated_at = self._clock()
-                self._said(rest, False)
+                self._report(rest, False)
 
     def _rest(self) -> float | None:
         """Estimated seconds of the tasks that are not done; None if nothing is known of one of them."""
@@ -171,7 +171,7 @@ class Forecast:
         return self._durations.estimate(*stages, by_family=True)
 
     def _correct(self, first_estimate: float) -> None:
-        """Say the rest once more if the first estimate was much wrong."""
+        """Report the rest once more if the first estimate was much wrong."""
         rest = self._rest()
         if rest is None or rest < CORRECTED_S:
             return
@@ -179,7 +179,7 @@ class Forecast:
         longer = max(better_estimate, first_estimate)
         if longer > CORRECTED_FACTOR * min(better_estimate, first_estimate):
             self._corrected = True
-            self._said(rest, True)
+            self._report(rest, True)
 
 
 def duration_words(seconds: float) -> str:

@@ -306,7 +306,7 @@ def run_jobs(
         runner = _JobRunner(pool, matching, running, frames_done, forecast)
         try:
             runner.do(first_front_ends, first_runs)
-            forecast.say()
+            forecast.announce()
             runner.do(other_front_ends, other_runs)
         except Exception as error:  # `_attempt` catches the exceptions of the jobs
             raise _error_of_workers(error) from error

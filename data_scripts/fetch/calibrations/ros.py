@@ -119,7 +119,8 @@ def read_camera_infos(cameras: list[CameraInfo]) -> FileCalibration:
             "right one: these are two single calibrations, not a stereo calibration",
             cameras[1].path,
         )
-    left, right = cameras if shift > 0 else cameras[::-1]
+    left = cameras[0] if shift > 0 else cameras[1]
+    right = cameras[1] if shift > 0 else cameras[0]
     notes = []
     for camera, side in ((left, 0), (right, 1)):
         named = side_of(camera.path.stem)

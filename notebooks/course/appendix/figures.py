@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import cv2
@@ -116,11 +117,12 @@ def arrows_figure(camera: StereoCamera, moved: dict[str, tuple[Array, ...]]) -> 
     """A chart per title: displacements (2, N) of the `image_grid` as arrows, the last array in blue."""
     points = image_grid(camera)
     width = min(len(moved), 4)
-    lines = -(-len(moved) // 4)  # rounded up
+    lines = math.ceil(len(moved) / 4)
     made = Figure(figsize=(WIDTH / DPI, lines * 130 / DPI), dpi=DPI, layout="constrained")
     for axis, (title, parts) in zip(made.subplots(lines, width).flat, moved.items(), strict=True):
         axis.plot(*points.T, ".", color=PALE, markersize=1.5)
-        for arrows, colour in zip(parts, (PALE, GOOD)[-len(parts) :], strict=True):
+        for number, arrows in enumerate(parts, start=1):
+            colour = GOOD if number == len(parts) else PALE
             scale = {"scale_units": "xy", "scale": 6.0 * np.abs(parts[0]).max()}
             axis.quiver(*points.T, *arrows, color=colour, angles="xy", width=0.006, **scale)
         axis.set(xlim=(-1.1, 1.1), ylim=(0.46, -0.46), xticks=[], yticks=[], aspect="equal")

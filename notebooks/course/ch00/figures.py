@@ -29,7 +29,8 @@ from ..colours import BAD, CYCLE, DARK, GOOD, PALE, THIRD
 from ..drawing import PHOTO_HEIGHT, WIDTH, caption, figure, finish, photo, room
 from ..drawing import RIGHT as RIGHT_MARGIN
 from ..drawn_matches import draw_dots, draw_flow, features_picture
-from ..frames import WithBoxes, frame_matches, frame_points, scene_truth, stereo
+from ..frames import frame_matches, frame_points, scene_truth, stereo
+from ..simulation.given_boxes import WithBoxes
 from ..view3d import Shape, View, camera_shape
 
 JAM_LEFT = 76  # margin of the figure of the jam, for numbers such as -0.5 and the name of the axis, pixels

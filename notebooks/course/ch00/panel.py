@@ -68,7 +68,9 @@ class StartPanel(Panel):
     def _clicked(self, change: Any) -> None:
         """Move the point to a place "x,y" of the picture, shares of its width and height."""
         camera = self.state().sequence.camera
-        x, y = [float(share) for share in change["new"].split(",")]
+        share_of_width, share_of_height = change["new"].split(",")
+        x = float(share_of_width)
+        y = float(share_of_height)
         # The left image is centred in the upper PHOTO_HEIGHT rows of the picture, `scale` times as large; white
         # margins fill the rest of them.
         scale = min(WIDTH / camera.width, PHOTO_HEIGHT / camera.height)

@@ -290,11 +290,15 @@ def epipolar_plane() -> list[Shape]:
     ]
 
 
+SUPERSCRIPTS = {1: "", 2: "²", 3: "³"}  # of a power of a variable
+
+
 def _monomial(powers: Array) -> str:
     """The name of a monomial with these powers (4,) of x, y, z and w, such as "x²y"."""
     name = ""
     for letter, power in zip("xyzw", powers, strict=True):
-        name += ("", letter, f"{letter}²", f"{letter}³")[power]
+        if power > 0:
+            name += letter + SUPERSCRIPTS[power]
     return name
 
 

@@ -5,6 +5,7 @@ All maps have the shape (B, h, w, channels) and are float32. A head has five cha
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -50,7 +51,8 @@ def network_input(image: Image) -> Map:
 
 def network_image(image: Image, scale: float) -> Map:
     """A whole image (H, W) for the network, (1, h, w, 1): scaled, with sides that are multiples of 32."""
-    size = [-(-round(scale * side) // 32) * 32 for side in image.shape[::-1]]
+    height, width = image.shape
+    size = [32 * math.ceil(round(scale * side) / 32) for side in (width, height)]
     # OpenCV counts from the centre of a pixel, the boxes in the network's image from its edge.
     place = np.array([[scale, 0, (scale - 1) / 2], [0, scale, (scale - 1) / 2]])
     return network_input(np.asarray(cv2.warpAffine(image, place, size, borderValue=GREY)))[None]

@@ -30,6 +30,7 @@ from ..measured_results import CHOICES, RESULTS, THRESHOLD_AND_BOXES, results_ta
 from .claimed_gain import Gain
 
 PATHS_HEIGHT = 340
+TITLES = {"te_percent": "TE, %", "re_deg_per_100m": "RE, deg/100 m"}  # of columns of `results.md`
 SHAPES = "os^vDP*Xh"
 NAME_HEIGHT = 20  # pixels of a line of a legend, with its margin
 CELL = '<{0} style="padding:1px 10px;text-align:{1}">{2}</{0}>'
@@ -220,7 +221,7 @@ def measured_columns(methods: Sequence[str], kind: str) -> tuple[str, list[dict[
     whose axes are removed: the axes of the truth of a raw drive are turned against the camera's, so its TE is
     computed after the constant turn that makes it least.
     """
-    title = {"te_percent": "TE, %", "re_deg_per_100m": "RE, deg/100 m"}[kind]
+    title = TITLES[kind]
     table = results_table(f"Variant published: {title}", KITTI)
     rows: dict[str, dict[str, list[str]]] = {}  # by length and clip
     for row in table.rows:

@@ -19,6 +19,7 @@ from ..drawing import Place, figure, finish, log_axis, photo, round_limits
 
 BEFORE = BAD
 AFTER = GOOD
+BAR_COLOURS = (BEFORE, AFTER, DARK)
 # A thin line on top of a wide one leaves both to be seen where they coincide.
 LINES: Mapping[str, Mapping[str, Any]] = {
     "before": {"color": BEFORE, "linewidth": 1.6, "zorder": 2.1},
@@ -68,7 +69,7 @@ def bars_by_loop(sizes: Mapping[str, Array], unit: str, title: str) -> Figure:
     """A bar for each loop and each of several results (N,), in the order of the loops."""
     page, (axis,) = figure(240, width=620)
     for number, (name, values) in enumerate(sizes.items()):
-        colour = (BEFORE, AFTER, DARK)[number]
+        colour = BAR_COLOURS[number]
         at = np.arange(len(values)) + 0.4 * number
         axis.bar(at, values, 0.35, color=colour, label=name)
     low, high = axis.get_ylim()

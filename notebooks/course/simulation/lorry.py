@@ -20,7 +20,7 @@ from vo_lib.runs.drive import Run, run_methods
 from vo_lib.runs.front_end import TimedMatches
 from vo_lib.settings import Checked, setting
 
-from ..frames import WithBoxes
+from .given_boxes import WithBoxes
 from .tracks import CAMERA_HEIGHT
 
 SIDE = np.array([4.0, 3.0, 0.0])  # length and height of the lorry's side, metres; the side is flat
