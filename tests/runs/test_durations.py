@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import pytest
 
 from vo_lib.runs.durations import Durations, Forecast, Task, duration_words
+from vo_lib.runs.earlier_seconds import seconds_of_run
+from vo_lib.runs.identity import processor_name
 
 
 def test_an_estimate_fills_the_processes_in_order() -> None:
@@ -92,3 +97,29 @@ def test_a_forecast_says_nothing_without_a_rest_or_a_measure() -> None:
     forecast.done(task, 3.0)
     forecast.announce()
     assert said == []
+
+
+@pytest.mark.parametrize(
+    ("ms_text", "seconds"),
+    [
+        ("2", 0.02),
+        ("2.5", 0.025),
+        ("-2", None),
+        ("true", None),
+        ('"2"', None),
+        ("NaN", None),
+        ("Infinity", None),
+        ("1" + "0" * 400, None),
+    ],
+)
+def test_the_time_of_a_kept_run_is_known_only_from_a_number(
+    tmp_path: Path, ms_text: str, seconds: float | None
+) -> None:
+    """A person may have edited the file, and its times have no digest."""
+    processor = json.dumps(processor_name())
+    (tmp_path / "config.json").write_text(
+        f'{{"settings": {{}}, "machine_info": {{"processor": {processor}}}, '
+        f'"timing": {{"ms_per_frame_of": {{"matching": 9, "rotation": {ms_text}}}}}}}',
+        encoding="utf-8",
+    )
+    assert seconds_of_run(tmp_path, frames=10) == (None if seconds is None else pytest.approx(seconds))

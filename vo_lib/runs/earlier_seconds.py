@@ -18,6 +18,7 @@ from .match_cache import CachedMatches
 FRONT_END_STAGES = ("wait_images", "matching", "cached_matches")  # of a frame, before the back end
 TIME_ENDING = ".json"  # the file with the time is beside that of the matches, with this ending
 EXPECTED = "the time that matches took"  # in the message on such a file
+NO_TIME = 1e12  # a number from here on is no time that anything took; it may not even fit a float
 
 
 def write_seconds(matches: CachedMatches, seconds: float) -> None:
@@ -60,5 +61,5 @@ def _mapping_or_empty(value: Any) -> dict[str, Any]:
 
 
 def _positive_number(value: Any) -> float | None:
-    """A value of JSON if it is a number above 0, else None."""
-    return float(value) if isinstance(value, (int, float)) and value > 0 else None
+    """A value of JSON if it is a number above 0 and below `NO_TIME`, else None; `true` is no number."""
+    return float(value) if type(value) in (int, float) and 0 < value < NO_TIME else None
