@@ -214,7 +214,7 @@ def gains_figure(gains: Mapping[str, Gain]) -> Figure:
 def measured_columns(methods: Sequence[str], kind: str) -> tuple[str, list[dict[str, float]]]:
     """TE or RE of the clips of KITTI, variant `published`, from `results.md`: a column for each method.
 
-    kind : a key of `ERROR_KINDS`.
+    kind : a key of `table1.ERROR_KINDS`.
 
     A clip has a row for each length of sub-sequences, and errors over different lengths cannot be averaged:
     the columns have the largest length that every clip has. The words before them name it, and the clips
