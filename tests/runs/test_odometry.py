@@ -49,8 +49,16 @@ def test_repeated_pairs_are_a_standstill(tmp_path: Path, variant: str) -> None:
 def test_times_in_other_units_cause_a_warning(bands: Path, unit: float) -> None:
     sequence = open_sequence(bands)
     warnings = warnings_of(run(dataclasses.replace(sequence, times=unit * sequence.times), small()))
-    begin = [] if unit == 1.0 else [f"times.txt has an interval of {0.1 * unit:.3g}"]
-    assert [sentence.partition(" s ")[0] for sentence in warnings] == begin
+    begin = [] if unit == 1.0 else [f"the median interval of the times in times.txt is {0.1 * unit:.6g}"]
+    assert [sentence.partition(" s, expected")[0] for sentence in warnings] == begin
+
+
+def test_a_camera_of_a_thousand_frames_a_second_has_plausible_times(bands: Path) -> None:
+    """Times since 1970 have steps of 0.2 µs, so the median interval is a little less than 1 ms."""
+    sequence = open_sequence(bands)
+    times = 1.7e9 + 1e-3 * np.arange(6.0)
+    assert np.median(np.diff(times)) < 1e-3
+    assert warnings_of(run(dataclasses.replace(sequence, times=times), small())) == []
 
 
 def test_whole_times_may_be_numbers_of_frames(bands: Path) -> None:

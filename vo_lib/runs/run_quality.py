@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..data.pose_times import FRAME_INTERVALS_S, are_frame_numbers
+from ..data.pose_times import are_frame_numbers, interval_fault
 from ..evaluation.kitti_errors import KITTI_LENGTHS, SHORT_PROTOCOL, trajectory_distances
 from ..evaluation.path_errors import Evaluation, evaluate
 from ..geometry.result import MAX_MISSING_FRAMES, Flag
@@ -59,11 +59,9 @@ def warnings_of(result: Run) -> list[str]:
 
 def _warning_about_times(result: Run) -> str:
     """A warning if the times are no seconds of a camera, or may be numbers of frames; otherwise ""."""
-    seconds = float(np.median(np.diff(result.sequence.times)))
-    shortest, longest = FRAME_INTERVALS_S
-    if not shortest <= seconds <= longest:
-        expected = f"expected {shortest:g} to {longest:g} s: speeds are wrong"
-        return f"times.txt has an interval of {seconds:.3g} s between frames, {expected}"
+    fault = interval_fault(result.sequence.times, "the times in times.txt")
+    if fault:
+        return f"{fault}: speeds are wrong"
     if are_frame_numbers(result.sequence.times):
         return "times.txt has whole numbers: if these are numbers of frames, speeds are wrong"
     return ""
