@@ -4,11 +4,14 @@
 >>> result = run(open_sequence("kitti/07"), preset("feature_selection"))  # doctest: +SKIP
 >>> result.poses  # (N, 4, 4) poses of the left camera  # doctest: +SKIP
 
-Where to begin: `paper` is the paper's method, about 2,500 lines; `paper/odometry.py` names the seven steps of
-a frame, and three additions that are not in the paper. A run of a method as published imports about 8,000
-lines in all: beside `paper`, these are `geometry`, the images and boxes of `data`, the settings, and the loop
-of `runs/drive.py` over the frames. All else serves that core and can stay unread: the additions of variant
-`kit`, `detection`, `evaluation`, `report`, `loops` and `commands`.
+Where to begin: `paper` is the paper's method, about 2,500 lines, and its `odometry.py` names the seven
+steps of a frame and the three additions to the paper. A run of `feature_selection` as published, over a
+drawn street or another sequence in a folder, imports about 8,300 lines in all, and those of `paper` are
+among them. The largest part is `data`, about 3,400 lines, because it reads all kinds of files that people
+bring, and refuses the wrong ones. What is left of such a run is `geometry`, the settings, reading and
+writing of files, and the loop over the frames in `runs/drive.py`. Everything else serves that core, and can
+stay unread until it is needed: the additions of variant `kit`, `detection`, `evaluation`, `report`, `loops`
+and `commands`.
 
 Chapters in docstrings are those of the course (notebooks 01 to 09), and sections are those of the paper.
 """

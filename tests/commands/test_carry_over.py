@@ -94,7 +94,7 @@ def test_an_answer_with_other_arguments_is_a_comment() -> None:
     compile(text, "cell", "exec")
 
 
-def test_functions_of_ones_own_cells_come_with_the_answer_that_calls_them() -> None:
+def test_an_answer_is_carried_with_the_functions_that_it_calls() -> None:
     own = "def dot(a, b):\n    return sum(a * b)\n\n\ndef unused():\n    return 1"
     (text,), _ = carried(notebook(own, MINE), notebook(OPEN))
     assert text.index("def dot(a, b):\n    return sum(a * b)") < text.index("def angle")

@@ -267,7 +267,7 @@ def test_settings_without_effect_are_refused_in_a_config_as_with_set(
 
 
 @pytest.mark.usefixtures("pictures_not_drawn")
-def test_the_config_of_a_run_is_read_again_even_with_settings_without_effect(
+def test_a_config_with_unused_settings_is_read_again(
     run: Say, bands: Path, tmp_path: Path, cache: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     changes = ["--method", "mesvo_f", "--loops", "--reprojection.threshold", "1.5"]

@@ -66,7 +66,7 @@ def test_a_row_of_the_results_is_read_with_the_names_of_its_columns() -> None:
             assert re_ > re_sd >= 0.0, (row, method)
 
 
-def test_what_chapter_5_says_about_thresholds_and_boxes_is_true_of_the_table() -> None:
+def test_chapter_5_agrees_with_the_table_on_thresholds_and_boxes() -> None:
     measured = by_threshold()
     shown = {}
     for name in ("kitti/drive_0013", "synthetic/jam"):
@@ -81,7 +81,7 @@ def test_what_chapter_5_says_about_thresholds_and_boxes_is_true_of_the_table() -
     assert kept[2] > 4 * removed[2]
 
 
-def test_what_chapter_5_says_about_the_kit_on_whole_drives_is_true_of_the_table() -> None:
+def test_chapter_5_agrees_with_the_table_on_the_kit_on_whole_drives() -> None:
     def words(drive: str) -> list[str]:
         return re.findall(r"\((better|worse|not shown)\)", whole_drive_line("Variant kit", drive))
 

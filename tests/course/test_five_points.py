@@ -39,9 +39,7 @@ def run(source: str, names: dict[str, Any], capsys: pytest.CaptureFixture[str]) 
 
 
 @pytest.mark.parametrize("frame", [20, 40, 60, 80])
-def test_the_puzzle_has_one_solution_through_the_sixth_match_and_asks_no_truth(
-    street: Sequence, frame: int
-) -> None:
+def test_in_the_puzzle_the_sixth_match_fits_one_solution_alone(street: Sequence, frame: int) -> None:
     points = frame_points(street, frame, preset("solution_selection"))
     puzzle = find_puzzle(points, street.camera.f)
     assert len(puzzle.E) >= LEAST_SOLUTIONS
@@ -139,7 +137,7 @@ def test_the_text_on_planes_neighbours_and_rotations_holds(capsys: pytest.Captur
     assert "nearly half of the winners are more than 2° wrong" in source["cell-29"]
 
 
-def test_the_depth_in_the_current_camera_may_be_the_third_number_of_the_point() -> None:
+def test_the_second_depth_may_be_taken_from_the_point() -> None:
     def depths(motion: Array, x_p: Array, x_c: Array) -> tuple[Array, Array]:
         d_p, _ = library.two_depths(motion, x_p, x_c)
         X_c = d_p[:, None] * (library.homogeneous(x_p) @ motion[:, :3].T) + motion[:, 3]

@@ -54,7 +54,7 @@ def test_a_real_frame_is_shown_beside_the_drawn_one(
     assert frame[0].name == "kitti/drive_0013"
 
 
-def test_equally_many_points_of_another_configuration_have_their_own_rotation(street: Sequence) -> None:
+def test_points_of_another_configuration_have_their_own_rotation(street: Sequence) -> None:
     count = 150
     rotations = []
     for variant in ("published", "kit"):

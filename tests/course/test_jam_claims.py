@@ -17,7 +17,7 @@ RUN = ("cell-02", "claim-jam-load", "line-distances", "claim-distance", "claim-r
 
 
 @pytest.mark.slow
-def test_removed_boxes_in_the_jam_leave_a_third_of_the_error_and_more_than_the_pull() -> None:
+def test_in_the_jam_removal_leaves_less_error_but_more_than_the_pull() -> None:
     names: dict[str, Any] = {"__name__": "__main__"}
     for name in RUN[:-1]:
         exec(CELLS[name], names)

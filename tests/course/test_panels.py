@@ -1017,7 +1017,7 @@ def test_the_picture_of_another_sequence_does_not_stay(example: Example, bands: 
     assert example.picture.value == example._white()
 
 
-def test_a_panel_draws_after_code_and_a_job_changed_its_controls_at_the_same_time(example: Example) -> None:
+def test_a_panel_draws_after_two_threads_changed_its_controls(example: Example) -> None:
     """A job that ends while `set` runs used to leave a panel that never drew again."""
     sequence = example.state().sequence
     in_use = threading.Event()

@@ -75,7 +75,7 @@ def test_the_box_whose_features_are_farthest_off_is_named_by_its_number(bands: P
     assert real_drives.farthest_box(few) is None
 
 
-def test_the_distance_hides_a_car_that_drives_as_we_do_and_blames_a_parked_one(street: Sequence) -> None:
+def test_the_line_distance_is_small_for_a_moving_car_and_large_for_a_parked_one(street: Sequence) -> None:
     # What chapter 5 says of frame 65: box 7 drives ahead, and the black box, number 11, is parked.
     config = preset("feature_selection")
     matches = frame_matches(street, 65, config)

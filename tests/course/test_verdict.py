@@ -92,9 +92,7 @@ def outcomes(folder: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_a_report_equal_to_the_paper_is_reproduced_and_one_that_is_a_tenth_off_is_not(
-    tmp_path: Path, seed: int
-) -> None:
+def test_a_report_is_reproduced_at_the_papers_errors_and_not_a_tenth_off(tmp_path: Path, seed: int) -> None:
     report(tmp_path, 1.0, seed=seed)
     equal = outcomes(tmp_path)
     assert len(equal) == 80
@@ -121,9 +119,7 @@ def test_runs_that_scatter_widely_reproduce_nothing(tmp_path: Path, spread: floa
 
 @pytest.mark.parametrize("seeds", [3, 5, 10, 30])
 @pytest.mark.parametrize("spread", [0.005, 0.01, 0.02, 0.03, 0.05, 0.1])
-def test_whatever_the_scatter_a_method_that_is_a_tenth_off_is_rarely_reproduced(
-    seeds: int, spread: float
-) -> None:
+def test_a_method_that_is_a_tenth_off_is_rarely_reproduced(seeds: int, spread: float) -> None:
     rng = np.random.default_rng(0)
     count = 1500
     wrong = 0
@@ -162,7 +158,7 @@ def test_wide_scatter_does_not_widen_the_range_of_the_open_choices() -> None:
     assert judge(1.02, "feature_selection", "te_percent", "04", ours, (1.1, 2.0)).outcome == BY_CHOICES
 
 
-def test_re_of_the_papers_own_columns_is_converted_and_both_numbers_are_shown(tmp_path: Path) -> None:
+def test_re_of_the_paper_is_shown_as_printed_and_converted(tmp_path: Path) -> None:
     assert converted(1.0, "mesvo_f", "re_deg_per_100m") == pytest.approx(1.0313, abs=1e-4)
     assert converted(1.0, "viso2", "re_deg_per_100m") == 1.0
     assert converted(1.0, "mesvo_f", "te_percent") == 1.0
@@ -187,7 +183,7 @@ def test_the_allowed_difference_is_that_of_one_more_run_and_half_a_digit() -> No
 @pytest.mark.parametrize("choices", [None, (1.5, 2.0), (0.9, 1.1)])
 @pytest.mark.parametrize("deviation", [0.0, 0.002, 0.004, 0.006])
 @pytest.mark.parametrize("factor", [0.97, 1.03])
-def test_a_small_difference_is_not_called_not_reproduced_because_our_runs_scatter_little(
+def test_a_difference_of_three_percent_is_close_however_little_runs_scatter(
     factor: float, deviation: float, choices: tuple[float, float] | None
 ) -> None:
     ours = Ours(True, True, 5, factor, deviation)
@@ -231,7 +227,7 @@ def test_re_allows_for_the_six_decimals_of_the_devkit() -> None:
     assert inside >= 0.95 * runs
 
 
-def test_the_third_outcome_needs_choices_that_were_measured_on_the_whole_sequence(tmp_path: Path) -> None:
+def test_the_verdict_by_choices_needs_choices_measured_on_the_whole_sequence(tmp_path: Path) -> None:
     ours = Ours(True, True, 5, 1.0, 0.01)
     inside = judge(1.2, "feature_selection", "te_percent", "04", ours, (0.8, 1.25))
     assert inside.outcome == BY_CHOICES
@@ -311,7 +307,7 @@ def test_the_average_is_made_seed_by_seed_from_ten_whole_sequences(tmp_path: Pat
     assert np.diff(averages.values) == pytest.approx(0.1)  # a tenth of a step of 10's own seeds
 
 
-def test_the_printed_average_of_viso2_contradicts_its_rows_and_gets_no_verdict() -> None:
+def test_the_contradictory_average_of_viso2_gets_no_verdict() -> None:
     cell = judge(2.43, "viso2", "te_percent", "Avg", Ours(True, True, 5, 2.10, 0.01))
     assert cell.outcome == "no verdict: the printed average is not the mean of its rows"
 
@@ -582,7 +578,7 @@ def test_the_simulated_number_of_false_alarms_is_that_of_many_records(kind: str,
     assert f"{surprising} or more would be surprising" in chance_alone(cells)
 
 
-def test_the_gain_over_sequences_has_interval_sign_flips_and_leave_one_out() -> None:
+def test_the_gain_over_sequences_is_uncertain() -> None:
     before = printed_column(PAPER, "solution_selection", "te_percent")
     after = printed_column(PAPER, "feature_selection", "te_percent")
     gain = gain_over_sequences(before, after)

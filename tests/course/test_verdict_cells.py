@@ -139,7 +139,7 @@ def test_clips_are_compared_over_one_length(tmp_path: Path, monkeypatch: pytest.
 
 
 @pytest.mark.parametrize("sequences", [3, 10])
-def test_each_sequence_of_the_choices_has_a_colour_of_its_own_and_a_whole_name(sequences: int) -> None:
+def test_each_sequence_of_the_choices_has_its_own_colour_and_whole_name(sequences: int) -> None:
     cells = {f"kitti/drive_{number:04}": 1.0 + 0.1 * number for number in range(sequences)}
     made = figures.choices_figure({"measure of a candidate": {"number of inliers": cells}})
     (axis,) = made.axes
@@ -173,7 +173,7 @@ def test_the_hours_of_the_table_are_those_of_the_command(
 
 
 @pytest.mark.parametrize("question", ["", "Would one run show it? "])
-def test_the_sentences_on_the_removal_are_found_with_and_without_their_question(
+def test_sentences_on_the_removal_are_found_with_and_without_a_question(
     tmp_path: Path, question: str
 ) -> None:
     sentence = f"{question}Removal of the features in boxes lowers TE on a (1.000 → 0.500)."
@@ -186,7 +186,7 @@ def test_the_sentences_on_the_removal_are_found_with_and_without_their_question(
     assert len(figures.removal_sentences()) == 4  # TE and RE of both variants
 
 
-def test_the_first_cell_of_chapter_7_names_the_choices_made_after_numbers_were_seen() -> None:
+def test_chapter_7_begins_with_the_choices_made_after_numbers_were_seen() -> None:
     page = (CHAPTER.parent / "paper_and_code.md").read_text(encoding="utf-8")
     marked = [line.split("|")[1].strip() for line in page.splitlines() if "| *Numbers seen.*" in line]
     marked += [line.split("|")[1].strip() for line in page.splitlines() if " *Numbers seen.* At" in line]

@@ -63,9 +63,7 @@ def test_times_of_another_clock_or_with_an_offset_are_explained() -> None:
 
 @pytest.mark.parametrize("factor", [1e3, 1e6, 1e9])
 @pytest.mark.parametrize("start", [0.0, 1403636579.75])
-def test_seconds_under_a_header_with_a_smaller_unit_are_blamed_on_their_own_file(
-    factor: float, start: float
-) -> None:
+def test_a_header_with_too_small_a_unit_is_blamed_on_its_own_file(factor: float, start: float) -> None:
     true_times = start + 0.1 * np.arange(150.0)
     words = f"are probably {factor:.0f} times too small: correct the unit in the header of that file"
     message = time_mismatch(true_times / factor, true_times, "gt", 0.01)

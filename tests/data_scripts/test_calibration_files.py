@@ -517,7 +517,7 @@ def test_two_different_matrices_are_refused(tmp_path: Path) -> None:
         read(tmp_path / "c.pkl")
 
 
-def test_four_distortion_numbers_are_radial_tangential_unless_fisheye_is_given(tmp_path: Path) -> None:
+def test_four_distortion_numbers_are_radtan_unless_fisheye_is_given(tmp_path: Path) -> None:
     """OpenCV's names do not tell whether four numbers are of a pinhole or of a fisheye lens."""
     for truth, fisheye in (
         (TrueRig("radtan", RADTAN, T_R_L), False),

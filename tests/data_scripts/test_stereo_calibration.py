@@ -95,7 +95,7 @@ def test_projections_alone_mean_rectified_images() -> None:
 
 
 @pytest.mark.parametrize("baseline", [0.0, 5e-6, -5e-6])
-def test_baseline_that_calib_txt_would_not_take_is_refused_before_anything_is_written(
+def test_baseline_of_the_wrong_size_is_refused_before_anything_is_written(
     baseline: float,
 ) -> None:
     with pytest.raises(DataError, match=r"the baseline is .* m: expected .* 0\.01 mm to 10 m"):

@@ -78,7 +78,7 @@ def test_both_layouts_give_the_box(either: YoloDetector) -> None:
     assert result.score == pytest.approx([0.75], abs=1e-6)
 
 
-def test_a_network_of_every_size_that_selects_300_boxes_is_not_taken_for_a_grid(tmp_path: Path) -> None:
+def test_300_selected_boxes_of_a_network_of_every_size_are_no_grid(tmp_path: Path) -> None:
     """300 is also the number of cells of a small image, and a black image may give any values."""
     answer = np.random.default_rng(1).random((1, 300, 84), np.float32)
     path = write_answering(tmp_path / "m.onnx", answer, input_shape=(1, 3, "height", "width"))

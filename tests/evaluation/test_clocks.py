@@ -52,7 +52,7 @@ def test_the_lag_of_a_clock_is_found_in_the_turns(ahead: int, part: slice) -> No
     assert (agreement.as_given > agreement.with_lag - 0.2) is (abs(ahead) <= 1)
 
 
-def test_paths_that_do_not_turn_or_hardly_overlap_tell_nothing_about_their_clocks() -> None:
+def test_straight_or_hardly_overlapping_paths_tell_nothing_about_clocks() -> None:
     times = INTERVAL * np.arange(200.0)
     assert turn_agreement(times, straight(200), times, straight(200)) is None
     assert turn_agreement(times, town(200), times + 15.0, town(200)) is None

@@ -448,7 +448,7 @@ def test_quaternions_in_another_order_are_found(forward: int, yaw: float, pitch:
     assert [path.other_quaternions for path in result.paths] == [True, False]
 
 
-def test_drift_and_axes_of_other_sensors_are_not_another_order_of_quaternions() -> None:
+def test_drift_and_other_axes_are_not_taken_for_another_quaternion_order() -> None:
     for seed in range(20):
         truth, drift = random_pair(seed, 200)
         assert not quaternions_disagree(truth, drift)

@@ -135,7 +135,7 @@ def test_intervals_hold_as_often_as_they_say(seeds: int) -> None:
 
 
 @pytest.mark.parametrize("mean", [-0.47, 0.8, 0.3])
-def test_a_t_test_finds_a_change_in_four_of_five_sets_of_the_size_that_is_needed(mean: float) -> None:
+def test_with_the_needed_number_of_changes_four_of_five_t_tests_find_one(mean: float) -> None:
     count = changes_needed(mean, 1.0)
     assert count is not None
     rng = np.random.default_rng(0)

@@ -115,7 +115,7 @@ with webm_file(Path(sys.argv[1]), 64, 48, 10) as pictures:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit for the size of files")
-def test_disk_that_is_full_once_the_pictures_are_encoded_is_an_error_of_writing(tmp_path: Path) -> None:
+def test_a_disk_that_fills_up_at_the_end_of_a_film_is_an_error_of_writing(tmp_path: Path) -> None:
     film = tmp_path / "film.webm"
     words = [sys.executable, "-c", FULL_AFTER_ENCODING, str(film)]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
@@ -136,7 +136,7 @@ def test_film_that_is_interrupted_leaves_nothing(bands: Path) -> None:
     assert not list(place.iterdir())
 
 
-def test_film_of_a_wide_camera_is_smaller_with_the_features_at_their_places(bands: Path) -> None:
+def test_film_of_a_wide_camera_shrinks_image_and_features_alike(bands: Path) -> None:
     result = run(open_sequence(bands), preset("solution_selection"))
     shown = next(film_frames(result))
     removed = shown.matches[np.array([0])]

@@ -644,7 +644,7 @@ def town_road(frames: int, seed: int = 0) -> Array:
     return road
 
 
-def test_a_clock_that_differs_inside_the_times_of_another_file_causes_a_warning(
+def test_another_clock_within_the_times_of_a_file_causes_a_warning(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     road = town_road(300)

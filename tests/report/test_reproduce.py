@@ -492,7 +492,7 @@ def test_lengths_without_effect_are_reported(tree: Path, capsys: pytest.CaptureF
 
 @pytest.mark.usefixtures("pictures_not_drawn")
 @pytest.mark.parametrize("lengths", [["--lengths", "50,30"], []])
-def test_a_path_shorter_than_every_sub_sequence_names_both_lengths_and_the_option(
+def test_a_path_shorter_than_every_sub_sequence_is_explained(
     tree: Path, capsys: pytest.CaptureFixture[str], lengths: list[str]
 ) -> None:
     words = ["reproduce", "--sequences", "02", "--methods", "viso2", "--variant", "published", "--seeds", "1"]
@@ -525,7 +525,7 @@ def test_settings_are_compared_without_truth(
     assert len(set(links)) == len(links)
 
 
-def test_a_warning_of_several_seeds_is_printed_once_with_the_numbers_of_the_first() -> None:
+def test_a_warning_of_several_seeds_is_printed_once() -> None:
     warned = {
         "stereo contradicts the motion of 54 of 295 frames": ["a, mesvo_f, seed 0"],
         "stereo contradicts the motion of 58 of 295 frames": ["a, mesvo_f, seed 1", "b, mesvo_f, seed 0"],

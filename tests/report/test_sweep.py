@@ -247,7 +247,7 @@ def test_a_sweep_without_truth_compares_with_the_default(
     assert float(records_of(tmp_path / "out")[0]["rmse_apart_m"]) == 0.0
 
 
-def test_a_reference_of_which_a_run_failed_does_not_tell_how_far_seeds_are_apart(tmp_path: Path) -> None:
+def test_a_reference_with_a_failed_run_tells_no_spread_of_seeds(tmp_path: Path) -> None:
     folder = write_bands(tmp_path / "street")
     (folder / "poses.txt").unlink()
     sequence = open_sequence(folder)
