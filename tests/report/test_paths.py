@@ -675,19 +675,22 @@ def test_parts_of_one_path_with_one_clock_cause_no_warning(
     times = 0.1 * np.arange(300.0)
     straight = winding_road(300, 0.0, 1.0)
     straight[:, 2, 3] += 20.0 * np.sin(times)
+    with_stop = straight[np.clip(np.arange(300), 0, 60)]  # it stands for more than half of the time
     for road, first, last in (
         (town_road(300), 90, 210),
         (straight, 5, 295),
         (scaled(straight, 1.001), 90, 210),
+        (with_stop, 5, 295),
     ):
         a.write_text(format_tum(times[:last], road[:last]))
         b.write_text(format_tum(times[first:], road[first:]))
         assert "clock" not in printed(capsys, a, b)
         assert "clock" not in printed(capsys, b, "--truth", a)
-    # A straight path by another clock, as its speed tells.
-    a.write_text(format_tum(times, straight))
-    b.write_text(format_tum(times + 1.2, straight))
-    assert "both about 1.2 s later, so its clock may differ" in printed(capsys, a, b)
+    # Straight paths by another clock, as the speed tells.
+    for road in (straight, with_stop):
+        a.write_text(format_tum(times, road))
+        b.write_text(format_tum(times + 1.2, road))
+        assert "both about 1.2 s later, so its clock may differ" in printed(capsys, a, b)
 
 
 def test_a_path_of_another_drive_is_noticed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
