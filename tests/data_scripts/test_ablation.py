@@ -266,6 +266,9 @@ def test_an_idea_is_needed_if_an_error_grows_clearly_without_it() -> None:
     assert harm(made("lens", "a", 0.0, end=0.06), whole) == {"end": pytest.approx(0.02)}
 
 
+GAP = "kitti/00: gap of 10"
+
+
 def test_growth_is_reported_for_every_drive() -> None:
     rows = [made("", "a", 2.0, end=3.0), made("", "a: dark", 1.0, end=1.0)]
     rows += [made("lens", "a", 0.1), made("lens", "a: dark", 0.2, end=4.0), made("an old idea", "a", 0.0)]
@@ -283,6 +286,38 @@ def test_growth_is_reported_for_every_drive() -> None:
         ["an old idea", "+0.00", "–"],
     ]
     assert lost.rows == [["all ideas", "0", "0"]]
+
+
+def test_a_drive_that_many_ideas_lose_alike_is_named_below_the_table() -> None:
+    rows = [made("", "a", 1.0), made("", "a: dark", 1.0)]
+    for idea in ("prior", "lens", "calibration"):
+        rows += [made(idea, "a", 0.0), lost_alike(idea, 7.6)]
+    (note,) = tables(Ablation(rows))[0].notes
+    assert note.startswith(
+        "On a: dark, 3 ideas have the same change: without any one of them, one frame more"
+    )
+    assert "TE grows × 9. So the 3 rows that name this drive" in note
+    assert tables(Ablation(rows[:-1]))[0].notes == []  # two ideas may be alike by chance
+    assert tables(Ablation([*rows[:-1], lost_alike("calibration", 3.0)]))[0].notes == []
+
+
+def lost_alike(idea: str, te: float) -> Row:
+    row = made(idea, "a: dark", te)
+    return dataclasses.replace(row, mean=row.mean | {"lost": 1.0})
+
+
+def test_the_measured_gap_is_passed_narrowly() -> None:
+    from measure_results import ABLATION
+
+    rows = [read_row(cells) for _, cells in read_csv(ABLATION)[1:]]
+    alike = [row for row in rows if row.idea and row.sequence == GAP and row.mean["lost"] == 1.0]
+    assert len(alike) == 7
+    worth = tables(Ablation(rows))[0]
+    named = [row for row in worth.rows if row[3] == f"{GAP}, TE × 9"]
+    assert {row[0] for row in named} < {row.idea for row in alike}
+    (note,) = worth.notes
+    assert note.startswith(f"On {GAP}, {len(alike)} ideas have the same change")
+    assert f"TE grows × 9. So the {len(named)} rows that name this drive" in note
 
 
 def test_drives_are_counted_only_if_all_ideas_were_measured_on_them() -> None:
