@@ -211,10 +211,20 @@ def _lock_of(draft: Path) -> Path:
     return draft.with_name(draft.name + LOCK)
 
 
-def delete_abandoned_drafts(folder: Path, name: str | None = None) -> int:
+def delete_with_size(path: Path) -> int:
+    """`delete_tree`, which returns the number of bytes."""
+    size = folder_size(path)
+    delete_tree(path)
+    return size
+
+
+def delete_abandoned_drafts(
+    folder: Path, name: str | None = None, delete: Callable[[Path], int] = delete_with_size
+) -> int:
     """Delete the drafts of killed processes (see `locked_draft`) in a folder; return the number of bytes.
 
     name : the name of the file or folder that the drafts were for; None for any.
+    delete : deletes a draft and returns the number of bytes.
     """
     size = 0
     for lock_file in folder.glob(f".*{DRAFT}{LOCK}"):
@@ -225,8 +235,7 @@ def delete_abandoned_drafts(folder: Path, name: str | None = None) -> int:
         lock = FileLock(lock_file)
         with suppress(Timeout, OSError):  # in use, or just deleted by another process
             lock.acquire(timeout=0)
-            size += folder_size(draft)
-            delete_tree(draft)
+            size += delete(draft)
             _delete([lock_file])
         lock.release()
     return size

@@ -175,7 +175,7 @@ def test_draft_among_matches_counts_once(bands: Path, user_cache: Path, age_s: f
     assert sum(sizes.values()) == bytes_on_disk(user_cache)
     for everything in (False, True):
         size_before = bytes_on_disk(user_cache)
-        assert clean_cache(everything=everything) == size_before - bytes_on_disk(user_cache)
+        assert clean_cache(everything=everything).deleted == size_before - bytes_on_disk(user_cache)
         assert draft.exists() == (age_s == 0 and not everything)
     assert bytes_on_disk(user_cache) == 0
 
@@ -188,12 +188,15 @@ def test_link_in_the_cache_has_no_size(user_cache: Path, tmp_path: Path) -> None
     matches = user_cache / "matches"
     old = matches / "kit-0123456789abcdef"
     old.mkdir(parents=True)
-    (old / "b.npz").symlink_to(elsewhere / "a.npz")
+    (old / "b-0123456789abcdef.npz").symlink_to(elsewhere / "a.npz")
     (matches / "kit-0123456789abcdee").symlink_to(elsewhere, target_is_directory=True)
     assert [item.size for item in cache_items()] == [0, 0]
-    assert clean_cache() == 0
-    assert list(matches.iterdir()) == []
-    assert (elsewhere / "a.npz").stat().st_size == 1000
+    cleaned = clean_cache()
+    assert cleaned.deleted == 0
+    # The kit makes no links, so these are the reader's.
+    assert sorted(cleaned.kept) == [matches / "kit-0123456789abcdee", old / "b-0123456789abcdef.npz"]
+    assert (matches / "kit-0123456789abcdee" / "a.npz").stat().st_size == 1000
+    assert (old / "b-0123456789abcdef.npz").stat().st_size == 1000
 
 
 def test_matches_of_another_library_have_no_use(
@@ -244,3 +247,187 @@ def test_cache_takes_a_folder_and_never_the_sequence(
     assert main(["run", "--keep-matches", str(bands), "--out", str(tmp_path / "out")]) == 0
     assert len(list(user_cache.rglob("*.npz"))) == 1
     assert not list(bands.rglob("*.npz"))
+
+
+def write(path: Path, text: str = "mine\n") -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def files_in(folder: Path) -> set[str]:
+    """Files, links, and folders without content."""
+    found = set()
+    for place, folders, files in os.walk(folder):
+        links = [name for name in folders if Path(place, name).is_symlink()]
+        found |= {Path(place, name).relative_to(folder).as_posix() for name in [*files, *links]}
+        if not folders and not files:
+            found.add(Path(place).relative_to(folder).as_posix() + "/")
+    return found
+
+
+def words(text: str) -> str:
+    return " ".join(text.split())
+
+
+OWN = (
+    "my_labels/000000.txt",
+    "labels_yolo/000000.txt",
+    "labels_yolo/detector.json",
+    "notes.txt",
+    ".hidden",
+    "image_0/000000.png.bak",
+    "image_0/mine/000000.png",
+    "image_2/000000.png",
+    "truth/my_truth.csv",
+    "truth/instance/000000.txt",
+    "labels/sub/000000.txt",
+)
+
+
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return ensure_scene(scene_config("empty", **TINY), tmp_path_factory.mktemp("drawn"), jobs=1)
+
+
+@pytest.mark.parametrize("name", OWN)
+@pytest.mark.parametrize("part", ["", "-0-2"])
+def test_files_of_the_reader_in_a_scene_are_kept_and_named(
+    name: str, part: str, drawn: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    old = shutil.copytree(drawn, tmp_path / f"jam-000000000000{part}")
+    own = write(old / name)
+    assert load("clean_cache")(["--cache", str(tmp_path)]) == 0
+    assert own.read_text(encoding="utf-8") == "mine\n"
+    left = files_in(old)
+    if name.startswith("labels/"):  # then they are all somebody else's
+        assert {file for file in left if not file.startswith("labels/")} == set()
+    else:
+        assert left == {name}
+    printed = words(capsys.readouterr().out)
+    assert printed.count("kept, as files or links of your own:") == 1
+    uppermost = name if name.startswith(("image_0", "truth")) else name.split("/")[0]
+    assert f"{old.name}/{'image_0/mine' if 'mine' in name else uppermost}" in printed
+    # A second time, there is nothing to delete, so nothing to keep.
+    assert load("clean_cache")(["--cache", str(tmp_path), "--all"]) == 0
+    assert files_in(old) == left
+
+
+def test_labels_of_a_detector_in_the_place_of_the_drawn_ones_are_kept(
+    drawn: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    old = shutil.copytree(drawn, tmp_path / "empty-000000000000")
+    answer = np.zeros((1, 5, yolox_cells(64, 64)), np.float32)
+    model = write_answering(tmp_path / "blind.onnx", answer, names="['car']")
+    for words_of_out in (["--replace"], ["--out", str(old / "labels_blind")]):
+        assert load("write_labels")([str(old), "--model", str(model), *words_of_out]) == 0
+    capsys.readouterr()
+    frames = ["000000.txt", "000001.txt", "000002.txt"]
+    names = [*frames, "detector.json", "images.sha256"]
+    expected = {f"{folder}/{name}" for folder in ("labels", "labels_blind") for name in names}
+    assert load("clean_cache")(["--cache", str(tmp_path)]) == 0
+    assert files_in(old) == expected
+    assert "own: empty-000000000000/labels, empty-000000000000/labels_blind" in words(capsys.readouterr().out)
+
+
+@pytest.mark.parametrize("name", ["labels/000001.txt", "image_0/000001.png", "calib.txt"])
+def test_drawn_file_that_the_reader_changed_is_kept(name: str, drawn: Path, tmp_path: Path) -> None:
+    old = shutil.copytree(drawn, tmp_path / "empty-000000000000")
+    later = (old / "image_1" / "000002.png").stat().st_mtime + 60.0
+    os.utime(write(old / name), (later, later))
+    assert clean_cache(tmp_path).kept == [old / name]
+    assert files_in(old) == {name}
+
+
+@pytest.mark.parametrize("name", [*OWN, "labels/000001.txt"])
+def test_scene_is_drawn_again_around_the_files_of_the_reader(name: str, tmp_path: Path, drawn: Path) -> None:
+    scene = shutil.copytree(drawn, tmp_path / drawn.name)
+    own = write(scene / name)
+    later = time.time() + 60.0
+    os.utime(own, (later, later))
+    before = files_in(scene)
+    assert clean_cache(tmp_path, everything=True).kept
+    assert not (scene / "calib.txt").exists()
+    assert ensure_scene(scene_config("empty", **TINY), tmp_path, jobs=1) == scene
+    assert files_in(scene) == before
+    assert own.read_text(encoding="utf-8") == "mine\n"
+    for file in files_in(drawn) - {name}:
+        assert (scene / file).read_bytes() == (drawn / file).read_bytes()
+    assert len(open_sequence(scene)) == 3
+    assert list(tmp_path.iterdir()) == [scene]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="links without special rights")
+def test_no_link_is_followed_out_of_the_cache(drawn: Path, tmp_path: Path, user_cache: Path) -> None:
+    disk = tmp_path / "other disk"
+    scene = shutil.copytree(drawn, disk / "synthetic" / "jam-000000000000")
+    write(disk / "matches" / "kit-0123456789abcdef" / "a-0123456789abcdef.npz")
+    write(disk / "hashes" / "0123456789abcdef.json")
+    write(disk / "imported" / "0123456789abcdef.txt")
+    record = {"model": "a", "sha256": "b", "settings": {}}
+    write(disk / "labels" / "older" / DETECTOR_RECORD, json.dumps(record))
+    old_draft = disk / "synthetic" / ".jam-000000000000.1.2.tmp"
+    write(old_draft / "calib.txt")
+    write(old_draft.with_name(old_draft.name + ".lock"), "")
+    before = files_in(disk)
+    user_cache.mkdir(parents=True)
+    for folder in disk.iterdir():
+        (user_cache / folder.name).symlink_to(folder)
+    for everything in (False, True):
+        cleaned = clean_cache(everything=everything)
+        assert cleaned.deleted == 0
+        assert sorted(path.name for path in cleaned.kept) == sorted(path.name for path in disk.iterdir())
+    other = tmp_path / "other cache"
+    inside = shutil.copytree(drawn, other / "jam-000000000001")
+    shutil.rmtree(inside / "image_0")
+    (inside / "image_0").symlink_to(scene / "image_0")
+    (inside / "my_data").symlink_to(disk)
+    (other / "jam-000000000002").symlink_to(scene)
+    (other / "labels").symlink_to(disk / "labels")
+    clean_cache(other, everything=True)
+    left = {"jam-000000000001/image_0", "jam-000000000001/my_data", "jam-000000000002", "labels"}
+    assert files_in(other) == left
+    assert files_in(disk) == before
+
+
+def test_files_of_the_reader_beside_other_kinds_are_kept(
+    bands: Path, user_cache: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fill(bands, None)
+    (labels,) = (item.path for item in cache_items() if item.kind == "labels")
+    corrected = shutil.copytree(labels, labels.with_name("corrected"))
+    later = (corrected / "images.sha256").stat().st_mtime + 60.0
+    os.utime(corrected / "000000.txt", (later, later))
+    draft = user_cache / "synthetic" / ".jam-000000000000.1.2.tmp"
+    locked = user_cache / "synthetic" / ".jam-000000000001.1.2.tmp"
+    own = {
+        write(labels / "classes.txt"),
+        write(labels / "mine" / "000000.txt"),
+        write(code_folder("published") / "notes.md"),
+        write(code_folder("published") / "result.npz"),
+        write(user_cache / "matches" / "kit-0123456789abcdef" / "plots" / "a-0123456789abcdef.npz"),
+        write(user_cache / "hashes" / "mine.json"),
+        write(user_cache / "hashes" / "0123456789abcdef.json" / "a"),
+        write(user_cache / "imported" / "notes.txt"),
+        write(user_cache / "matches" / "notes.txt"),
+        write(user_cache / "matches" / "mine" / "a.npz"),
+        write(user_cache / "synthetic" / ".jam-000000000000.txt"),
+        write(draft / "my_labels" / "000000.txt"),
+        write(locked / "my_labels" / "000000.txt"),
+        *corrected.iterdir(),
+    }
+    for folder in (draft, locked):
+        write(folder / "calib.txt")
+    write(locked.with_name(locked.name + ".lock"), "")
+    os.utime(draft, (0, 0))
+    assert load("clean_cache")(["--all"]) == 0
+    assert {user_cache / name for name in files_in(user_cache) if not name.endswith("/")} == own
+    printed = words(capsys.readouterr().out)
+    for path in (
+        labels / "classes.txt",
+        labels / "mine",
+        corrected,
+        draft / "my_labels",
+        locked / "my_labels",
+    ):
+        assert path.relative_to(user_cache).as_posix() in printed

@@ -14,6 +14,8 @@ from vo_lib.commands.data_scripts import scripts
 from vo_lib.data.kitti import EXPECTED_FRAMES, PART
 from vo_lib.data.scenes import SCENES
 
+OLD_MATCHES = "kit-0123456789abcdef/a-0123456789abcdef.npz"
+
 
 @pytest.fixture(autouse=True)
 def _own_places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -22,7 +24,7 @@ def _own_places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setenv(name, str(tmp_path / name))
     monkeypatch.setattr("vo_lib.data.catalogue.PROJECT", tmp_path)
     monkeypatch.chdir(tmp_path)
-    stale = tmp_path / "XDG_CACHE_HOME" / "stereo-vo-kit" / "matches" / "old" / "a.npz"
+    stale = tmp_path / "XDG_CACHE_HOME" / "stereo-vo-kit" / "matches" / OLD_MATCHES
     stale.parent.mkdir(parents=True)
     stale.write_bytes(bytes(2_000_000))
 

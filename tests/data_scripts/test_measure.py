@@ -153,7 +153,7 @@ def test_clean_cache_removes_only_outdated_matches(
     kept.fill()
     stale = tmp_path / "matches" / "published-0123456789abcdef"
     stale.mkdir()
-    (stale / "bands.npz").write_bytes(bytes(1500))
+    (stale / "bands-0123456789abcdef.npz").write_bytes(bytes(1500))
     size = folder_size(kept.path)
     assert load("clean_cache")(["--cache", str(tmp_path)]) == 0
     assert "1.5 kB deleted" in capsys.readouterr().out

@@ -7,7 +7,7 @@ Read `sequence` first: a `Sequence` is what a run receives, and `catalogue` open
   come from, and which classes count (chapter 5); `label_remarks` has what a person is told about them;
 - `poses`, `pose_columns` and `pose_times`: files of paths, in KITTI's format and those of other systems.
 
-Beside it are `scenes`, `drawn` and `truth`: drawn streets by name, their folders, and what is known of
-their vehicles. `imports` finds the folders that a person imported, and `image_hashes` has the digests of
-images, by which runs and labels are known to belong to these images.
+Beside it are `scenes`, `drawn`, `scene_files` and `truth`: drawn streets by name, their folders, the files in
+these, and what is known of their vehicles. `imports` finds the folders that a person imported, and
+`image_hashes` has the digests of images, by which runs and labels are known to belong to these images.
 """

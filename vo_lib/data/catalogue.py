@@ -12,6 +12,7 @@ from ..errors import DataError, did_you_mean
 from ..geometry.types import Progress
 from .drawn import ensure_scene, scene_folder
 from .kitti import EXPECTED_FRAMES, has_images
+from .scene_files import is_drawn
 from .scenes import SCENES
 from .sequence import Sequence, open_folder
 
@@ -66,7 +67,7 @@ def available() -> dict[str, Path | None]:
     folders: dict[str, Path | None] = {}
     for name, config in SCENES.items():
         folder = scene_folder(config)
-        folders[f"{SYNTHETIC}{name}"] = folder if folder.is_dir() else None
+        folders[f"{SYNTHETIC}{name}"] = folder if is_drawn(folder) else None
     for root in kitti_roots():
         for folder in sorted((root / "sequences").iterdir()):
             if has_images(folder):

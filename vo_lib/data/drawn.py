@@ -18,6 +18,7 @@ import platformdirs
 
 from ..geometry.types import Progress
 from ..settings import to_dict
+from .scene_files import is_drawn
 from .scenes import SCENES, SceneConfig, scene_config
 
 # Increase with every change of the images: scenes in the cache are then drawn again.
@@ -76,9 +77,9 @@ def ensure_scene(
     """
     config = name_or_config if isinstance(name_or_config, SceneConfig) else scene_config(name_or_config)
     folder = scene_folder(config, cache)
-    if frames is not None and not folder.is_dir():
+    if frames is not None and not is_drawn(folder):
         folder = folder.with_name(f"{folder.name}-{frames.start}-{frames.stop}")
-    if folder.is_dir():
+    if is_drawn(folder):
         return folder
     from vo_street.cache import draw_scene  # here, since vo_street imports this package
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from pathlib import Path
 
 from ..errors import DataError
@@ -10,13 +11,15 @@ from ..files import read_text, write_atomic
 from .drawn import user_cache
 from .kitti import has_images
 
+RECORD = re.compile(r"[0-9a-f]{16}\.txt")
+
 
 def remember_import(folder: Path) -> None:
     """Remember the folder of an imported sequence; nothing happens if the cache cannot be written."""
     path = str(folder.absolute())
     digest = hashlib.sha256(path.encode("utf-8", "surrogateescape")).hexdigest()[:16]
     # A file for each folder: two imports at the same time do not disturb each other.
-    record = _record_folder() / f"{digest}.txt"
+    record = record_folder() / f"{digest}.txt"
     try:
         record.parent.mkdir(parents=True, exist_ok=True)
         write_atomic(record, path)
@@ -31,7 +34,8 @@ def imported_folders() -> list[Path]:
 
 def import_records() -> dict[Path, Path | None]:
     """The file of each record, and the folder that it names; None for a folder that no longer exists."""
-    return {record: _folder_of(record) for record in sorted(_record_folder().glob("*.txt"))}
+    records = [path for path in sorted(record_folder().glob("*.txt")) if RECORD.fullmatch(path.name)]
+    return {record: _folder_of(record) for record in records}
 
 
 def _folder_of(record: Path) -> Path | None:
@@ -44,6 +48,6 @@ def _folder_of(record: Path) -> Path | None:
     return folder if exists else None
 
 
-def _record_folder() -> Path:
+def record_folder() -> Path:
     """The folder with a file for each imported sequence, which has the path of its folder."""
     return user_cache() / "imported"
