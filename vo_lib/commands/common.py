@@ -82,7 +82,7 @@ def add_part(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--labels", metavar="DIR", help=text)
     text = (
         "PNG image that is 0 where features are allowed, or a folder with such an image for each frame, "
-        "which has the name of the left image"
+        "each named as the left image"
     )
     parser.add_argument("--masks", type=Path, metavar="PATH", help=text)
 

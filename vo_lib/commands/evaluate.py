@@ -64,7 +64,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     option("--delta", metavar="D", help=text)
     text = (
         "largest difference between the times of a pose and its true pose, in seconds; default %(default)s. "
-        f"Fewer than {100 * LEAST_MATCHED_SHARE:.0f} %% of poses with such a partner are refused"
+        f"Files are refused if fewer than {100 * LEAST_MATCHED_SHARE:.0f} %% of the poses have such a partner"
     )
     option("--t-max-diff", type=float, default=TIME_TOLERANCE_S, metavar="S", help=text)
     text = "folder for evaluation.json, and for figures of the paths and of their errors by length and speed"

@@ -74,16 +74,21 @@ def add(parser: argparse.ArgumentParser) -> None:
         "else the drawn scenes except synthetic/block"
     )
     option("--sequences", metavar="S,S,…", help=text)
-    option("--missing", choices=["ok"], help="with ok, a missing KITTI sequence does not cause exit code 1")
+    option(
+        "--missing", choices=["ok"], help="with ok, a missing KITTI sequence does not make the exit code 1"
+    )
     common.add_variant(parser, both=True)
     option("--methods", metavar="M,M,…", help="methods to run; by default all methods of the variant")
     common.add_set(parser, "each value makes a block of the table with all methods")
     text = (
-        "config.json of a run: the table has its variant, and what differs there from the preset is changed "
-        "in all methods of the table; without --methods, only the method of that run"
+        "config.json of a run: the table takes its variant from there, and the settings that differ from the "
+        "preset hold for all methods; without --methods, the table has only the method of that run"
     )
     option("--config", type=Path, metavar="FILE", help=text)
-    text = "sub-sequence lengths, metres, from every frame on; default KITTI's, or 20,50,100 for short paths"
+    text = (
+        "lengths of the sub-sequences in metres, which then start at every frame; default KITTI's, or "
+        "20,50,100 for short paths"
+    )
     option("--lengths", metavar="L,L,…", help=text)
     option("--out", default="runs/table1", metavar="DIR", help="folder for the results; default %(default)s")
     common.add_part(parser)

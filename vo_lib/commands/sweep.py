@@ -49,14 +49,15 @@ def add(parser: argparse.ArgumentParser) -> None:
         "mesvo_f,feature_selection --set selection.threshold=0.25,0.5,1"
     )
     option = parser.add_argument
-    text = "KITTI numbers or ranges, names from `vo list`, or folders; several need a single --set"
+    text = "KITTI numbers or ranges, names from `vo list`, or folders; with several, give a single --set"
     option("--sequence", "--sequences", dest="sequences", required=True, metavar="S,S,…", help=text)
     text = (
-        f"one or more of {', '.join(METHODS)}; default {common.DEFAULT_METHOD}; several need a single --set"
+        f"one or more of {', '.join(METHODS)}; default {common.DEFAULT_METHOD}; with several, give a single "
+        "--set"
     )
     option("--method", "--methods", dest="methods", metavar="M,M,…", help=text)
     common.add_variant(parser)
-    text = "config.json of a run: what differs there from the preset is changed in all methods"
+    text = "config.json of a run: its settings that differ from the preset hold for all methods"
     option("--config", type=Path, metavar="FILE", help=text)
     common.add_set(parser, "the table has a row for each combination of the values", required=True)
     common.add_part(parser)
