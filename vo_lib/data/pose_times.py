@@ -122,8 +122,13 @@ def time_ranges(times: Array, true_times: Array, truth_name: str) -> str:
     )
 
 
-def time_mismatch(times: Array, true_times: Array, truth_name: str, tolerance: float) -> str:
-    """The reason why fewer than two of `times` (N,) are those of true poses `true_times` (M,), seconds.
+def time_mismatch(
+    times: Array, true_times: Array, truth_name: str, tolerance: float, path: Path
+) -> DataError:
+    """The error of a file of which fewer than two `times` (N,) are those of true poses `true_times` (M,).
+
+    All times are in seconds. The error names the reason; a larger tolerance is its remedy only where the
+    times lie a little apart.
 
     In this order: another unit, by the size or the interval of each file's own times; an interval that no
     unit makes plausible; another unit, by the overlap of both files; clocks that do not overlap even in the
@@ -139,7 +144,7 @@ def time_mismatch(times: Array, true_times: Array, truth_name: str, tolerance: f
         # A file whose own interval is impossible says nothing about the unit of the other file.
         faults = [fault for fault in (interval_fault(times), interval_fault(true_times, theirs)) if fault]
         if faults:
-            return "; ".join([problem, *faults])
+            return DataError("; ".join([problem, *faults]), path)
         # The unit in which the times of each file overlap those of the other best, if any do.
         own_unit = _common_unit(times, true_times) or 1.0
         true_unit = _common_unit(true_times, times) or 1.0
@@ -158,7 +163,8 @@ def time_mismatch(times: Array, true_times: Array, truth_name: str, tolerance: f
             f"; the nearest times are {float(distances.min()):.3g} s apart, so the clocks differ, or the "
             "tolerance is too small"
         )
-    return problem + reason
+        return DataError(problem + reason, path, remedy="tolerance")
+    return DataError(problem + reason, path)
 
 
 def _unit_of(times: Array) -> float:

@@ -168,7 +168,7 @@ def _poses_of_frames(path: Path, times: Array) -> Array:
         return file.poses
     rows, pose_rows = match_times(times, file.times)
     if len(rows) < 2:
-        raise DataError(time_mismatch(file.times, times, "the sequence", TIME_TOLERANCE_S), path)
+        raise time_mismatch(file.times, times, "the sequence", TIME_TOLERANCE_S, path)
     return file.poses[pose_rows]
 
 
