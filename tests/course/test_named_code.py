@@ -16,8 +16,12 @@ import pytest
 from course.simulation.drives import CAMERA, drive
 from course.simulation.tracks import TrackConfig, simulate_tracks
 from vo_lib.config import preset
-from vo_lib.geometry.boxes import no_boxes
+from vo_lib.geometry.boxes import Boxes, no_boxes
 from vo_lib.geometry.result import Flag
+from vo_lib.kit.kit_odometry import KitOdometry, SelfCalibratingOdometry
+from vo_lib.kit.refined_selection import sample_sets
+from vo_lib.paper.odometry import Odometry
+from vo_lib.paper.selection import draw_sets
 from vo_lib.runs.drive import make_odometry
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -96,6 +100,79 @@ def test_at_a_standstill_both_variants_return_no_motion_and_keep_the_vector(vari
     np.testing.assert_array_equal(rest.T_cp, np.eye(4))
     assert before is not None
     np.testing.assert_array_equal(odometry.e_prev, before)
+
+
+# What the odometry of the kit puts in place of the paper's, and what the sections on the kit call it.
+REPLACED = {
+    "fit_gain": "`fit_gain`",
+    "step": "`Rig`",
+    "solve": "`other_solutions`",
+    "next_prior": "does not become `e_prev`",
+    "five_point_sets": "`sample_sets`",
+    "select": "`prior_dropped`",
+    "rotation": "`refine`",
+    "translate": "`robust_start`",
+}
+
+
+def test_sections_on_variant_kit_name_each_step_that_it_replaces() -> None:
+    """From the section's heading up to the next topic."""
+    sections = ""
+    for page in ROOT.glob("notebooks/*.ipynb"):
+        whole = "\n".join(texts(page))
+        sections += "".join(
+            part for part in re.split(r"^(?=###? )", whole, flags=re.M) if part.startswith(SECTION)
+        )
+    of_paper = vars(Odometry).keys() - {"__init__", "__doc__", "__module__", "__annotations__"}
+    replaced = {
+        name for kind in (KitOdometry, SelfCalibratingOdometry) for name in vars(kind) if name in of_paper
+    }
+    assert {name for name in replaced if not name.startswith("__")} == REPLACED.keys()
+    assert [name for name, words in REPLACED.items() if words not in sections] == []
+
+
+def test_a_frame_without_a_motion_repeats_a_standstill_only_as_published() -> None:
+    """Chapter 3 says so in its section on the kit."""
+    moved = {}
+    repeated = {}
+    for variant in ("published", "kit"):
+        odometry = make_odometry(CAMERA, preset("solution_selection", variant=variant))
+        for frame in simulate_tracks(drive(4), CAMERA, TrackConfig(noise=0.1)):
+            moved[variant] = odometry.step(frame.matches, no_boxes()).motion.T_cp
+        matches = frame.matches
+        same = replace(matches, prev_left=matches.cur_left, prev_right=matches.cur_right)
+        assert odometry.step(same, no_boxes()).motion.still
+        motion = odometry.step(matches[np.arange(5)], no_boxes()).motion
+        assert motion.flags == (Flag.FEW_MATCHES,)
+        repeated[variant] = motion.T_cp
+    np.testing.assert_array_equal(repeated["published"], np.eye(4))
+    np.testing.assert_array_equal(repeated["kit"], moved["kit"])
+
+
+def test_the_kit_uses_all_matches_about_equally_often_in_its_sets() -> None:
+    """Chapter 2 says so in its section on the kit, and that as published, some are in no set."""
+    uses = {}
+    for rule in (draw_sets, sample_sets):
+        sets = rule(np.random.default_rng(0), 303, 200)
+        assert sets.shape == (200, 5)
+        assert all(len(set(chosen)) == 5 for chosen in sets.tolist())
+        uses[rule] = np.bincount(sets.ravel(), minlength=303)
+    # Each order of 303 matches gives 60 sets, so 200 sets need four orders, of the last one only a part.
+    assert uses[sample_sets].min() >= 1
+    assert uses[sample_sets].max() <= 4
+    assert uses[draw_sets].min() == 0
+    assert uses[draw_sets].max() > 4
+
+
+@pytest.mark.parametrize(("variant", "flag"), [("published", Flag.FEW_MATCHES), ("kit", Flag.FILTER_OFF)])
+def test_boxes_over_all_features_leave_them_to_the_kit(variant: str, flag: Flag) -> None:
+    """Chapter 5 says so of a frame whose boxes leave too few features."""
+    boxes = Boxes(np.array([[0.0, 0.0, CAMERA.width, CAMERA.height]]), np.array([2]), np.ones(1))
+    odometry = make_odometry(CAMERA, preset("feature_selection", variant=variant))
+    frame = next(simulate_tracks(drive(1), CAMERA, TrackConfig(noise=0.1)))
+    result = odometry.step(frame.matches, boxes)
+    assert result.motion.flags == (flag,)
+    assert result.removal.kept.all() == (variant == "kit")
 
 
 CHAPTERS = [*(f"ch{number:02}" for number in range(10)), "appendix"]

@@ -24,7 +24,7 @@ MIN_DEVIATION = 1e-3  # lower bound of the estimated noise, as a multiple of the
 def sample_sets(rng: np.random.Generator, number: int, sets: int) -> Index:
     """Indices (sets, 5): for each set, five different indices below `number`, which is 5 or more.
 
-    The sets are consecutive parts of random permutations, so that every feature is used equally often.
+    The sets are consecutive parts of random permutations, so that all features are used about equally often.
     """
     sets_per_permutation = number // 5
     permutations = math.ceil(sets / sets_per_permutation)
