@@ -241,7 +241,7 @@ def test_a_stage_may_return_lists_sets_and_numbers_of_one_entry(
     np.testing.assert_allclose(path, library_loop(sequence, matches, odometry=library), atol=0.05)
 
 
-def test_a_function_without_an_end_fails_and_a_file_without_an_end_is_refused(
+def test_endless_functions_fail_and_endless_files_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)

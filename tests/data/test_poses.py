@@ -99,7 +99,7 @@ def test_failed_write_keeps_the_old_file(
 @pytest.mark.parametrize(
     ("per_second", "name"), [(10**9, "nanoseconds"), (10**6, "microseconds"), (10**3, "milliseconds")]
 )
-def test_times_since_1970_have_the_unit_of_their_size_in_the_order_of_tum(
+def test_large_times_of_tum_get_their_unit_from_their_size(
     tmp_path: Path, per_second: int, name: str
 ) -> None:
     path = tmp_path / "orb.txt"

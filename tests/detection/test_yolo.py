@@ -134,7 +134,7 @@ def test_a_model_without_names_has_its_classes_chosen_by_number(
         chosen_mask(detector, classes)
 
 
-def test_a_model_that_does_not_tell_its_number_of_classes_has_no_class_beyond_those_of_any_model(
+def test_classes_beyond_those_of_any_model_are_refused_without_a_class_count(
     tmp_path: Path,
 ) -> None:
     answer = np.array([[[10.0, 10.0, 30.0, 20.0, 0.9, 2.0]]], np.float32)  # corners, score, class
