@@ -19,6 +19,7 @@ from .errors import DataError, did_you_mean, shorten
 # Pattern of each item of a setting that is a list: what can be typed between two commas.
 WORD_OF_LIST = r"[^\s,-][^,\n]{0,99}"
 SWITCH = {"true": True, "on": True, "1": True, "false": False, "off": False, "0": False}  # words for a bool
+NOUNS = {int: "whole number", float: "number"}  # for what a reader types, unless a setting has its own `noun`
 
 
 def setting(
@@ -151,7 +152,7 @@ class Setting:
             return "one of " + ", ".join(self.choices)
         if self._item_kind is bool:
             return "on or off"
-        noun = self.noun or {int: "whole number", float: "number"}.get(self._item_kind, "text")
+        noun = self.noun or NOUNS.get(self._item_kind, "text")
         text = f"a comma-separated list of {noun}s" if isinstance(self.default, tuple) else f"a {noun}"
         if self.low is not None and self.high is not None:
             text += f" from {self.low:g} to {self.high:g}"

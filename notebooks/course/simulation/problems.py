@@ -77,7 +77,10 @@ def random_problems(
         t_cp = np.tile([0.0, 0.0, -1.0], (count, 1))  # the scene comes nearer
     elif motion == "sideways":
         t_cp = np.tile([-1.0, 0.0, 0.0], (count, 1))
-    t_cp = t_cp * {"small_baseline": 0.01, "pure_rotation": 0.0}.get(motion, 1.0)
+    if motion == "small_baseline":
+        t_cp = 0.01 * t_cp
+    elif motion == "pure_rotation":
+        t_cp = np.zeros_like(t_cp)
     X_p = _visible_points(rng, R_cp, t_cp, points, planar=motion.startswith("planar"))
     X_c = X_p @ np.swapaxes(R_cp, 1, 2) + t_cp[:, None]
     E = essential_from_motion(R_cp, t_cp)
