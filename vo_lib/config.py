@@ -104,11 +104,13 @@ def _better_error(error: DataError, config: MethodConfig, name: str, value: Any)
     If the other variant would take it, the error says so. If neither takes it, the error is from the variant
     that knows the name, and tells what it expects.
     """
+    own_names = {item.name for item in settings.declared(type(config))}
     other = "published" if config.variant == "kit" else "kit"
     try:
         settings.replace(CONFIG_CLASSES[other](), name, value)
     except DataError as error_of_other:
-        is_known = name in {item.name for item in settings.declared(type(config))}
-        return error if is_known else error_of_other
-    shown = f"{name} {shorten(settings.as_typed(value))}"
-    return DataError(f"{shown} is a setting of the other variant", remedy=f"variant {other}")
+        return error if name in own_names else error_of_other
+    # Both variants may have a setting, of which only one knows the value.
+    kind = "value" if name in own_names else "setting"
+    text = f"{name} {shorten(settings.as_typed(value))} is a {kind} of the other variant"
+    return DataError(text, remedy=f"variant {other}")
