@@ -26,6 +26,8 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     about.mkdir()
     (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {DISTRIBUTION}\nVersion: 0.1.0\n")
     (about / "direct_url.json").write_text(json.dumps({"url": (folder / "a kit").as_uri(), "dir_info": {}}))
+    (folder / "a kit").mkdir()
+    shutil.copy(ROOT / "pyproject.toml", folder / "a kit")
     return folder
 
 
@@ -34,7 +36,14 @@ def vo(installed: Path, *words: str) -> subprocess.CompletedProcess[str]:
     environment = os.environ | {"PYTHONPATH": str(installed)}
     environment.pop("KITTI_ROOT", None)
     command = [sys.executable, "-m", "vo_lib", *words]
+    environment |= {"XDG_CACHE_HOME": str(installed / "cache"), "XDG_DATA_HOME": str(installed / "data")}
     return subprocess.run(command, cwd=installed, env=environment, capture_output=True, text=True)
+
+
+@pytest.fixture
+def other_copy(installed: Path, tmp_path: Path) -> Path:
+    """A copy of the library of which a test changes the surroundings; its source is the same."""
+    return shutil.copytree(installed, tmp_path / "copy")
 
 
 @pytest.mark.parametrize("words", [("lab",), ("data",), ("data", "get_kitti", "--help")])
@@ -43,6 +52,83 @@ def test_commands_that_need_the_checkout_name_it_in_one_line(installed: Path, wo
     assert result.returncode == 2
     (line,) = result.stderr.splitlines()
     assert line.endswith(f"run `pip install -e .` in {installed / 'a kit'}")
+
+
+FOREIGN_PROJECTS = {
+    "of another name": '[project]\nname = "thesis"\n',
+    "without a name": "[tool.ruff]\nline-length = 100\n",
+    "without a table": "project = 3\n",
+    "with another type": "project = {name = 3}\n",
+    "no TOML": "[project\n",
+    "of the kit, without folders": '[project]\nname = "Stereo_VO.kit"\n',
+}
+
+
+@pytest.mark.parametrize(
+    ("project", "words"),
+    [
+        ("of another name", ("lab",)),
+        ("of another name", ("data", "get_kitti", "--help")),
+        *((project, ("data",)) for project in FOREIGN_PROJECTS),
+    ],
+)
+def test_copy_in_the_folder_of_another_project_is_no_checkout(
+    project: str, words: tuple[str, ...], installed: Path, other_copy: Path
+) -> None:
+    (other_copy / "pyproject.toml").write_text(FOREIGN_PROJECTS[project])
+    if project != "of the kit, without folders":
+        for name in ("notebooks", "data_scripts"):
+            (other_copy / name).mkdir()
+    result = vo(other_copy, *words)
+    assert result.returncode == 2
+    (line,) = result.stderr.splitlines()
+    assert line.endswith(f"run `pip install -e .` in {installed / 'a kit'}")
+
+
+def test_copy_does_not_name_a_source_folder_that_is_gone(other_copy: Path) -> None:
+    (about,) = other_copy.glob("*.dist-info")
+    moved = other_copy / "moved"
+    (about / "direct_url.json").write_text(json.dumps({"url": moved.as_uri(), "dir_info": {}}))
+    expected = f"in the kit's folder (the one with README.md, which is no longer {moved})"
+    for content in (None, "another project"):
+        if content:
+            moved.mkdir()
+            (moved / "pyproject.toml").write_text('[project]\nname = "thesis"\n')
+        (line,) = vo(other_copy, "data").stderr.splitlines()
+        assert line.endswith(expected)
+
+
+@pytest.mark.parametrize(
+    ("words", "command"),
+    [
+        (("list",), "lists the commands that download them"),
+        (("check",), "optional; commands that add data"),
+        (("check",), "downloaded detectors: optional"),
+        (("check",), "cache: to free space"),
+        (("run", "07"), "vo data get_kitti --sequences 07"),
+        (("run", "drive.mp4"), "vo data from_folder --video FILE …"),
+        (("run", "mine.txt"), "vo data from_folder --video mine.txt --out DIR …"),
+        (("run", "."), "vo data from_folder --left DIR --right DIR"),
+        (("run", "bands"), "vo data kitti_to_yolo converts them"),
+        (("run", "bands", "--detector", "yolox-tiny"), "use: vo data get_detector yolox-tiny"),
+        (("run", "bands", "--detector", "yolov8n.onnx"), "`vo data get_detector yolov8n` says how to get"),
+        (("run", "bands", "--detector", "nothing"), "`vo data get_detector` lists more"),
+    ],
+)
+def test_copy_says_in_the_same_place_what_a_command_of_the_kit_needs(
+    words: tuple[str, ...], command: str, installed: Path, other_copy: Path, bands: Path
+) -> None:
+    (other_copy / "mine.txt").write_text("mine")
+    (other_copy / "image_0").mkdir()
+    shutil.copytree(bands, other_copy / "bands")
+    (other_copy / "bands" / "labels").mkdir()
+    label = "Car 0.00 0 1.57 614 181 727 284 1.57 1.73 4.15 1.00 1.75 13.22 1.62"
+    (other_copy / "bands" / "labels" / "000000.txt").write_text(label)
+    result = vo(other_copy, *words, *(["--out", "out"] if words[0] == "run" else []))
+    printed = " ".join((result.stdout + result.stderr).split())
+    after = printed.partition(command)[2]
+    assert after, printed
+    assert f"(after `pip install -e .` in {installed / 'a kit'})" in after[:300]
 
 
 def test_installed_copy_looks_for_kitti_in_the_working_folder(installed: Path) -> None:

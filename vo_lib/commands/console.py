@@ -20,6 +20,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO, TypeVar
 
+from ..checkout import checkout_folder, kit_folder_text
 from ..errors import MAX_TYPED, DataError, did_you_mean, shorten
 from ..report.breaking import GLUE, glued
 from ..settings import Setting, as_typed, declared
@@ -202,7 +203,8 @@ def steps(commands: Mapping[str, str]) -> str:
 
 def install(extra: str = "") -> str:
     """The command that installs the kit's requirements, or an extra, from the kit's folder."""
-    return f'pip install -e ".[{extra}]"' if extra else "pip install -r environment.txt"
+    command = f'pip install -e ".[{extra}]"' if extra else "pip install -r environment.txt"
+    return command if checkout_folder() else f"{command} in {kit_folder_text()}"
 
 
 def add_option(

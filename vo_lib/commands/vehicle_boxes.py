@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from ..checkout import with_origin
 from ..config import VARIANTS
 from ..data.catalogue import SYNTHETIC
 from ..data.class_names import ClassesError
@@ -24,7 +25,7 @@ from ..runs.durations import DETECTION, Durations, Task
 from ..runs.jobs import Job
 from .console import continues_when_repeated, print_wrapped, reporting
 
-DETECT = "For boxes, add `--detector MODEL`, an ONNX file or a model of `vo data get_detector`."
+DETECT = "For boxes, add `--detector MODEL`, an ONNX file or a model of `vo data get_detector`"
 DEFAULT_PROVIDER = "cpu"
 TYPED_CLASSES = "--filter.classes {}"  # how `vo run` takes the setting
 TYPED_SET_CLASSES = "--set filter.classes={}"  # how `vo reproduce` and `vo sweep` take it
@@ -240,7 +241,8 @@ def warnings_without_boxes(runs: Iterable[tuple[str, Sequence, MethodConfig]]) -
     if methods:
         are = "is" if len(methods) == 1 else "are"
         consequence = f"so {' and '.join(methods)} {are} equal to solution_selection"
-    return [f"No vehicle boxes for {', '.join(without)}: no features are removed, {consequence}. {DETECT}"]
+    effect = f"No vehicle boxes for {', '.join(without)}: no features are removed, {consequence}."
+    return [f"{effect} {with_origin(DETECT)}."]
 
 
 def warn_without_vehicles(sequence: Sequence) -> None:

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ..checkout import with_origin
 from ..errors import DataError
 from ..files import open_binary, read_bytes, read_text
 from ..geometry.camera import StereoCamera
@@ -187,10 +188,9 @@ def list_frames(folder: Path) -> list[str]:
     left, right = image_folders(folder)
     for side in (left, right):
         if not (folder / side).is_dir():
+            remedy = with_origin("to import other images: vo data from_folder --left DIR --right DIR")
             raise DataError(
-                f"the folder {side} is missing: expected PNG images in {left} and {right}; to import other "
-                "images: vo data from_folder --left DIR --right DIR",
-                folder,
+                f"the folder {side} is missing: expected PNG images in {left} and {right}; {remedy}", folder
             )
     left_stems = _numbered_stems(folder / left)
     right_stems = _numbered_stems(folder / right)
