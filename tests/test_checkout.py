@@ -115,6 +115,7 @@ def test_copy_does_not_name_a_source_folder_that_is_gone(other_copy: Path) -> No
         (("run", "bands", "--detector", "nothing"), "`vo data get_detector` lists more"),
     ],
 )
+@pytest.mark.slow  # starts many processes
 def test_copy_says_in_the_same_place_what_a_command_of_the_kit_needs(
     words: tuple[str, ...], command: str, installed: Path, other_copy: Path, bands: Path
 ) -> None:

@@ -32,7 +32,7 @@ def _is_kit(folder: Path) -> bool:
     return re.sub(r"[-_.]+", "-", name).lower() == DISTRIBUTION
 
 
-def folder_of_checkout(name: str) -> Path:
+def kit_subfolder(name: str) -> Path:
     """The folder `name` beside the package, such as "notebooks".
 
     Raises `DataError` if the package is an installed copy, since `pip install .` copies the library alone.
@@ -56,7 +56,7 @@ def missing_folder_text(name: str) -> str:
     return f"this copy of the library lacks the folder {name}: run {_install_in_place()}"
 
 
-def with_origin(words: str, folder: str = SCRIPTS) -> str:
+def with_install_hint(words: str, folder: str = SCRIPTS) -> str:
     """Words that name a command which needs a folder of the kit, by default that of the commands `vo data`.
 
     An installed copy, which lacks the folder, adds what must be done before.

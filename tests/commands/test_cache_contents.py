@@ -25,6 +25,7 @@ from vo_lib.data.label_names import DETECTOR_RECORD
 from vo_lib.data.scenes import scene_config
 from vo_lib.detection.label_folders import labelled_sequence
 from vo_lib.detection.network_image import yolox_cells
+from vo_lib.runs.earlier_seconds import write_seconds
 from vo_lib.runs.match_cache import CachedMatches, code_folder
 
 TINY = {"width": 160, "height": 64, "length": 2.0, "speed": 8.0}
@@ -111,7 +112,9 @@ def fill(bands: Path, cache: Path | None) -> None:
     """Draw a scene, store matches and hashes, detect vehicles; remember an import in the user's cache."""
     ensure_scene(scene_config("empty", **TINY), cache, jobs=1)
     sequence = open_sequence(bands)
-    CachedMatches(sequence, preset("feature_selection"), cache).fill()
+    matches = CachedMatches(sequence, preset("feature_selection"), cache)
+    matches.fill()
+    write_seconds(matches, 1.0)
     answer = np.zeros((1, 5, yolox_cells(64, 64)), np.float32)
     model = write_answering(bands.parent / "blind.onnx", answer, names="['car']")
     labelled_sequence(sequence, model, cache=cache)

@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from vo_lib.checkout import folder_of_checkout
+from vo_lib.checkout import kit_subfolder
 from vo_lib.commands.carry_over import ANOTHER, LEFT, carry_over
 
-NOTEBOOKS = folder_of_checkout("notebooks")
+NOTEBOOKS = kit_subfolder("notebooks")
 HEAD = "### Exercise 3.4 ★\n\nWrite it."
 OPEN = 'def angle(a, b):\n    """The angle."""\n    ...\n\n\nch03.angle(angle)'
 MINE = "import math\n\n\ndef angle(a, b):\n    return math.acos(dot(a, b))\n\n\nch03.angle(angle)"

@@ -12,7 +12,7 @@ import pytest
 from ipykernel.ipkernel import IPythonKernel
 from jupyter_client.kernelspec import get_kernel_spec
 
-from vo_lib.checkout import folder_of_checkout
+from vo_lib.checkout import kit_subfolder
 from vo_lib.commands import lab
 from vo_lib.commands.cli import main
 from vo_lib.old_notebooks import FIRST_NOTEBOOK
@@ -70,7 +70,7 @@ def test_lab_copies_the_course(
 def test_teacher_copy_has_all_course_files(
     tmp_path: Path, source: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    shutil.copytree(folder_of_checkout("notebooks"), source, dirs_exist_ok=True)
+    shutil.copytree(kit_subfolder("notebooks"), source, dirs_exist_ok=True)
     for name in ("my_vo.py", "solutions/my_vo.py"):
         (source / name).touch()
     lab.copy_course(source, tmp_path / "class", teacher=True)
@@ -162,7 +162,7 @@ def test_damaged_course_is_repaired(
     capsys: pytest.CaptureFixture[str],
     digests: str | None,
 ) -> None:
-    monkeypatch.setattr(lab, "folder_of_checkout", lambda name: source)
+    monkeypatch.setattr(lab, "kit_subfolder", lambda name: source)
     (source / FIRST_NOTEBOOK).write_text(notebook("start"), encoding="utf-8")
     mine = tmp_path / "mine"
 

@@ -107,7 +107,13 @@ DEADLY = {
 }
 
 
-@pytest.mark.parametrize("bodies", [RAISING, DEADLY], ids=["raising", "deadly"])
+@pytest.mark.parametrize(
+    "bodies",
+    [
+        pytest.param(RAISING, id="raising"),
+        pytest.param(DEADLY, id="deadly", marks=pytest.mark.slow),  # starts many processes
+    ],
+)
 def test_a_faulty_function_fails_only_its_own_exercise(bodies: dict[str, tuple[str, str]]) -> None:
     """The last function is right, though it prints a lot."""
     content = WEIGHTS.replace("BODY", "print('flood ' * 100000)")

@@ -16,7 +16,7 @@ import nbformat
 import pytest
 from nbclient import NotebookClient
 
-from vo_lib.checkout import folder_of_checkout
+from vo_lib.checkout import kit_subfolder
 from vo_lib.old_notebooks import FIRST_NOTEBOOK, explanation
 
 OLD = [
@@ -96,7 +96,7 @@ def errors(folder: Path, *sources: str, env: dict[str, str] | None = None) -> li
 
 
 def test_a_kernel_shows_one_sentence_and_still_fails(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    notebooks = folder_of_checkout("notebooks")
+    notebooks = kit_subfolder("notebooks")
     monkeypatch.setenv("PYTHONPATH", str(notebooks))
     monkeypatch.setenv("JPY_SESSION_NAME", str(folder / "03_solution_selection.ipynb"))
     imports = "from vo_lib.course.panels import x", "from course.lessons import selections", "1 / 0"
@@ -116,7 +116,7 @@ def test_elsewhere_the_usual_traceback_is_shown(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("written", [True, False])
 def test_a_python_without_the_kit_says_which_one_has_it(tmp_path: Path, written: bool) -> None:
-    shutil.copytree(folder_of_checkout("notebooks") / "course", tmp_path / "course")
+    shutil.copytree(kit_subfolder("notebooks") / "course", tmp_path / "course")
     expected = "the kit's environment"
     if written:
         expected = "/home/anna/kit/.venv/bin/python"
@@ -138,7 +138,7 @@ def bare_python(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 @pytest.mark.parametrize("place", ["", "solutions"])
 def test_the_first_cell_of_each_notebook_says_that_the_kit_is_missing(bare_python: str, place: str) -> None:
-    folder = folder_of_checkout("notebooks") / place
+    folder = kit_subfolder("notebooks") / place
     notebooks = sorted(folder.glob("*.ipynb"))
     assert len(notebooks) == 11
     for notebook in notebooks:

@@ -228,6 +228,7 @@ PLAY = """async video => {
 }"""
 
 
+@pytest.mark.slow  # the browser, which .ci/run installs meanwhile
 def test_browser_plays_a_film(bands: Path) -> None:
     browser = find_browser()
     if browser is None:

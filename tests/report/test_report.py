@@ -54,6 +54,7 @@ def test_problems_follow_the_first_pictures() -> None:
     assert text.index("<img") < text.index("Not found: &lt;07&gt;") < text.index("<table")
 
 
+@pytest.mark.slow  # the browser, which .ci/run installs meanwhile
 def test_image_of_a_frame_is_above_the_paths_and_beside_the_errors(tmp_path: Path) -> None:
     browser = find_browser()
     if browser is None:
@@ -78,6 +79,7 @@ def test_image_of_a_frame_is_above_the_paths_and_beside_the_errors(tmp_path: Pat
         opened.close()
 
 
+@pytest.mark.slow  # the browser, which .ci/run installs meanwhile
 def test_telephone_shows_all_columns_and_one_panel(tmp_path: Path) -> None:
     browser = find_browser()
     if browser is None:

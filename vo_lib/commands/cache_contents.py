@@ -26,6 +26,7 @@ from ..data.scenes import SceneConfig
 from ..detection.label_folders import IMAGE_LIST, RECORD_KEYS, is_current_record
 from ..errors import DataError
 from ..files import DRAFT, DRAFT_NAME, LOCK, delete_abandoned_drafts, read_mapping
+from ..runs.earlier_seconds import TIME_ENDING
 from ..runs.identity import FRONT_END_CODE
 from ..runs.match_cache import code_folder, match_folder
 from ..settings import from_dict
@@ -61,7 +62,8 @@ class Layout:
 
 
 SCENE_LAYOUT = Layout(SCENE_FILES, SCENE_FOLDERS)
-MATCHES_LAYOUT = Layout(re.compile(r"[A-Za-z0-9_-]+-[0-9a-f]{16}\.npz"))
+# The matches of a sequence, and the time that they took.
+MATCHES_LAYOUT = Layout(re.compile(rf"[A-Za-z0-9_-]+-[0-9a-f]{{16}}(\.npz|{re.escape(TIME_ENDING)})"))
 LABELS_LAYOUT = Layout(re.compile(rf"[0-9]+\.txt|{re.escape(DETECTOR_RECORD)}|{re.escape(IMAGE_LIST)}"))
 
 
@@ -122,7 +124,7 @@ def cache_items(cache: Path | None = None) -> list[CacheItem]:
     for kind, folder, find in kinds:
         if not folder.is_symlink():
             items += find(folder)
-        elif kind != "drafts":
+        elif kind != "drafts":  # "scenes" has named this link: both are in one folder
             items.append(_link(folder, kind))
     return items
 

@@ -7,7 +7,7 @@ import platform
 from importlib import metadata
 from typing import NamedTuple
 
-from ..checkout import checkout_folder, missing_folder_text, with_origin
+from ..checkout import checkout_folder, missing_folder_text, with_install_hint
 from ..data.catalogue import KITTI, available, kitti_places, kitti_root
 from ..data.drawn import user_cache
 from ..data.kitti import count_pairs, wanted_frames
@@ -77,13 +77,13 @@ def _kitti() -> Finding:
             "KITTI odometry",
             "note",
             f"no sequences in {kitti_places()}",
-            with_origin("optional; commands that add data") + steps(ways),
+            with_install_hint("optional; commands that add data") + steps(ways),
         )
     facts = f"{len(folders)} sequences in {kitti_places()}"
     incomplete = [path.name for path in folders if count_pairs(path) < len(wanted_frames(path) or ())]
     if not incomplete:
         return Finding("KITTI odometry", "ok", facts)
-    remedy = with_origin("incomplete") + steps({"vo data check_kitti": "lists the missing parts"})
+    remedy = with_install_hint("incomplete") + steps({"vo data check_kitti": "lists the missing parts"})
     return Finding("KITTI odometry", "note", f"{facts}; incomplete: {', '.join(incomplete)}", remedy)
 
 
@@ -93,7 +93,7 @@ def _detectors() -> Finding:
     if names:
         return Finding("downloaded detectors", "ok", ", ".join(names))
     download = steps({"vo data get_detector yolox-tiny": "for real images, 20 MB"})
-    remedy = with_origin("optional") + download
+    remedy = with_install_hint("optional") + download
     return Finding("downloaded detectors", "ok", f"none in {detector_folder()}", remedy)
 
 
@@ -112,7 +112,7 @@ def _cache() -> Finding:
             "deletes all that the kit wrote there; `vo list` then forgets imported folders"
         ),
     }
-    return Finding("cache", "ok", "\n".join(facts), with_origin("to free space") + steps(steps_to_free))
+    return Finding("cache", "ok", "\n".join(facts), with_install_hint("to free space") + steps(steps_to_free))
 
 
 def megabytes(items: list[CacheItem]) -> str:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 
-from ..checkout import folder_of_checkout
+from ..checkout import kit_subfolder
 from ..errors import DataError, did_you_mean
 from ..files import read_text
 from .console import ENDINGS, OneLineParser, exit_code, print_wrapped, show_table
@@ -36,7 +36,7 @@ def _data(options: argparse.Namespace) -> int:
     if options.name not in names:
         near = did_you_mean(options.name, names)
         raise DataError(f"unknown data script {options.name!r}; {near}`vo data` lists the scripts")
-    folder = str(folder_of_checkout("data_scripts"))
+    folder = str(kit_subfolder("data_scripts"))
     if folder not in sys.path:
         sys.path.insert(0, folder)  # the scripts import each other as modules of one folder
     return run_script(importlib.import_module(options.name), options.words)
@@ -53,7 +53,7 @@ def scripts() -> dict[str, str]:
 
 def _script_files() -> list[Path]:
     """The files of the scripts, by name."""
-    return sorted(folder_of_checkout("data_scripts").glob("[!_]*.py"))
+    return sorted(kit_subfolder("data_scripts").glob("[!_]*.py"))
 
 
 def run_script(script: ModuleType, words: Sequence[str] | None = None) -> int:

@@ -14,7 +14,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from ..checkout import folder_of_checkout
+from ..checkout import kit_subfolder
 from ..errors import DataError
 from ..files import read_bytes, read_mapping, write_atomic
 from ..old_notebooks import FIRST_NOTEBOOK, NEW, NOTEBOOK
@@ -82,7 +82,7 @@ def _lab(options: argparse.Namespace) -> int:
     if options.jupyter and not options.jupyter[0].startswith("-"):
         raise DataError(f"unexpected {options.jupyter[0]!r}: --copy DIR chooses the folder of the course")
     _refuse_without_effect(options)
-    notebooks = folder_of_checkout("notebooks")
+    notebooks = kit_subfolder("notebooks")
     if not (notebooks / FIRST_NOTEBOOK).is_file():
         raise DataError(f"no {FIRST_NOTEBOOK}: install the kit from its folder, {install()}", notebooks)
     folder = notebooks if options.here else Path(os.path.abspath(options.copy or Path.home() / COURSE))

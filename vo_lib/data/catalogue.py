@@ -7,7 +7,7 @@ import re
 from collections.abc import Collection
 from pathlib import Path
 
-from ..checkout import checkout_folder, with_origin
+from ..checkout import checkout_folder, with_install_hint
 from ..errors import DataError, did_you_mean
 from ..geometry.types import Progress
 from .drawn import ensure_scene, scene_folder
@@ -136,7 +136,7 @@ def _not_found(name: str, known: Collection[str]) -> DataError:
                 f"there is no sequence {name}: KITTI has the sequences 00 to {max(EXPECTED_FRAMES)}"
             )
         if f"{KITTI}{sequence}" not in known:
-            remedy = with_origin(f"to download the sequence: vo data get_kitti --sequences {sequence}")
+            remedy = with_install_hint(f"to download the sequence: vo data get_kitti --sequences {sequence}")
             return DataError(f"{KITTI}{sequence} was not found in {kitti_places()}; {remedy}")
         near = f"did you mean {KITTI}{sequence}? "
     if name.startswith(KITTI):
@@ -144,10 +144,10 @@ def _not_found(name: str, known: Collection[str]) -> DataError:
     if Path(name).is_file():
         video = f"for a video with both images side by side: vo data from_folder --video {name} --out DIR …"
         expected = "expected a folder or a name from `vo list`"
-        return DataError(f"is a file: {expected}; {with_origin(video)}", name)
+        return DataError(f"is a file: {expected}; {with_install_hint(video)}", name)
     if Path(name).suffix.lower() in VIDEO_ENDINGS:
         video = "a video with both images side by side is imported by: vo data from_folder --video FILE …"
-        return DataError(f"the file is missing; {with_origin(video)}", name)
+        return DataError(f"the file is missing; {with_install_hint(video)}", name)
     return DataError(f"the folder is missing: {near}expected a folder or a name from `vo list`", name)
 
 

@@ -132,8 +132,8 @@ def chosen_mask(detector: YoloDetector, classes: tuple[str, ...]) -> BoolArray:
 
     For a model without names, the mask ends with the largest chosen number.
 
-    Raises as `ClassNames.choose`. For a model without names, raises `ClassesError` if there is no word, or if
-    one is no number, as the default `vehicles`, or is a number that no class has.
+    Raises as `ClassNames.choose`. For a model without names, raises `ClassesError` unless each word, one or
+    more, is the number of a class; so it does for the default `vehicles`.
     """
     own, _ = model_classes(detector)
     if own.names:
@@ -212,10 +212,13 @@ def write_label_folder(
     detected : called at the end with the number of images in which the detector ran, if it ran in any, and
         the seconds that this took; copied labels count in neither.
 
-    Raises `DataError` if the folder belongs to a sequence or a run, or has the record of another program; if
-    it has files that are named as labels and are none; if it has labels of another detector and `replace` is
-    false, or one of them is of no frame of the sequence; if another process writes labels into the folder and
-    `waiting` is None; or as `chosen_mask`. Raises it also for a model or an image that cannot be used.
+    Raises
+    ------
+    DataError : the folder is that of a sequence or a run, or has the record of another program.
+        A file in it is named as a label and is none.
+        It has labels of another detector, and `replace` is false or such a label is of no frame.
+        Another process writes labels into it, and `waiting` is None.
+        The model or an image cannot be used, or the classes cannot be chosen (`chosen_mask`).
     """
     record = detection_record(model, config, classes, provider)
     require_label_folder(folder)

@@ -201,7 +201,8 @@ def relative_error(
 def _pairs_by_frames(frames: Index, delta: int) -> tuple[Index, Index]:
     """First and last places in `frames` (M,) of pairs that are exactly `delta` frames apart.
 
-    A pair starts where the previous one ends or, if no frame is `delta` ahead of that, as soon as one is.
+    A pair starts where the previous one ends. If no frame is exactly `delta` ahead of that, it starts at the
+    next frame for which one is.
     """
     ends = np.searchsorted(frames, frames + delta)
     starts = list[int]()

@@ -120,6 +120,7 @@ def mirrored_axis(truth: Array, estimate: Array) -> str:
     if rotation < MIN_ROTATION_ERROR:
         return ""
     displacement = _displacement_error(truth, estimate, parts)
+    # To mirror the truth in its place would give the same errors, so the result holds for either path.
     for k, axis in enumerate("xyz"):
         signs = np.ones(4)
         signs[k] = -1.0

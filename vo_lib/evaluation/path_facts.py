@@ -18,8 +18,8 @@ from .kitti_errors import trajectory_distances
 
 MIN_MOVING_SHARE = 0.1  # a step counts as motion if it is longer than this share of a usual step
 # Of the directions (unit vectors) in which a path moves from pose to pose, in the axes of each pose:
-ONE_DIRECTION = 0.3  # smallest length of their mean, if it is a direction that they have in common
-ONE_LINE = 0.6  # smallest share of their squares along a line, if it is one that they have in common
+ONE_DIRECTION = 0.3  # if their mean is longer, they have a direction in common: that of the mean
+ONE_LINE = 0.6  # if a line has at least this share of their squares, they have it in common
 CAMERA_CONE_DEG = 45.0  # a camera that drives forward moves nearer than this to its z axis
 FORWARD = 0.9  # smallest mean z component of a path that clearly moves along +z
 NOT_FORWARD = 0.5  # largest mean z component of a path that clearly does not

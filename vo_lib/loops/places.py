@@ -80,6 +80,7 @@ def similarities(sequence: Sequence, method: MethodConfig, config: LoopConfig, p
     frames = place_frames(len(sequence), config)
     images: list[DescribedFeatures] = []
     for frame in frames.tolist():
+        # The paper's features with their defaults, also for the kit, whose own features have no descriptors.
         image = describe(sequence.left(frame), FeatureConfig())
         image = image[outside_masks_and_boxes(sequence, frame, image.uv, method)]
         # With descriptors of length 1, the histogram does not depend on the exposure.

@@ -334,7 +334,7 @@ def newton_step(N: Array, v: Array) -> Array:
     zero (one equation), and the other two are equal (two equations). Let t be the left null vector of E,
     (a, b, t) orthonormal, p = Eᵀa and q = Eᵀb. Then
 
-        r0 = (p·p - q·q) / 2 = 0,   r1 = p·q = 0,   r2 = (Eᵀt)·(p×q) = det E = 0.
+        r0 = (p·p - q·q) / 2 = 0,   r1 = p·q = 0,   r2 = (Eᵀt)·(p×q) = ± det E = 0.
 
     The vectors a, b, t and the product p×q count as constant in the step.
     """

@@ -57,7 +57,7 @@ def make_front_end(camera: StereoCamera, config: MethodConfig) -> FrontEnd:
 def _papers_matcher(config: MethodConfig) -> LoopMatcher:
     """The paper's matcher with the settings that both variants declare, and defaults for the rest.
 
-    These are the border of the images, where there are no features, and the limits of stereo matches.
+    Both declare the border of the images, where there are no features, and the limits of stereo matches.
     """
     common_limits = {limit.name: getattr(config.matching, limit.name) for limit in fields(StereoLimits)}
     return LoopMatcher(FeatureConfig(border=config.features.border), MatchingConfig(**common_limits))

@@ -67,8 +67,8 @@ def run_once(
 ) -> tuple[Run, bool]:
     """The run with its files in `folder`, and whether the run was read from these files, not computed.
 
-    Files are written after the last frame. A run that is killed and repeated gives the same bytes. A finished
-    run whose files have changed (`changed_files`) is computed again.
+    Files are written after the last frame. A run that is killed and repeated gives the same poses, byte
+    for byte. A finished run whose files have changed (`changed_files`) is computed again.
 
     Parameters
     ----------
@@ -290,8 +290,8 @@ def run_jobs(
     _add_kept_times(jobs, to_run, unfilled, cache, durations)
     # The first jobs say how long the others will take.
     first_runs = _first_jobs(to_run, running_task, workers)
-    # Beside the front ends that these runs need, one front end of each kind is done first, to measure its
-    # time; the runs that need only the latter come later.
+    # Done first: the front ends that these runs need and, to measure its time, one front end of each kind. A
+    # run whose front end was done only for its time comes later.
     first_keys = [_front_end(job) for job in [*first_runs, *_first_jobs(unfilled, matching_task, workers)]]
     first_front_ends = {key: job_for_front_end[key] for key in first_keys}
     other_front_ends = {key: job for key, job in job_for_front_end.items() if key not in first_front_ends}
