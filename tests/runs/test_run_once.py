@@ -262,7 +262,9 @@ def test_a_run_survives_a_round_trip_through_its_folder(sequence: Sequence, fold
     times = timing(result)
     assert sum(times["ms_per_frame_of"].values()) == pytest.approx(times["ms_per_frame"])
     assert back.ms_per_frame == pytest.approx(result.ms_per_frame, abs=0.05)
-    with pytest.raises(DataError, match="expected a row for each of the 5 frames of bands"):
+    with pytest.raises(
+        DataError, match=r"poses.txt: expected a pose for each of the 5 frames of bands, found 14"
+    ):
         read_run(folder, sequence.part(0, 5))
 
 

@@ -310,9 +310,17 @@ def _parse_run(folder: Path, sequence: Sequence) -> Run:
     config = settings_in(read_config(folder), folder / CONFIG)
     poses = read_kitti_poses(folder / POSES)
     rows = _read_log(folder / LOG)
-    if len(poses) != len(sequence) or len(rows) != len(sequence) - 1:
+    frames = len(sequence)
+    if len(poses) != frames:
         raise DataError(
-            f"expected a row for each of the {len(sequence)} frames of {sequence.name}", folder / LOG
+            f"expected a pose for each of the {frames} frames of {sequence.name}, found {len(poses)}",
+            folder / POSES,
+        )
+    if len(rows) != frames - 1:
+        raise DataError(
+            f"expected a row for each of the {frames} frames of {sequence.name} but the first, "
+            f"found {len(rows)}",
+            folder / LOG,
         )
     T_cp = inverse(poses[1:]) @ poses[:-1]
     try:
