@@ -286,9 +286,8 @@ def tables(ablation: Ablation) -> list[ReportTable]:
 
 def _worth_table(ablation: Ablation) -> ReportTable:
     """The time of each idea, and the largest growth of an error without it."""
-    columns = ["without", "ms", "drives", "largest growth of an error", "taught in"]
-    worst_column = columns.index("largest growth of an error")
     rows = []
+    worst_drives = []
     for idea in ablation.ideas:
         times = [row.ms for row in ablation.rows if row.idea == idea and not np.isnan(row.ms)]
         grown = ablation.harms(idea)
@@ -296,6 +295,7 @@ def _worth_table(ablation: Ablation) -> ReportTable:
         if grown:
             sequence, name, share = grown[0]
             worst = f"{sequence}, {WORDS[name]} {_growth(share)}"
+            worst_drives.append(sequence)
         taught = next((each.taught for each in IDEAS if each.name == idea), "")
         drives = ablation.drives_needing(idea)
         count = NO_NUMBER if drives is None else str(drives)
@@ -316,22 +316,22 @@ def _worth_table(ablation: Ablation) -> ReportTable:
         "largest growth on any drive on which the idea was measured. A dash is a number that was not "
         "measured, or that does not exist."
     )
-    notes = _on_narrow_drives(ablation, [row[worst_column] for row in rows])
+    notes = _on_narrow_drives(ablation, worst_drives)
     if ablation.removed:
         notes.append(f"Ideas that were removed from the kit: {', '.join(ablation.removed)}.")
     return ReportTable(
         "What each idea of the kit is worth",
-        columns,
+        ["without", "ms", "drives", "largest growth of an error", "taught in"],
         rows,
         notes,
         [head],
     )
 
 
-def _on_narrow_drives(ablation: Ablation, worst: list[str]) -> list[str]:
+def _on_narrow_drives(ablation: Ablation, worst_drives: list[str]) -> list[str]:
     """A sentence for each drive that the complete kit passes narrowly: many ideas lose the same there.
 
-    worst : for each idea, the drive and the growth of its error that grows most.
+    worst_drives : for each idea without which an error grows, the drive on which it grows most.
     """
     sentences = []
     for sequence in ablation.sequences:
@@ -342,11 +342,10 @@ def _on_narrow_drives(ablation: Ablation, worst: list[str]) -> list[str]:
                 growths.append(_growth(harm(row, ablation.whole(row)).get("te", 0.0)))
         if len(growths) < NARROW_IDEAS or len(set(growths)) > 1:
             continue
-        named = sum(text.startswith(f"{sequence}, ") for text in worst)
         sentences.append(
             f"On {sequence}, {len(growths)} ideas have the same change: without any one of them, one frame "
-            f"more is lost, and TE grows {growths[0]}. So the {named} rows that name this drive say that the "
-            "complete kit passes it narrowly, and not what each idea is worth."
+            f"more is lost, and TE grows {growths[0]}. So the {worst_drives.count(sequence)} rows that name "
+            "this drive say that the complete kit passes it narrowly, and not what each idea is worth."
         )
     return sentences
 

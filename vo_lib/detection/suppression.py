@@ -29,9 +29,9 @@ def best_boxes(
     """Boxes after non-maximum suppression, best first. A box has the class with its highest score.
 
     Only boxes of the wanted classes compete: a person's box never suppresses that of a car. The IoU limit of
-    the suppression is `largest_iou` within a class, and `ONE_OBJECT_IOU` for all boxes. Boxes
-    with a score below `least_score`, without an area or with numbers that are not finite are ignored, as are
-    all but the best `MAX_SUPPRESSED_BOXES`.
+    the suppression is `largest_iou` within a class, and `ONE_OBJECT_IOU` for all boxes. Boxes with a score
+    below `least_score`, without an area or with numbers that are not finite are ignored, as are all but the
+    best `MAX_SUPPRESSED_BOXES`.
 
     Parameters
     ----------
