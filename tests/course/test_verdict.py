@@ -30,8 +30,8 @@ from course.ch07.verdict import (
     summary,
     verdict_tables,
 )
+from course.intervals import prediction_half_width
 from vo_lib.errors import DataError
-from vo_lib.evaluation.statistics import prediction_half_width
 from vo_lib.report.paper_unit import PAPERS_FACTOR, RIGHT_FACTOR, converted
 from vo_lib.report.record import FORMAT, RECORD
 from vo_lib.report.table1 import (

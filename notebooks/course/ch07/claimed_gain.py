@@ -9,18 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from vo_lib.errors import DataError
-from vo_lib.evaluation.statistics import (
-    Interval,
-    changes_needed,
-    means_without_each,
-    paired_change,
-    sign_flip_share,
-)
 from vo_lib.geometry.types import Array
 from vo_lib.report import table1
 from vo_lib.report.paper_unit import converted
 from vo_lib.report.table1 import ERROR_KINDS
 
+from ..intervals import Interval, changes_needed, means_without_each, paired_change, sign_flip_share
 from .our_errors import OursByCell
 
 

@@ -12,13 +12,14 @@ from pathlib import Path
 import numpy as np
 
 from vo_lib.data.catalogue import KITTI
-from vo_lib.evaluation.statistics import CONFIDENCE, prediction_half_width, standard_deviation
+from vo_lib.evaluation.statistics import standard_deviation
 from vo_lib.geometry.types import Array
 from vo_lib.report import table1
 from vo_lib.report.page import ReportTable, format_number, signed
 from vo_lib.report.paper_unit import DEVKIT_STEP, PAPERS_FACTOR, RIGHT_FACTOR, converted, in_paper_unit
 from vo_lib.report.table1 import BENCHMARK_FRAMES, ERROR_KINDS
 
+from ..intervals import CONFIDENCE, prediction_half_width
 from ..measured_results import CHOICES, THRESHOLD_AND_BOXES
 from .our_errors import Ours, OursByCell
 
