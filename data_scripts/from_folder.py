@@ -1,8 +1,8 @@
 """Convert your own stereo images to KITTI's layout, for `vo run FOLDER`.
 
 The images come from two folders or patterns, or from a video with both images
-side by side. A drive of KITTI's raw data or a EuRoC folder (mav0) already has
-calibration, times and truth. Left and right images are paired by the number in
+side by side. A drive of KITTI's raw data already has calibration, times and
+truth. Left and right images are paired by the number in
 their names (leading zeros and other text do not matter), or by equal names, or
 by time if the names are times: since 1970 in s, ms, µs or ns, or seconds with
 decimals. The calibration is given by --focal, --centre and --baseline for
@@ -24,7 +24,6 @@ examples:
       --unit mm --out data/mine
   vo data from_folder --raw 2011_09_26/2011_09_26_drive_0005_sync \\
       --out data/drive_0005
-  vo data from_folder --euroc MH_01_easy --out data/MH_01
 """
 
 from __future__ import annotations
@@ -35,7 +34,6 @@ from pathlib import Path
 import numpy as np
 
 from fetch.calibrations.user_files import read_user_calibration
-from fetch.euroc import read_euroc_drive
 from fetch.kitti_raw import read_raw_drive
 from fetch.rectification import Size
 from fetch.stereo_calibration import UNITS, RectifiedRig, centre_warning, rig_from_numbers
@@ -45,7 +43,6 @@ from vo_lib.commands.console import print_lines, print_wrapped, reporting, typed
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.imports import remember_import
 from vo_lib.data.kitti import read_times
-from vo_lib.data.pose_times import refuse_intervals
 from vo_lib.data.poses import read_kitti_poses
 from vo_lib.errors import DataError
 from vo_lib.geometry.types import Array
@@ -53,7 +50,7 @@ from vo_lib.geometry.types import Array
 MIN_FPS = 0.1
 MAX_FPS = 1000.0
 DEFAULT_FPS = 10.0
-# Options that do not go with --raw and --euroc.
+# Options that do not go with --raw.
 EXCLUDED_BY_DRIVES = (
     "right",
     "swap",
@@ -78,9 +75,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     images.add_argument("--video", type=Path, metavar="FILE", help="video, both images side by side")
     images.add_argument("--raw", type=Path, metavar="DIR", help="synced drive of KITTI's raw data")
-    images.add_argument("--euroc", type=Path, metavar="DIR", help="EuRoC folder mav0, or its parent")
     images.add_argument("--swap", action="store_true", help="exchange left and right")
-    text = "skip images without a partner (always for EuRoC); gaps in the numbers remain in the times"
+    text = "skip images without a partner; gaps in the numbers remain in the times"
     images.add_argument("--skip-unpaired", action="store_true", help=text)
     text = f"largest time difference between left and right image, seconds; default {MAX_DELAY_S}"
     images.add_argument("--max-delay", type=float, default=MAX_DELAY_S, metavar="S", help=text)
@@ -149,9 +145,9 @@ def check_options(options: argparse.Namespace) -> None:
                 f"--{name}: {len(paths)} paths; quote the pattern, so that the shell does not expand it"
             )
     require_new(options.out)
-    places = (options.video, options.raw, options.euroc, options.left)
+    places = (options.video, options.raw, options.left)
     if sum(place is not None for place in places) != 1:
-        raise DataError("give the images by --left and --right, or by one of --video, --raw and --euroc")
+        raise DataError("give the images by --left and --right, or by one of --video and --raw")
     if options.fps is not None and not MIN_FPS <= options.fps <= MAX_FPS:
         raise DataError(f"--fps {options.fps:g}: expected {MIN_FPS:g} to {MAX_FPS:g} pairs per second")
     if not options.max_delay >= 0:
@@ -168,7 +164,6 @@ def times_of(source: Source, options: argparse.Namespace) -> Array | float:
     rate = source.fps() if isinstance(source, VideoSource) else 0.0
     if options.times is not None:
         times = read_times(options.times)
-        refuse_intervals(times, options.times)
     elif options.fps is not None:
         times = None
         rate = options.fps
@@ -198,9 +193,6 @@ def find_source(options: argparse.Namespace) -> Source:
     if options.raw is not None:
         refuse_calibration_options(options, "raw")
         return read_raw_drive(options.raw, options.skip_unpaired)
-    if options.euroc is not None:
-        refuse_calibration_options(options, "euroc")
-        return read_euroc_drive(options.euroc, options.max_delay)
     if options.video is not None:
         return VideoSource(options.video, options.swap)
     if options.right is None:

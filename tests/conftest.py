@@ -31,8 +31,8 @@ from vo_lib.config import change, preset
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.drawn import ensure_scene
 from vo_lib.data.sequence import Sequence
-from vo_lib.geometry.motion import quaternion_from_rotation, rigid, rotation_from_vector
-from vo_lib.geometry.types import Array, Image, IntArray
+from vo_lib.geometry.motion import rigid, rotation_from_vector
+from vo_lib.geometry.types import Array, Image
 from vo_lib.kit.settings import KitConfig
 from vo_lib.report.plots import png
 
@@ -50,11 +50,6 @@ LONGEST = ("test_notebooks.py", "test_browser.py", "test_panels.py", "test_odome
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 
-EUROC_HEADER = (
-    "#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z [], "
-    "v_RS_R_x [m s^-1], v_RS_R_y [m s^-1], v_RS_R_z [m s^-1], b_w_RS_S_x [rad s^-1], b_w_RS_S_y [rad s^-1], "
-    "b_w_RS_S_z [rad s^-1], b_a_RS_S_x [m s^-2], b_a_RS_S_y [m s^-2], b_a_RS_S_z [m s^-2]"
-)
 BASELINE = 0.5
 FOCAL = 300.0
 WIDTH, HEIGHT = 480, 240
@@ -202,16 +197,6 @@ def winding_road(frames: int, turn: float, step: float) -> Array:
         R = rotation_from_vector(np.array([0.0, turn * np.sin(i / 9), 0.0]))
         poses[i] = poses[i - 1] @ rigid(R, np.array([0, 0, step]))
     return poses
-
-
-def write_euroc_truth(path: Path, times_ns: IntArray, poses: Array) -> None:
-    """Write a EuRoC truth file: nanoseconds, position, quaternion with w first, velocity and biases."""
-    rows = [EUROC_HEADER]
-    for t, T in zip(times_ns.tolist(), poses, strict=True):
-        x, y, z, w = quaternion_from_rotation(T[:3, :3])
-        cells = [*T[:3, 3], w, x, y, z, *np.zeros(9)]
-        rows.append(",".join([f"{t}", *map(repr, map(float, cells))]))
-    path.write_text("\n".join(rows) + "\n", encoding="utf-8")
 
 
 @pytest.fixture

@@ -17,14 +17,13 @@ import numpy as np
 from conftest import write_bands
 
 from fetch.calibrations.user_files import read_user_calibration
-from fetch.euroc import read_euroc_drive
 from fetch.kitti_raw import read_raw_drive
 from training.dataset import open_set
 from training.kitti_set import read_object_set
 from vo_lib import open_sequence, preset, run
 from vo_lib.data.kitti import read_calibration, read_image, read_part, read_times
 from vo_lib.data.label_files import read_labels
-from vo_lib.data.poses import read_euroc, read_kitti_poses, read_path, read_tum
+from vo_lib.data.poses import read_kitti_poses, read_poses
 from vo_lib.data.scenes import scene_config
 from vo_lib.data.truth import open_truth
 from vo_lib.kit.calibration import read_learnt_calibration
@@ -38,17 +37,6 @@ LABEL = "2 0.25 0.5 0.3 0.8\n5 0.5 0.5 0.1 0.1 0.75\n"
 MATRIX = "{}: !!opencv-matrix\n   rows: {}\n   cols: {}\n   dt: d\n   data: [ {} ]\n"
 K, EYE = "400., 0., 318., 0., 400., 203., 0., 0., 1.", "1., 0., 0., 0., 1., 0., 0., 0., 1."
 OBJECT = "Car 0.00 0 -1.5 20.00 30.00 60.00 70.00 0 0 0 0 0 0 0\n"
-SENSOR = """T_BS:
-  cols: 4
-  rows: 4
-  data: [1, 0, 0, {}, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
-resolution: [64, 48]
-intrinsics: [45.8, 45.7, 32.0, 24.0]
-distortion_model: radial-tangential
-distortion_coefficients: [-0.2, 0.07, 0.0002, 0.00002]
-"""
-TRUTH = "#timestamp, p, q\n1000000000, 0, 0, 0, 1, 0, 0, 0\n1050000000, 0, 0, 1, 1, 0, 0, 0\n"
-NAMED = "t [ns],x [m],y,z,qw,qx,qy,qz\n1000000000,0,0,0,1,0,0,0\n1050000000,0,0,1,1,0,0,0\n"
 STAMPS = "2011-09-26 13:02:25.964389445\n2011-09-26 13:02:26.064389445\n"
 
 
@@ -197,6 +185,12 @@ def _archive() -> bytes:
     return buffer.getvalue()
 
 
+def _array() -> bytes:
+    buffer = io.BytesIO()
+    np.save(buffer, np.tile(np.eye(4), (2, 1, 1)))
+    return buffer.getvalue()
+
+
 def _calibration(
     name: str, content: str | bytes, size: tuple[int, int] = (64, 48), **others: str
 ) -> FileReader:
@@ -222,15 +216,6 @@ def _raw() -> dict[str, str | bytes]:
     for frame in range(2):
         files |= {f"image_0{side}/data/{frame:010d}.png": png() for side in range(2)}
         files[f"oxts/data/{frame:010d}.txt"] = "49.0 8.4 116.0 0.01 0.02 0.7" + 24 * " 0" + "\n"
-    return files
-
-
-def _euroc() -> dict[str, str | bytes]:
-    truth = re.sub(r"^(1\d+)", r"\g<1>000000000", TRUTH, flags=re.MULTILINE)
-    files: dict[str, str | bytes] = {"mav0/state_groundtruth_estimate0/data.csv": truth}
-    for side in range(2):
-        files[f"mav0/cam{side}/sensor.yaml"] = SENSOR.format(0.11 * side)
-        files |= {f"mav0/cam{side}/data/{time}000000000.png": png() for time in (1000000000, 1050000000)}
     return files
 
 
@@ -270,9 +255,8 @@ def readers() -> dict[str, FileReader]:
 
     result = {
         "poses": _alone("poses.txt", read_kitti_poses, KITTI.format(0) + KITTI.format(1)),
-        "tum": _alone("poses.txt", read_tum, "# t\n0 0 0 0 0 0 0 1\n1 0 0 1 0 0 0 1\n"),
-        "euroc truth": _alone("data.csv", read_euroc, TRUTH),
-        "named poses": _alone("path.csv", read_path, NAMED),
+        "tum": _alone("poses.txt", read_poses, "# t\n0 0 0 0 0 0 0 1\n1 0 0 1 0 0 0 1\n"),
+        "npy": _alone("path.npy", read_poses, _array()),
         "calib": _alone("calib.txt", read_calibration, CALIB),
         "part": FileReader("part.txt", read_part, {"part.txt": "--sequences 00 --frames 0:201\n"}),
         "times": _alone("times.txt", read_times, "0.0\n0.1\n0.2\n"),
@@ -309,5 +293,4 @@ def readers() -> dict[str, FileReader]:
     for name in ("calib_cam_to_cam.txt", "calib_imu_to_velo.txt", "image_00/timestamps.txt"):
         result[name.removeprefix("image_00/")] = FileReader(name, read_raw_drive, _raw())
     result["oxts"] = FileReader("oxts/data/0000000001.txt", read_raw_drive, _raw())
-    result["sensor.yaml"] = FileReader("mav0/cam1/sensor.yaml", read_euroc_drive, _euroc())
     return result

@@ -18,8 +18,7 @@ from fetch.stereo_check import complaints, is_rectified, measure_pairs
 from fetch.stereo_sources import FolderSource, Pair, Source
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.kitti import IMAGE_BITS, calibration_text
-from vo_lib.data.pose_times import interval_fault
-from vo_lib.data.poses import write_kitti_poses
+from vo_lib.data.poses import refuse_intervals, write_kitti_poses
 from vo_lib.errors import DataError
 from vo_lib.files import delete_abandoned_drafts, locked_draft, write_atomic
 from vo_lib.geometry.camera import StereoCamera
@@ -89,9 +88,7 @@ def write_sequence(
         if count < 2:
             raise DataError(f"expected two or more stereo pairs, found {count}")
         rows = np.arange(count) / times if isinstance(times, float) else times
-        fault = interval_fault(rows)
-        if fault:
-            raise DataError(f"{fault}; give the times by --times, one line per left image")
+        refuse_intervals(rows, "the times of the images (--times gives others)")
         for name, table in (("times", rows), ("poses", poses)):
             if table is not None and len(table) != count:
                 found = f"{len(table)} rows of {name} for {count} pairs"

@@ -23,7 +23,7 @@ from vo_lib import settings
 from vo_lib.commands.cli import COMMANDS, main
 from vo_lib.commands.run import FLAG_MEANINGS
 from vo_lib.config import CONFIG_CLASSES
-from vo_lib.data.poses import read_kitti_poses, read_tum
+from vo_lib.data.poses import read_kitti_poses, read_poses
 from vo_lib.data.sequence import Sequence
 from vo_lib.detection.network_image import yolox_cells
 from vo_lib.files import read_csv
@@ -71,8 +71,9 @@ def test_a_run_writes_its_files(bands: Path, done: Callable[..., str], variant: 
     assert {path.name for path in out.glob("[!.]*")} == expected
     poses = read_kitti_poses(out / "poses.txt")
     assert poses.shape == (6, 4, 4)
-    times, tum = read_tum(out / "poses_tum.txt")
+    times, tum = read_poses(out / "poses_tum.txt")
     np.testing.assert_allclose(tum, poses, atol=1e-7)
+    assert times is not None
     assert times[1] == pytest.approx(0.1)
     rows = read_log(out)
     assert [row["frame"] for row in rows] == [f"{i:06d}" for i in range(1, 6)]
@@ -201,13 +202,10 @@ def test_a_run_fits_into_a_terminal(bands: Path) -> None:
 
 
 @pytest.mark.usefixtures("pictures_not_drawn")
-def test_a_run_without_motion_gets_no_advice_on_options_that_it_has_not(
-    bands: Path, done: Callable[..., str]
-) -> None:
+def test_a_run_without_motion_is_shorter_than_the_truth(bands: Path, done: Callable[..., str]) -> None:
     cv2.imwrite(str(bands / "mask.png"), np.full_like(BLACK, 255))
     printed = " ".join(done("out", "--masks", str(bands / "mask.png")).split())
-    assert "times as long as the truth: the motion was not found" in printed
-    assert "--alignment" not in printed
+    assert "is 0 times as long as the truth" in printed
 
 
 @pytest.mark.usefixtures("pictures_not_drawn")
@@ -335,7 +333,7 @@ def test_every_flag_of_a_frame_is_explained(bands: Path, done: Callable[..., str
     printed = " ".join(done("still", "--min_matches", "1000").split())
     assert "frames flagged few_matches │ 5" in printed
     assert "few_matches: too few matches, so an earlier motion is repeated." in printed
-    assert "length and duration of the path │ 0.0 m in 0.5 s (0.00 m/s)" in printed
+    assert "length of the path │ 0.0 m" in printed
 
 
 @pytest.mark.parametrize("command", COMMANDS)

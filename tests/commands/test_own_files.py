@@ -222,11 +222,6 @@ def test_sequences_whose_results_would_share_files_are_refused(
         error = " ".join(capsys.readouterr().err.split())
         assert f"the results of {names[0]} and {names[1]} would have the same name" in error
         assert not (tmp_path / "out").exists()
-    runs = [str(tmp_path / f"run {number}") for number in (1, 2)]
-    for folder, run in zip(folders, runs, strict=True):
-        assert main(["run", str(folder), "--method", "viso2", "--out", run]) == 0
-    assert main(["evaluate", *runs, "--out", str(tmp_path / "figures")]) == 2
-    assert "call the command once for each of them" in capsys.readouterr().err
 
 
 def test_data_set_of_somebody_else_is_kept(

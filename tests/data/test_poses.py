@@ -15,8 +15,8 @@ from vo_lib.data.poses import (
     format_tum,
     match_times,
     read_kitti_poses,
-    read_path,
-    read_tum,
+    read_poses,
+    refuse_intervals,
     write_kitti_poses,
 )
 from vo_lib.errors import DataError
@@ -58,7 +58,8 @@ def test_tum_times_and_poses_survive_a_round_trip(
     T = random_poses(seed, len(t))
     path = tmp_path_factory.mktemp("tum") / "poses.txt"
     path.write_text(format_tum(t, T))
-    t_back, back = read_tum(path)
+    t_back, back = read_poses(path)
+    assert t_back is not None
     np.testing.assert_allclose(t_back, t, rtol=0, atol=1e-6 / 4)
     np.testing.assert_allclose(back, T, rtol=1e-9, atol=5e-9)
 
@@ -96,20 +97,59 @@ def test_failed_write_keeps_the_old_file(
     assert [p.name for p in tmp_path.iterdir()] == ["note.txt"]
 
 
-@pytest.mark.parametrize(
-    ("per_second", "name"), [(10**9, "nanoseconds"), (10**6, "microseconds"), (10**3, "milliseconds")]
-)
-def test_large_times_of_tum_get_their_unit_from_their_size(
-    tmp_path: Path, per_second: int, name: str
-) -> None:
-    path = tmp_path / "orb.txt"
-    start = 1317384506
-    seconds = start + 0.1 * np.arange(5)
-    rows = [f"{round(t * per_second)}.000000 {k} 0 0 0 0 0 1" for k, t in enumerate(seconds)]
-    path.write_text("\n".join(rows) + "\n")
-    file = read_path(path)
-    assert file.times is not None
-    np.testing.assert_allclose(file.times, seconds, rtol=0, atol=1e-6)
-    assert file.notes == (f"{path}: the times are read as {name} since 1970.",)
-    path.write_text("\n".join(f"{t:.6f} {k} 0 0 0 0 0 1" for k, t in enumerate(seconds)) + "\n")
-    assert read_path(path).notes == ()
+def test_comments_are_skipped_unread(tmp_path: Path) -> None:
+    comments = "# x forward, world to camera, qw qx qy qz\n"
+    (tmp_path / "kitti.txt").write_text(comments + IDENTITY_ROW + comments + IDENTITY_ROW)
+    (tmp_path / "tum.txt").write_text(f"{comments}0 1 2 3 0 0 0 1\n # 1 2\n0.1 1 2 4 0 0 0 1\n")
+    kitti = read_poses(tmp_path / "kitti.txt")
+    assert kitti.times is None
+    np.testing.assert_array_equal(kitti.poses, np.tile(np.eye(4), (2, 1, 1)))
+    tum = read_poses(tmp_path / "tum.txt")
+    assert tum.times is not None
+    np.testing.assert_array_equal(tum.times, [0.0, 0.1])
+    np.testing.assert_array_equal(tum.poses[:, :3, 3], [[1, 2, 3], [1, 2, 4]])
+
+
+def test_arrays_are_read_without_pickle(tmp_path: Path) -> None:
+    path = tmp_path / "path.npy"
+    T = random_poses(3, 5)
+    np.save(path, T)
+    np.testing.assert_array_equal(read_poses(path).poses, T)
+    np.save(path, T.astype(np.float32))
+    np.testing.assert_allclose(read_poses(path).poses, T, atol=1e-3)
+    turned = T.copy()
+    turned[3, :3, :3] *= 1.1
+    last_row = T.copy()
+    last_row[4, 3, 0] = 0.5
+    far = T.copy()
+    far[2, 0, 3] = 1e10
+    endless = T.copy()
+    endless[1, 0, 3] = np.nan
+    for array, words in (
+        (turned, "element 3 is no pose"),
+        (last_row, "element 4 is no pose"),
+        (endless, "element 1 is no pose"),
+        (far, "line 3: a position beyond"),
+        (T[:0], "shape"),
+        (T[0], "shape"),
+        (T[:, :3], "shape"),
+        (T.astype(complex), "no array of numbers"),
+        (np.array([None]), "no array of numbers"),
+    ):
+        np.save(path, array)
+        with pytest.raises(DataError, match=words):
+            read_poses(path)
+
+
+@pytest.mark.parametrize(("unit", "is_right"), [(1.0, True), (1e3, False), (1e6, False), (1e9, False)])
+def test_times_that_are_no_seconds_are_refused(unit: float, is_right: bool) -> None:
+    for interval in (0.02, 1 / 30, 0.1):
+        times = np.asarray(unit * (1317384506 + interval * np.arange(20)), np.float64)
+        if is_right:
+            refuse_intervals(times, "times.txt")
+        else:
+            with pytest.raises(DataError, match=r"times.txt: the median interval .* expected 0.001 to 10 s"):
+                refuse_intervals(times, "times.txt")
+    refuse_intervals(np.array([5e9]), "times.txt")  # a single time has no interval
+    # Times since 1970 have steps of 0.2 µs, so the median interval of 1000 frames a second is below 1 ms.
+    refuse_intervals(1.7e9 + 1e-3 * np.arange(6.0), "times.txt")

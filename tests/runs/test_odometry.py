@@ -18,7 +18,6 @@ from vo_lib.evaluation.kitti_errors import kitti_errors
 from vo_lib.runs.drive import run_methods, unmasked
 from vo_lib.runs.front_end import find_matches
 from vo_lib.runs.match_cache import CachedMatches
-from vo_lib.runs.run_quality import warnings_of
 
 METHODS = ("mesvo_f", "solution_selection", "feature_selection")
 
@@ -43,32 +42,6 @@ def test_repeated_pairs_are_a_standstill(tmp_path: Path, variant: str) -> None:
     result = run(sequence, preset("solution_selection") if variant == "published" else small())
     assert flags(result) == [{"standstill"}] * 5
     np.testing.assert_array_equal(result.poses, np.tile(np.eye(4), (6, 1, 1)))
-
-
-@pytest.mark.parametrize("unit", [1e9, 1e-6, 0.0, 1.0])
-def test_times_in_other_units_cause_a_warning(bands: Path, unit: float) -> None:
-    sequence = open_sequence(bands)
-    warnings = warnings_of(run(dataclasses.replace(sequence, times=unit * sequence.times), small()))
-    begin = [] if unit == 1.0 else [f"the median interval of the times in times.txt is {0.1 * unit:.6g}"]
-    assert [sentence.partition(" s, expected")[0] for sentence in warnings] == begin
-
-
-def test_a_camera_of_a_thousand_frames_a_second_has_plausible_times(bands: Path) -> None:
-    """Times since 1970 have steps of 0.2 µs, so the median interval is a little less than 1 ms."""
-    sequence = open_sequence(bands)
-    times = 1.7e9 + 1e-3 * np.arange(6.0)
-    assert np.median(np.diff(times)) < 1e-3
-    assert warnings_of(run(dataclasses.replace(sequence, times=times), small())) == []
-
-
-def test_whole_times_may_be_numbers_of_frames(bands: Path) -> None:
-    sequence = open_sequence(bands)
-    for first, suspected in ((0.0, True), (7.0, True), (0.25, False), (1.4e9, False)):
-        times = first + np.arange(6.0)
-        warnings = warnings_of(run(dataclasses.replace(sequence, times=times), small()))
-        assert (
-            any("if these are numbers of frames, speeds are wrong" in each for each in warnings) is suspected
-        )
 
 
 def test_black_frame_repeats_the_last_motion(tmp_path: Path) -> None:

@@ -82,8 +82,8 @@ def _errors_before_and_after(truth: Array, before: Array, closure: LoopClosure) 
     """
     paths = {"before": before, "after": closure.poses}
     result = evaluate(truth, paths, suitable_protocol(truth))
-    numbers: list[float] = [len(closure.loops), result.subsequences]
-    for path in result.paths:
+    numbers: list[float] = [len(closure.loops), len(result[0].kitti)]
+    for path in result:
         for error in (rmse(path.ate.distance), path.kitti.te, path.kitti.re):
             numbers.append(np.nan if error is None else error)
     return numbers

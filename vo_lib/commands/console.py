@@ -40,7 +40,6 @@ ENDINGS = (DataError, OSError, MemoryError, KeyboardInterrupt)
 REMEDIES = {
     "part": ", with --frames",
     "sequences": " (option --sequences)",
-    "tolerance": "; --t-max-diff sets the tolerance",
     "fresh": ", or replace the run with --fresh",
     "fresh runs": " with --out, or replace the runs with --fresh",
     "replace": ", or add --replace",

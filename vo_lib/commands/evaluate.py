@@ -5,28 +5,23 @@ from __future__ import annotations
 import argparse
 import json
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from ..data.poses import TIME_TOLERANCE_S
 from ..errors import DataError
-from ..evaluation.ate_rpe import Alignment, Delta
+from ..evaluation.ate_rpe import Alignment
 from ..evaluation.kitti_errors import SubsequenceProtocol, suitable_protocol
-from ..evaluation.path_errors import Evaluation, evaluate
-from ..evaluation.path_facts import path_facts
+from ..evaluation.path_errors import PathErrors, evaluate
 from ..files import read_mapping, write_atomic, written_together
-from ..report.page import ReportTable
-from ..report.path_tables import (
-    evaluation_tables,
-    facts_without_truth,
-    spread_table,
+from ..geometry.types import Array
+from ..report.compare import (
+    GIVE_TRUTH,
+    Compared,
+    error_tables,
+    numbers,
+    read_compared,
     tables_without_truth,
-    write_picture_without_truth,
     write_pictures,
 )
-from ..report.paths import GIVE_TRUTH, LEAST_MATCHED_SHARE, ComparedPaths, PathsWithoutTruth, read_paths
-from ..report.table1_plan import refuse_equal_names
 from ..runs.folder import POSES, POSES_TUM, changed_files, run_folder
 from .common import changed_words, parse_delta, parse_lengths, parse_whole, require_drawing
 from .console import print_wrapped, show_report_table, warn
@@ -34,7 +29,6 @@ from .console import print_wrapped, show_report_table, warn
 EVALUATION = "evaluation.json"
 DEFAULT_ALIGNMENT = "se3"
 DEFAULT_DELTA = "1f"
-WARNING = "warning: "  # how a note begins that makes all numbers doubtful
 ERROR_OPTIONS = ("lengths", "step", "alignment", "delta")  # those that only paths with truth need
 
 
@@ -42,13 +36,10 @@ def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo evaluate`."""
     parser.epilog = "example: vo evaluate runs/07 orb/07.txt --out figures"
     option = parser.add_argument
-    text = (
-        "folders of runs, and pose files of other systems: with a line that names the columns (CSV), or in "
-        "the format of KITTI, TUM or EuRoC"
-    )
+    text = "folders of runs, and pose files of other systems: KITTI's or TUM's format, or .npy (N, 4, 4)"
     option("paths", nargs="+", type=Path, metavar="RUN_OR_FILE", help=text)
     text = (
-        "ground-truth file of all paths; default: the truth of the runs' sequences. Without any truth, the "
+        "ground-truth file of all paths; default: the truth of the runs' sequence. Without any truth, the "
         "paths are drawn from the same start, and their lengths and distances are printed"
     )
     option("--truth", type=Path, metavar="FILE", help=text)
@@ -62,11 +53,6 @@ def add(parser: argparse.ArgumentParser) -> None:
         f"interval of the RPE, in frames (10f) or in metres along the true path (5m); default {DEFAULT_DELTA}"
     )
     option("--delta", metavar="D", help=text)
-    text = (
-        "largest difference between the times of a pose and its true pose, in seconds; default %(default)s. "
-        f"Files are refused if fewer than {100 * LEAST_MATCHED_SHARE:.0f} %% of the poses have such a partner"
-    )
-    option("--t-max-diff", type=float, default=TIME_TOLERANCE_S, metavar="S", help=text)
     text = "folder for evaluation.json, and for figures of the paths and of their errors by length and speed"
     option("--out", metavar="DIR", help=text)
     option("--json", action="store_true", help="print the results as JSON")
@@ -76,58 +62,8 @@ def add(parser: argparse.ArgumentParser) -> None:
 def _is_evaluation(path: Path) -> bool:
     """Whether a file is the evaluation.json of an earlier call."""
     with suppress(DataError):
-        return isinstance(read_mapping(path, "an evaluation").get("sequences"), list)
+        return "ground_truth" in read_mapping(path, "an evaluation")
     return False
-
-
-@dataclass(frozen=True)
-class _WithTruth:
-    """Paths with ground truth, and their errors."""
-
-    paths: ComparedPaths
-    errors: Evaluation
-
-    def numbers(self) -> dict[str, Any]:
-        """The results for JSON."""
-        paths = self.paths
-        about: dict[str, Any] = {"sequence": paths.name, "notes": list(paths.notes), "ground_truth": True}
-        results = about | self.errors.to_dict("systems")
-        for system, whole in zip(results["systems"], paths.wholes.values(), strict=True):
-            system["path"] = path_facts(whole.poses, whole.times).to_dict()
-        return results
-
-    def tables(self) -> list[ReportTable]:
-        """The tables to print."""
-        first, *others = evaluation_tables(self.paths.name, self.errors)
-        return [first, spread_table(self.errors), *others]
-
-    def write_pictures(self, folder: Path) -> list[str]:
-        """Write the figures; return sentences on figures that are missing or doubtful."""
-        return write_pictures(folder, self.paths, self.errors)
-
-
-@dataclass(frozen=True)
-class _WithoutTruth:
-    """Paths without ground truth."""
-
-    paths: PathsWithoutTruth
-
-    def numbers(self) -> dict[str, Any]:
-        """The results for JSON."""
-        about = {"sequence": self.paths.name, "notes": list(self.paths.notes)}
-        return about | facts_without_truth(self.paths)
-
-    def tables(self) -> list[ReportTable]:
-        """The tables to print."""
-        return tables_without_truth(self.paths)
-
-    def write_pictures(self, folder: Path) -> list[str]:
-        """Write the figure of the paths; none is missing."""
-        write_picture_without_truth(folder, self.paths)
-        return []
-
-
-_Result = _WithTruth | _WithoutTruth
 
 
 def _refuse_options_of_errors(options: argparse.Namespace) -> None:
@@ -137,98 +73,54 @@ def _refuse_options_of_errors(options: argparse.Namespace) -> None:
         raise DataError(f"{' and '.join(given)}: no effect without ground truth: {GIVE_TRUTH}")
 
 
-@dataclass(frozen=True)
-class _ErrorOptions:
-    """What the options say on the errors; None for what suits the path."""
-
-    lengths: tuple[float, ...] | None
-    step: int | None
-    alignment: Alignment
-    delta: Delta
-
-
-def _read_error_options(options: argparse.Namespace) -> _ErrorOptions:
-    """What the options say on the errors; `DataError` for an invalid value."""
-    return _ErrorOptions(
-        lengths=None if options.lengths is None else parse_lengths(options.lengths),
-        step=None if options.step is None else parse_whole("--step", options.step),
-        alignment=Alignment(options.alignment or DEFAULT_ALIGNMENT),
-        delta=parse_delta(options.delta or DEFAULT_DELTA),
+def _errors(compared: Compared, truth: Array, options: argparse.Namespace) -> list[PathErrors]:
+    """The errors of paths with a truth (N, 4, 4), over the sub-sequences that suit it or that are typed."""
+    usual = suitable_protocol(truth, compared.frames)
+    lengths = usual.lengths if options.lengths is None else parse_lengths(options.lengths)
+    step = usual.step if options.step is None else parse_whole("--step", options.step)
+    return evaluate(
+        truth,
+        compared.paths,
+        SubsequenceProtocol(lengths, step),
+        compared.times,
+        Alignment(options.alignment or DEFAULT_ALIGNMENT),
+        parse_delta(options.delta or DEFAULT_DELTA),
+        compared.frames,
     )
 
 
 def _evaluate(options: argparse.Namespace) -> int:
     """Read the paths; write, and print as tables or as JSON, their errors or how they differ."""
-    chosen = _read_error_options(options)
     if options.out is not None:
         require_drawing()
-    if not options.t_max_diff >= 0:  # also refuses NaN
-        raise DataError(f"--t-max-diff {options.t_max_diff:g}: expected 0 s or more")
     for path in options.paths:
         changed = {POSES, POSES_TUM}.intersection(changed_files(path))  # none for a pose file
         if changed:
             warn(f"{changed_words(sorted(changed))} in {path} since the run: the errors are not of this run")
-    results: list[_Result] = []
-    for paths in read_paths(options.paths, options.truth, options.t_max_diff):
-        if isinstance(paths, PathsWithoutTruth):
-            _refuse_options_of_errors(options)
-            results.append(_WithoutTruth(paths))
-        else:
-            results.append(_WithTruth(paths, _errors(paths, chosen)))
-    data = json.dumps({"sequences": [result.numbers() for result in results]}, indent=2, allow_nan=False)
-    remarks = [] if options.out is None else _write(options.out, data, results)
+    compared = read_compared(options.paths, options.truth)
+    errors = list[PathErrors]()
+    if compared.truth is None:
+        _refuse_options_of_errors(options)
+        tables = tables_without_truth(compared)
+    else:
+        errors = _errors(compared, compared.truth, options)
+        whole_truth = not compared.is_part and len(compared.frames) == len(compared.truth)
+        tables = error_tables(compared.name, errors, whole_truth)
+    data = json.dumps(numbers(compared, errors), indent=2, allow_nan=False)
+    if options.out is not None:
+        with run_folder(options.out) as folder:
+            own = _is_evaluation(folder / EVALUATION)
+            with written_together(folder, own=own) as draft:
+                write_atomic(draft / EVALUATION, data + "\n")
+                write_pictures(draft, compared, errors)
     if options.json:
         print(data)
         return 0
-    _print_results(results)
+    for table in tables:
+        show_report_table(table)
+    print_wrapped(*compared.notes)
+    if compared.truth is None:
+        print_wrapped(f"For errors, {GIVE_TRUTH}.")
     if options.out is not None:
-        print_wrapped(*remarks)
         print_wrapped(f"written to {options.out}")
     return 0
-
-
-def _errors(paths: ComparedPaths, chosen: _ErrorOptions) -> Evaluation:
-    """The errors of paths with a truth."""
-    usual = suitable_protocol(paths.truth, paths.frames)
-    return evaluate(
-        paths.truth,
-        paths.estimates,
-        SubsequenceProtocol(chosen.lengths or usual.lengths, chosen.step or usual.step),
-        paths.times,
-        chosen.alignment,
-        chosen.delta,
-        frames=paths.frames,
-        is_part=paths.is_part,
-    )
-
-
-def _write(out: str, data: str, results: list[_Result]) -> list[str]:
-    """Write evaluation.json and the figures; return sentences on figures that are missing or doubtful."""
-    refuse_equal_names(result.paths.name for result in results)
-    remarks = list[str]()
-    with run_folder(out) as folder:
-        own = _is_evaluation(folder / EVALUATION)
-        with written_together(folder, own=own) as draft:
-            write_atomic(draft / EVALUATION, data + "\n")
-            for result in results:
-                remarks += result.write_pictures(draft)
-    return remarks
-
-
-def _print_results(results: list[_Result]) -> None:
-    """Print the tables and notes of all results, and what they do not tell."""
-    for result in results:
-        # What makes all numbers doubtful stands before them.
-        warnings = [note for note in result.paths.notes if note.startswith(WARNING)]
-        print_wrapped(*warnings)
-        for table in result.tables():
-            show_report_table(table)
-        print_wrapped(*(note for note in result.paths.notes if note not in warnings))
-    if len(results) > 1:
-        names = ", ".join(result.paths.name for result in results[:-1])
-        print_wrapped(
-            f"{names} and {results[-1].paths.name} have a table each and are not compared with each other, "
-            "since they are not the same frames of the same sequence."
-        )
-    if not any(isinstance(result, _WithTruth) for result in results):
-        print_wrapped(f"For errors, {GIVE_TRUTH}.")

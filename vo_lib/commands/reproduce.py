@@ -12,6 +12,8 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from ..config import config_class
 from ..data.catalogue import parse_sequences
 from ..data.sequence import Sequence
@@ -22,10 +24,9 @@ from ..files import only_process, refuse_foreign
 from ..loops.settings import LoopConfig
 from ..paper.settings import MethodConfig
 from ..report.blocks import Axes, Block, make_blocks, parse_axes
+from ..report.compare import Compared, tables_without_truth
 from ..report.film import FILM_ENDING, Film, film_frames, refuse_foreign_film
 from ..report.page import ReportTable
-from ..report.path_tables import tables_without_truth
-from ..report.paths import PathsWithoutTruth, WholePath
 from ..report.record import RECORD, Call, earlier_calls, reproduction_record, this_call
 from ..report.table1 import (
     PROPOSAL,
@@ -268,7 +269,7 @@ def _write(
     differs = {block: block.described(table.methods[block.variant]) for block in table.blocks}
     report_tables = _tables_with_truth(groups, paper, differs) + closed
     report_tables += short_path_tables(done.result) + settings_tables_without_truth(done.result)
-    report_tables += _tables_without_truth(done.result, done.cells)
+    report_tables += _tables_without_truth(done.result)
     write_table_files(
         folder,
         done.result,
@@ -323,15 +324,15 @@ def _remarks_on_lengths(sequences: list[Sequence], protocol: SubsequenceProtocol
     return [f"--lengths has no effect on {' and '.join(without)}, {which} no ground truth"]
 
 
-def _tables_without_truth(result: Reproduction, cells: list[Cell]) -> list[ReportTable]:
+def _tables_without_truth(result: Reproduction) -> list[ReportTable]:
     """For each block and each sequence without truth, the lengths of the paths and their distances."""
-    times = {cell.sequence.name: cell.sequence.times for cell in cells}
     tables = []
     for (block, name), (truth, paths) in result.paths.items():
         if truth is None:
             title = f"{name}, {block_words(block.variant, block.words)}, first seed"
-            wholes = {method: WholePath(poses, times[name]) for method, poses in paths.items()}
-            facts, *distances = tables_without_truth(PathsWithoutTruth(title, wholes, paths))
+            frames = np.arange(len(next(iter(paths.values()))))
+            compared = Compared(title, None, None, paths, frames, is_part=False, notes=[])
+            facts, *distances = tables_without_truth(compared)
             tables.append(facts)
             # In a report, the tables of several sequences and blocks need different names.
             for table in distances:

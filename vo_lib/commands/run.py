@@ -15,16 +15,16 @@ from ..detection.settings import DetectorConfig
 from ..errors import DataError
 from ..evaluation.kitti_errors import suitable_protocol
 from ..evaluation.path_errors import evaluate
-from ..evaluation.path_facts import path_facts
+from ..evaluation.path_facts import path_length
 from ..files import write_atomic
 from ..geometry.result import Flag
 from ..geometry.types import Array
 from ..kit.settings import KitConfig
 from ..loops.settings import LoopConfig
 from ..report.blocks import USED_BY_LOOPS, settings_of
+from ..report.compare import error_tables
 from ..report.film import FILM_ENDING, Film, film_frames, refuse_foreign_film
 from ..report.page import format_number
-from ..report.path_tables import evaluation_tables
 from ..report.plots import png, trajectories_figure
 from ..runs.folder import (
     CONFIG,
@@ -235,8 +235,8 @@ def _print_result(result: Run, method: str, paths: dict[str, Array]) -> None:
         print_wrapped(f"{title}: no errors, since the sequence has no ground truth")
     else:
         protocol = suitable_protocol(sequence.truth)
-        path_errors = evaluate(sequence.truth, paths, protocol, sequence.times, is_part=sequence.is_part)
-        for table in evaluation_tables(title, path_errors, of_run=True):
+        errors = evaluate(sequence.truth, paths, protocol, sequence.times)
+        for table in error_tables(title, errors, whole_truth=not sequence.is_part):
             show_report_table(table)
     flags = sorted({flag for motion in result.motions for flag in motion.flags})
     show_table(["quantity", "value"], _quantities(result, flags))
@@ -252,10 +252,8 @@ def _print_result(result: Run, method: str, paths: dict[str, Array]) -> None:
 def _quantities(result: Run, flags: list[Flag]) -> list[list[str]]:
     """Rows of name and value: what a run did, apart from its errors; `flags` : those of its frames."""
     motions = result.motions
-    facts = path_facts(result.poses, result.sequence.times)
-    travelled = f"{facts.length:.1f} m in {facts.duration:.1f} s ({format_number(facts.speed, 2)} m/s)"
     rows = [
-        ["length and duration of the path", travelled],
+        ["length of the path", f"{path_length(result.poses):.1f} m"],
         ["matches per frame, median", format_number(result.matches_per_frame, 0)],
     ]
     removed = f"{100 * result.removed_share:.1f} %"

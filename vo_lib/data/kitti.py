@@ -20,7 +20,7 @@ from ..files import open_binary, read_bytes, read_text
 from ..geometry.camera import StereoCamera
 from ..geometry.types import Array, Image
 from .png import DEPTH_IN_FILE_AT, has_16_bits, has_valid_chunks
-from .poses import finite_number, read_number_rows
+from .poses import finite_number, read_number_rows, refuse_intervals
 
 _WITH_TRUTH = (4541, 1101, 4661, 801, 271, 2761, 1101, 1101, 4071, 1591, 1201)  # frames of 00 to 10
 _WITHOUT_TRUTH = (921, 1061, 3281, 631, 1901, 1731, 491, 1801, 4981, 831, 2721)  # frames of 11 to 21
@@ -170,12 +170,14 @@ def _read_projections(path: Path, names: tuple[str, str]) -> tuple[_Projection, 
 def read_times(path: Path) -> Array:
     """Times (N,) of the frames in seconds from a file with one number per line.
 
-    Raises `DataError` with the line for a row that is not a number, or a time that decreases.
+    Raises `DataError` with the line for a row that is not a number, or a time that decreases, and for times
+    that are not seconds of a camera (`refuse_intervals`).
     """
     rows, lines = read_number_rows(path, "one number, the time of a frame in seconds", 1)
     decreases = rows[1:, 0] < rows[:-1, 0]
     if decreases.any():
         raise DataError("the time decreases", path, lines[int(np.argmax(decreases)) + 1])
+    refuse_intervals(rows[:, 0], path)
     return rows[:, 0]
 
 

@@ -4,8 +4,7 @@ Read `path_errors` first: its `evaluate` computes all errors of a path. Behind i
 
 - `kitti_errors`: TE and RE, the errors of KITTI's benchmark;
 - `ate_rpe`: ATE, RPE and the alignment of paths;
-- `conventions`: whether two files differ by a convention, and not only by errors.
+- `path_facts`: what paths say without ground truth, and whether one is in doubtful axes or units.
 
-Beside it are `path_facts`, what paths say without ground truth; `clocks`, whether two paths have times of one
-clock; and `statistics`, means over seeds.
+Beside it is `statistics`, means over seeds.
 """

@@ -15,6 +15,7 @@ import numpy as np
 from ..errors import DataError
 from ..geometry.motion import rotation_angle
 from ..geometry.types import Array, Index
+from .kitti_errors import frames_of_truth, motion_error, trajectory_distances
 
 
 class Alignment(Enum):
@@ -24,11 +25,6 @@ class Alignment(Enum):
     ORIGIN = "origin"  # equal first poses
     SE3 = "se3"  # best rotation and translation
     SIM3 = "sim3"  # best rotation, translation and scale
-
-    @property
-    def words(self) -> str:
-        """Text for the note of a table."""
-        return "without alignment" if self is Alignment.NONE else f"with {self.name} alignment"
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,16 +56,11 @@ class Delta:
     def __post_init__(self) -> None:
         if self.unit not in ("frames", "m"):
             raise DataError(f"unit {self.unit!r} of an interval: expected frames or m")
-        is_positive = 0 < self.size < math.inf  # not so for NaN
-        if self.unit == "frames" and not (is_positive and self.size == int(self.size)):
-            raise DataError(f"an interval of {self.size:g} frames: expected 1 frame, 2 frames, …")
-        if not is_positive:
-            raise DataError(f"an interval of {self.size:g} m: expected a positive number of metres")
-
-    @property
-    def words(self) -> str:
-        """Text for the note of a table."""
-        return "from frame to frame" if self == ONE_FRAME else f"over {self.size:g} {self.unit}"
+        is_whole = self.unit == "m" or float(self.size).is_integer()
+        if not (0 < self.size < math.inf and is_whole):  # also refuses NaN
+            raise DataError(
+                f"an interval of {self.size:g} {self.unit}: expected 1, 2, … frames, or metres > 0"
+            )
 
 
 ONE_FRAME = Delta()
@@ -99,25 +90,8 @@ def rmse(errors: Array) -> float | None:
 
 def _statistics(errors: Array, unit: str) -> dict[str, float | None]:
     """Root of the mean square, mean, median and maximum of errors (N,), for JSON; None without errors."""
-    empty = len(errors) == 0
-    return {
-        f"rmse_{unit}": rmse(errors),
-        f"mean_{unit}": None if empty else float(np.mean(errors)),
-        f"median_{unit}": None if empty else float(np.median(errors)),
-        f"max_{unit}": None if empty else float(np.max(errors)),
-    }
-
-
-def motion_error(truth: Array, estimate: Array, first: Index, last: Index) -> Array:
-    """Error motions inverse(Δest) Δgt, (S, 4, 4), with Δ = inverse(T[first]) T[last].
-
-    truth, estimate : (N, 4, 4) poses; first, last : (S,) numbers of poses.
-    """
-    # A general inverse: rotations in files are orthonormal only to 1e-7, so the transpose would cause
-    # rotation errors of up to 0.05°.
-    true_motion = np.linalg.inv(truth[first]) @ truth[last]
-    estimated_motion = np.linalg.inv(estimate[first]) @ estimate[last]
-    return np.asarray(np.linalg.inv(estimated_motion) @ true_motion)
+    kinds: dict[str, Any] = {"rmse": rmse, "mean": np.mean, "median": np.median, "max": np.max}
+    return {f"{name}_{unit}": float(kind(errors)) if len(errors) else None for name, kind in kinds.items()}
 
 
 def align(truth: Array, estimate: Array, alignment: Alignment) -> tuple[Array, float]:
@@ -132,9 +106,9 @@ def align(truth: Array, estimate: Array, alignment: Alignment) -> tuple[Array, f
 
     Raises
     ------
-    DataError : as `check_pair`.
+    DataError : as `frames_of_truth`.
     """
-    check_pair(truth, estimate)
+    frames_of_truth(truth, estimate)
     if alignment is Alignment.NONE:
         return estimate, 1.0
     if alignment is Alignment.ORIGIN:
@@ -162,11 +136,7 @@ def absolute_error(truth: Array, estimate: Array, alignment: Alignment = Alignme
 
 
 def relative_error(
-    truth: Array,
-    estimate: Array,
-    delta: Delta = ONE_FRAME,
-    path: Array | None = None,
-    frames: Index | None = None,
+    truth: Array, estimate: Array, delta: Delta = ONE_FRAME, frames: Index | None = None
 ) -> RelativeError:
     """RPE over consecutive intervals, each a pair of poses, without an alignment.
 
@@ -177,90 +147,37 @@ def relative_error(
     Parameters
     ----------
     truth : (N, 4, 4) poses. estimate : (M, 4, 4) poses.
-    path : (N,) metres from the first true pose to each pose; only an interval in metres needs it.
     frames : (M,) increasing numbers of the true poses to which the estimated poses belong; None: all. Both
         frames of a pair have an estimate.
 
     Raises
     ------
     DataError : truth and estimate do not fit (`frames_of_truth`).
-    ValueError : an interval in metres without `path`.
     """
     frames = frames_of_truth(truth, estimate, frames)
-    if delta.unit == "frames":
-        starts, ends = _pairs_by_frames(frames, int(delta.size))
-    elif path is None:
-        raise ValueError("an interval in metres needs the path")
-    else:
-        starts, ends = pairs_by_length(path[frames], delta.size)
+    by_frames = delta.unit == "frames"
+    at = frames.astype(np.float64) if by_frames else trajectory_distances(truth)[frames]
+    starts, ends = interval_pairs(at, delta.size, exact=by_frames)
     error = motion_error(truth[frames], estimate, starts, ends)
-    translation = np.linalg.norm(error[:, :3, 3], axis=1)
-    return RelativeError(delta, translation, rotation_angle(error[:, :3, :3]))
+    return RelativeError(delta, np.linalg.norm(error[:, :3, 3], axis=1), rotation_angle(error[:, :3, :3]))
 
 
-def _pairs_by_frames(frames: Index, delta: int) -> tuple[Index, Index]:
-    """First and last places in `frames` (M,) of pairs that are exactly `delta` frames apart.
+def interval_pairs(at: Array, delta: float, exact: bool) -> tuple[Index, Index]:
+    """First and last places of pairs that are at least `delta` apart; a pair starts where one ends.
 
-    A pair starts where the previous one ends. If no frame is exactly `delta` ahead of that, it starts at the
-    next frame for which one is.
+    at : (M,) frame number of each pose, or metres from the first pose to it along the path. exact : whether
+    pairs are exactly `delta` apart; where no pose is, a pair starts at the next pose for which one is.
     """
-    ends = np.searchsorted(frames, frames + delta)
-    starts = list[int]()
-    place = 0
-    while place < len(frames):
-        end = int(ends[place])
-        if end < len(frames) and frames[end] == frames[place] + delta:
-            starts.append(place)
-            place = end
-        else:
-            place += 1
-    chosen = np.array(starts, np.intp)
-    return chosen, ends[chosen]
-
-
-def pairs_by_length(path: Array, delta: float) -> tuple[Index, Index]:
-    """First and last places of pairs that are at least `delta` metres apart; a pair starts where one ends.
-
-    path : (M,) metres from the first pose to each pose.
-    """
-    chain = list[int]()
-    end = 0
-    while end < len(path):
-        chain.append(end)
+    pairs = list[tuple[int, int]]()
+    start = 0
+    while start < len(at):
         # An interval may be too small to change the sum, but a pair always ends farther on than it starts.
-        least = max(path[end] + delta, np.nextafter(path[end], np.inf))
-        end = int(np.searchsorted(path, least))
-    places = np.array(chain, np.intp)
-    return places[:-1], places[1:]
-
-
-def frames_of_truth(truth: Array, estimate: Array, frames: Index | None) -> Index:
-    """Numbers (M,) of the true poses (N, 4, 4) to which the poses of an estimate (M, 4, 4) belong.
-
-    frames : these numbers, or None if every true pose has an estimated pose.
-
-    Raises
-    ------
-    DataError : the number of poses is wrong, or a pose is not finite.
-    """
-    if frames is None:
-        check_pair(truth, estimate)
-        return np.arange(len(truth))
-    check_pair(truth[frames], estimate)
-    return frames
-
-
-def check_pair(truth: Array, estimate: Array, where: str = "") -> None:
-    """Raise `DataError` unless both paths (N, 4, 4) have the same number of poses, all finite.
-
-    where : beginning of the message, such as the name of the path.
-    """
-    if len(truth) != len(estimate) or len(truth) == 0:
-        raise DataError(
-            f"{where}truth has {len(truth)} poses and the estimate {len(estimate)}; "
-            "both need one pose for every frame"
-        )
-    for name, poses in (("truth", truth), ("estimate", estimate)):
-        bad = ~np.isfinite(poses).all(axis=(1, 2))
-        if bad.any():
-            raise DataError(f"{where}pose {int(np.argmax(bad))} of the {name} is not finite")
+        least = max(at[start] + delta, np.nextafter(at[start], np.inf))
+        end = int(np.searchsorted(at, least))
+        if end < len(at) and (not exact or at[end] == least):
+            pairs.append((start, end))
+            start = end
+        else:
+            start += 1
+    starts, ends = np.array(pairs, np.intp).reshape(-1, 2).T
+    return starts, ends

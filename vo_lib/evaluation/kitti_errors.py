@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from ..errors import DataError
 from ..geometry.rows import Rows
 from ..geometry.types import Array, Index
-from .ate_rpe import frames_of_truth, motion_error
 
 KITTI_LENGTHS = (100.0, 200.0, 300.0, 400.0, 500.0, 600.0, 700.0, 800.0)  # metres
 KITTI_STEP = 10  # frames from one start to the next
@@ -96,6 +95,39 @@ def trajectory_distances(T: Array) -> Array:
     """Path length from the first pose to each of the poses (N, 4, 4): (N,), metres."""
     steps = np.linalg.norm(np.diff(T[:, :3, 3], axis=0), axis=1)
     return np.concatenate([np.zeros(1), np.cumsum(steps)])
+
+
+def motion_error(truth: Array, estimate: Array, first: Index, last: Index) -> Array:
+    """Error motions inverse(Δest) Δgt, (S, 4, 4), with Δ = inverse(T[first]) T[last].
+
+    truth, estimate : (N, 4, 4) poses; first, last : (S,) numbers of poses.
+    """
+    # A general inverse: rotations in files are orthonormal only to 1e-7, so the transpose would cause
+    # rotation errors of up to 0.05°.
+    true_motion = np.linalg.inv(truth[first]) @ truth[last]
+    estimated_motion = np.linalg.inv(estimate[first]) @ estimate[last]
+    return np.asarray(np.linalg.inv(estimated_motion) @ true_motion)
+
+
+def frames_of_truth(truth: Array, estimate: Array, frames: Index | None = None, where: str = "") -> Index:
+    """Numbers (M,) of the true poses (N, 4, 4) to which the poses of an estimate (M, 4, 4) belong.
+
+    frames : these numbers, or None if every true pose has an estimated pose. where : beginning of the
+    message, such as the name of the path.
+
+    Raises
+    ------
+    DataError : the number of poses is wrong, or a pose is not finite.
+    """
+    numbers = np.arange(len(truth)) if frames is None else frames
+    if len(numbers) != len(estimate) or len(numbers) == 0:
+        counts = f"truth has {len(numbers)} poses and the estimate {len(estimate)}"
+        raise DataError(f"{where}{counts}; both need one pose for every frame")
+    for name, poses in (("truth", truth[numbers]), ("estimate", estimate)):
+        bad = ~np.isfinite(poses).all(axis=(1, 2))
+        if bad.any():
+            raise DataError(f"{where}pose {int(np.argmax(bad))} of the {name} is not finite")
+    return numbers
 
 
 def _devkit_distances(T: Array) -> NDArray[np.float32]:
@@ -224,6 +256,10 @@ class SubsequenceProtocol:
             numbers = [*numbers[:2], f"… {numbers[-1]}"]
         every = "every frame" if self.step == 1 else f"every {self.step} frames"
         return ", ".join(numbers) + f" m, {every}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Lengths and step for JSON."""
+        return {"lengths_m": list(self.lengths), "step_frames": self.step}
 
     def words_with(self, as_kitti: bool) -> str:
         """`words`, and whether errors are computed as in KITTI's benchmark."""

@@ -10,8 +10,8 @@ A table with many runs is made in this order:
 
 Beside them are `record`, a file with all numbers of a reproduction for others; `table1_durations`, how long
 all of KITTI would take; and `paper_unit`, the unit of the paper's RE. `sweep_table` has the tables and maps
-of `vo sweep`, with cells and records of its own. For `vo evaluate`, `paths` reads what is compared, and
-`path_tables` makes the tables.
+of `vo sweep`, with cells and records of its own. `compare` reads, measures and draws what `vo evaluate`
+compares.
 
 All of them use `page` (tables as text, and the report in HTML), `plots` (charts, and images with features),
 `film` with `webm`, and `breaking` (long texts in lines).

@@ -19,7 +19,7 @@ import numpy as np
 from .. import settings
 from ..data.sequence import Sequence
 from ..evaluation.kitti_errors import is_as_kitti, kitti_errors, subsequences_text, suitable_protocol
-from ..evaluation.path_facts import PathDifference, path_difference, path_facts
+from ..evaluation.path_facts import PathDifference, path_difference, path_length
 from ..evaluation.statistics import change_limit, mean_and_deviation
 from ..geometry.types import Array
 from ..paper.settings import MethodConfig
@@ -378,7 +378,7 @@ def _fields_of_distances(
     end_field, rmse_field : names of the fields for the distance at the end, and for the root mean square.
     """
     values_of = {
-        "length_m": [path_facts(result.poses, None).length for result in runs],
+        "length_m": [path_length(result.poses) for result in runs],
         end_field: [difference.end for difference in apart],
         rmse_field: [difference.rmse for difference in apart],
     }

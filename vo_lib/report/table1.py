@@ -320,14 +320,14 @@ def measure_runs(
         raise DataError(f"{sequence.name} has no ground truth, so there are no errors")
     protocol = suitable_protocol(sequence.truth) if protocol is None else protocol
     estimates = {f"seed {run.config.seed}": run.poses for run in runs}
-    errors = evaluate(sequence.truth, estimates, protocol, sequence.times, is_part=sequence.is_part)
+    errors = evaluate(sequence.truth, estimates, protocol, sequence.times)
     return Entry(
         sequence=sequence.name,
         method=method,
         variant=runs[0].config.variant,
         seeds=tuple(run.config.seed for run in runs),
         protocol=protocol,
-        results=errors.paths,
+        results=tuple(errors),
         poses=runs[0].poses,
         truth=sequence.truth,
         has_boxes=sequence.labels is not None,

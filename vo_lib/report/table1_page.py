@@ -11,7 +11,7 @@ import numpy as np
 
 from ..data.catalogue import KITTI
 from ..evaluation.kitti_errors import FEW_SUBSEQUENCES, KITTI_PROTOCOL, subsequences_text
-from ..evaluation.path_facts import path_difference, path_facts
+from ..evaluation.path_facts import path_difference, path_length
 from ..evaluation.statistics import COUNTED, NO_CHANGE, mean_and_deviation, one_run_shows
 from ..files import write_atomic, written_together
 from ..geometry.types import Array
@@ -180,10 +180,10 @@ def short_path_tables(result: Reproduction) -> list[ReportTable]:
         rows = []
         for method, poses in paths.items():
             apart = path_difference(truth, poses)
-            numbers = (path_facts(poses, None).length, apart.end, apart.rmse)
+            numbers = (path_length(poses), apart.end, apart.rmse)
             rows.append([method, *(format_number(number, 3) for number in numbers)])
         notes = [
-            f"No TE and RE, since {why}. The true path has {path_facts(truth, None).length:.2f} m.",
+            f"No TE and RE, since {why}. The true path has {path_length(truth):.2f} m.",
             POSITION_NOTE,
         ]
         title = f"{name}, {block_words(block.variant, block.words)}, first seed: distances from the true path"
@@ -220,7 +220,7 @@ def _settings_table_without_truth(
         for block, paths in paths_by_block.items():
             if method not in paths:
                 continue
-            cells = [format_number(path_facts(paths[method], None).length, 2), NO_NUMBER, NO_NUMBER]
+            cells = [format_number(path_length(paths[method]), 2), NO_NUMBER, NO_NUMBER]
             if method in paths_by_block[first]:
                 apart = path_difference(paths_by_block[first][method], paths[method])
                 cells[1:] = [format_number(apart.end, 2), format_number(apart.rmse, 2)]

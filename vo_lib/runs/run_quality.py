@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..data.pose_times import are_frame_numbers, interval_fault
-from ..evaluation.kitti_errors import KITTI_LENGTHS, SHORT_PROTOCOL, trajectory_distances
-from ..evaluation.path_errors import Evaluation, evaluate
+from ..evaluation.kitti_errors import KITTI_PROTOCOL, SHORT_PROTOCOL
+from ..evaluation.path_errors import PathErrors, evaluate
+from ..evaluation.path_facts import path_length
 from ..geometry.result import MAX_MISSING_FRAMES, Flag
 from .drive import Run
 from .front_end import exchanged_cameras
@@ -19,7 +19,7 @@ USUAL_SHARE_MEASURED = 0.5  # of the motions: with fewer, the order of the camer
 NOTHING_OR_ALL_REMOVED = ("0.0", "100.0")  # % of the features, as printed
 
 
-def evaluate_run(result: Run) -> dict[str, Evaluation]:
+def evaluate_run(result: Run) -> dict[str, PathErrors]:
     """Errors of a run, with speeds from the sequence's times; empty without ground truth.
 
     They are named after the sub-sequences: "kitti" has the benchmark's lengths and starts. For a path that is
@@ -28,11 +28,12 @@ def evaluate_run(result: Run) -> dict[str, Evaluation]:
     sequence = result.sequence
     if sequence.truth is None:
         return {}
-    estimates = {sequence.name: result.poses}
-    is_part = sequence.is_part
-    errors = {"kitti": evaluate(sequence.truth, estimates, times=sequence.times, is_part=is_part)}
-    if trajectory_distances(sequence.truth)[-1] < KITTI_LENGTHS[-1]:
-        errors["short"] = evaluate(sequence.truth, estimates, SHORT_PROTOCOL, sequence.times, is_part=is_part)
+    protocols = {"kitti": KITTI_PROTOCOL}
+    if path_length(sequence.truth) < KITTI_PROTOCOL.lengths[-1]:
+        protocols["short"] = SHORT_PROTOCOL
+    errors = {}
+    for kind, protocol in protocols.items():
+        (errors[kind],) = evaluate(sequence.truth, {sequence.name: result.poses}, protocol, sequence.times)
     return errors
 
 
@@ -47,24 +48,13 @@ def path_lost(result: Run) -> bool:
 
 
 def warnings_of(result: Run) -> list[str]:
-    """Warnings about the times, the motions, the cameras and the boxes of a run, one sentence each."""
+    """Warnings about the motions, the cameras and the boxes of a run, one sentence each."""
     possible = [
-        _warning_about_times(result),
         _warning_about_stereo(result),
         _warning_about_cameras(result),
         _warning_about_boxes(result),
     ]
     return [warning for warning in possible if warning]
-
-
-def _warning_about_times(result: Run) -> str:
-    """A warning if the times are no seconds of a camera, or may be numbers of frames; otherwise ""."""
-    fault = interval_fault(result.sequence.times, "the times in times.txt")
-    if fault:
-        return f"{fault}: speeds are wrong"
-    if are_frame_numbers(result.sequence.times):
-        return "times.txt has whole numbers: if these are numbers of frames, speeds are wrong"
-    return ""
 
 
 def _warning_about_stereo(result: Run) -> str:

@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from vo_lib.config import PUBLISHED, preset
-from vo_lib.data.pose_times import time_mismatch
-from vo_lib.data.poses import TIME_TOLERANCE_S, from_first, match_times, read_path
+from vo_lib.data.poses import from_first, match_times, read_poses
 from vo_lib.errors import DataError
-from vo_lib.evaluation.ate_rpe import Alignment, absolute_error, align, check_pair, relative_error, rmse
-from vo_lib.evaluation.kitti_errors import KittiErrors, kitti_errors, suitable_protocol
+from vo_lib.evaluation.ate_rpe import Alignment, absolute_error, align, relative_error, rmse
+from vo_lib.evaluation.kitti_errors import KittiErrors, frames_of_truth, kitti_errors, suitable_protocol
 from vo_lib.geometry.types import Array, Progress
 from vo_lib.report.table1 import te_and_re
 from vo_lib.settings import Checked, setting
@@ -47,9 +46,7 @@ class EvaluationView(Checked):
     yaw: float = setting(1.0, "added: excess turn to the right", unit="deg/100 m", low=-5, high=5)
     noise: float = setting(5.0, "added: noise of each step", unit="mm", low=0, high=100)
     jitter: float = setting(0.0, "added: noise of each rotation", unit="deg", low=0, high=0.5)
-    file: str = setting(
-        "", "path of a pose file (named columns, KITTI, TUM or EuRoC) that replaces the estimate"
-    )
+    file: str = setting("", "path of a pose file (KITTI, TUM or .npy) that replaces the estimate")
 
 
 class EvaluationPanel(Panel):
@@ -99,7 +96,7 @@ class EvaluationPanel(Panel):
         if path:
             with about("a file of your own", "choose another file, or leave the field empty"):
                 poses = _poses_of_frames(typed_path(path), state.sequence.times)
-                check_pair(truth, poses, f"{path}: ")
+                frames_of_truth(truth, poses, where=f"{path}: ")
             return poses
         if view.estimate == MADE_UP:
             return perturbed_path(truth, view.scale, view.yaw, view.noise, view.jitter)
@@ -163,12 +160,13 @@ def _errors_of_others(state: State, truth: Array, lengths: tuple[float, ...]) ->
 
 def _poses_of_frames(path: Path, times: Array) -> Array:
     """The poses of a file at the times of the frames (N,), seconds, or all poses of a file without times."""
-    file = read_path(path)
+    file = read_poses(path)
     if file.times is None:
         return file.poses
     rows, pose_rows = match_times(times, file.times)
     if len(rows) < 2:
-        raise time_mismatch(file.times, times, "the sequence", TIME_TOLERANCE_S, path)
+        ranges = [f"{each[0]:.3f} to {each[-1]:.3f} s" for each in (file.times, times)]
+        raise DataError(f"fewer than two poses at times of the sequence: {' and '.join(ranges)}", path)
     return file.poses[pose_rows]
 
 
