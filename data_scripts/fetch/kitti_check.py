@@ -158,10 +158,9 @@ def _check_tables(root: Path, folder: Path, frames: int, has_poses: bool) -> tup
         folder / "calib.txt": _camera,
         folder / "times.txt": lambda path: _rows(len(kitti.read_times(path)), frames),
     }
-    poses = folder / "poses.txt"
-    if not poses.exists():
-        poses = root / "poses" / f"{folder.name}.txt"
-    if poses.exists() or has_poses:
+    found = kitti.find_truth(folder)
+    poses = found or root / "poses" / f"{folder.name}.txt"
+    if found or has_poses:
         readers[poses] = lambda path: _rows(len(read_kitti_poses(path)), frames)
     complete = []
     problems = []

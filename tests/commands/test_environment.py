@@ -90,10 +90,10 @@ def test_list_fits_80_columns(
     assert max(map(len, table.splitlines())) <= 80
     rows = [line.replace("│", "").split() for line in table.splitlines() if line.startswith("│")]
     facts = {name: cells for name, *cells in rows}
-    assert facts["kitti/04"] == ["6", "2", "yes", "no", "480×240", "1"]
+    assert facts["kitti/04"] == ["6", "2", "poses.txt", "no", "480×240", "1"]
     assert facts["kitti/05"] == ["–"] * 6
     assert "kitti/05 is not usable" in text[0]
-    assert facts["synthetic/jam"] == ["296", "100", "yes", "yes", "1241×376", "–"]
+    assert facts["synthetic/jam"] == ["296", "100", "poses.txt", "yes", "1241×376", "–"]
     assert {f"synthetic/{name}" for name in SCENES} < facts.keys()
 
 

@@ -79,6 +79,44 @@ def test_truth_in_the_poses_folder_is_read_by_frame_number(bands: Path) -> None:
     assert sequence.times[0] == 0.1
 
 
+def in_kitti_layout(bands: Path, place: str, text: str) -> Path:
+    """The band sequence, with its own poses.txt, at a place below a folder that has poses/05.txt, too."""
+    root = bands.parent / "root"
+    shutil.copytree(bands, root / place)
+    (root / "poses").mkdir()
+    (root / "poses" / "05.txt").write_text(text, encoding="utf-8")
+    return root
+
+
+@pytest.mark.parametrize(
+    ("place", "opened", "wins"),
+    [
+        ("sequences/05", "sequences/05", "poses/05.txt"),
+        ("sequences/05", "link", "poses/05.txt"),
+        ("other/05", "sequences/05", "poses/05.txt"),  # a link of the same name
+        ("sequences/06", "sequences/06", "sequences/06/poses.txt"),
+        ("mine/05", "mine/05", "mine/05/poses.txt"),
+    ],
+)
+def test_truth_of_kitti_counts_before_a_file_in_the_folder(
+    bands: Path, place: str, opened: str, wins: str
+) -> None:
+    root = in_kitti_layout(bands, place, "".join(f"1 0 0 {9 * i} 0 1 0 0 0 0 1 0\n" for i in range(6)))
+    if opened != place:
+        (root / opened).parent.mkdir(exist_ok=True)
+        (root / opened).symlink_to(root / place)
+    sequence = open_sequence(root / opened)
+    assert sequence.truth_file == root / wins
+    assert sequence.part(1, 4).truth_name == wins.removeprefix(f"{place}/")
+    assert sequence.true_poses[5, 0, 3] == (45 if wins == "poses/05.txt" else 5 * BASELINE)
+
+
+def test_truth_of_kitti_that_does_not_fit_is_refused(bands: Path) -> None:
+    root = in_kitti_layout(bands, "sequences/05", "1 0 0 0 0 1 0 0 0 0 1 0\n" * 3)
+    with pytest.raises(DataError, match=r"poses/05\.txt: 3 rows for 6 frames"):
+        open_sequence(root / "sequences" / "05")
+
+
 def edit(name: str, change: Callable[[str], str]) -> Callable[[Path], object]:
     def apply(folder: Path) -> object:
         path = folder / name

@@ -18,7 +18,7 @@ from ..files import folder_size
 from ..report.page import NO_NUMBER
 from .console import print_wrapped, show_table
 
-COLUMNS = ["name", "frames", "length m", "truth", "boxes", "image px", "MB"]
+COLUMNS = ["name", "frames", "metres", "truth", "boxes", "image px", "MB"]
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -64,7 +64,7 @@ def _facts(name: str, folder: Path | None) -> list[str]:
     if folder is None:
         scene = SCENES[name.removeprefix(SYNTHETIC)]
         size = f"{scene.width}×{scene.height}"
-        return [str(scene_frames(scene)), f"{scene.length:.0f}", "yes", "yes", size, NO_NUMBER]
+        return [str(scene_frames(scene)), f"{scene.length:.0f}", "poses.txt", "yes", size, NO_NUMBER]
     sequence = open_folder(folder, name)
     camera = sequence.camera
     truth = sequence.truth
@@ -80,7 +80,7 @@ def _facts(name: str, folder: Path | None) -> list[str]:
     return [
         str(len(sequence)),
         length,
-        "no" if truth is None else "yes",
+        sequence.truth_name or "no",
         boxes,
         f"{camera.width}×{camera.height}",
         f"{megabytes:.0f}",

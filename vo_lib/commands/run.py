@@ -238,6 +238,7 @@ def _print_result(result: Run, method: str, paths: dict[str, Array]) -> None:
         errors = evaluate(sequence.truth, paths, protocol, sequence.times)
         for table in error_tables(title, errors, whole_truth=not sequence.is_part):
             show_report_table(table)
+        print_wrapped(f"truth: {sequence.truth_file}")
     flags = sorted({flag for motion in result.motions for flag in motion.flags})
     show_table(["quantity", "value"], _quantities(result, flags))
     print_wrapped(*(f"{flag}: {FLAG_MEANINGS[flag]}." for flag in flags))

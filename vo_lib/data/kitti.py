@@ -59,6 +59,19 @@ def image_folders(folder: Path) -> tuple[str, str]:
     return GREY
 
 
+def find_truth(folder: Path) -> Path | None:
+    """The file of a sequence's true poses; None if there is none.
+
+    In KITTI's layout, it is poses/00.txt beside `sequences`, whatever else is in the sequence's folder: other
+    data sets unpack a poses.txt of their own there. A folder that is a link is in the layout if the link or
+    what it leads to is. Only without KITTI's own file, it is poses.txt in the folder.
+    """
+    places = (Path(os.path.abspath(folder)), folder.resolve())
+    in_layout = [place for place in places if place.parent.name == "sequences"]
+    of_kitti = [place.parent.parent / "poses" / f"{place.name}.txt" for place in in_layout]
+    return next(filter(Path.exists, [*of_kitti, folder / "poses.txt"]), None)
+
+
 def has_images(folder: Path) -> bool:
     """Whether a folder has the left images of a sequence."""
     left, _ = image_folders(folder)

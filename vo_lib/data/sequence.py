@@ -25,6 +25,7 @@ from .kitti import (
     IMAGE_BITS,
     PART,
     bits_note,
+    find_truth,
     grey_bits,
     image_folders,
     left_offset,
@@ -54,6 +55,7 @@ class Sequence:
     truth : (N, 4, 4) ground-truth poses T_w_c of the left camera, metres, or None. The world w is that of
         the file (for KITTI, the left camera in frame 0; with colour images, the left colour camera), for a
         part, too: its first pose is then not the identity.
+    truth_file : the file of `truth`, or None.
     labels : folder of YOLO label files, or None.
     masks : PNG image, or folder with one image per frame, or None. Features of the left images are ignored
         on non-zero pixels of the mask.
@@ -71,6 +73,7 @@ class Sequence:
     times: Array
     truth: Array | None
     labels: Path | None
+    truth_file: Path | None = field(default=None, kw_only=True)
     masks: Path | None = field(default=None, kw_only=True)
     is_part: bool = field(default=False, kw_only=True)
     sides: tuple[str, str] = field(default=GREY, kw_only=True)
@@ -111,6 +114,14 @@ class Sequence:
             f"a gap: choose part {' or '.join(parts)}, counted from 0",
             remedy="part",
         )
+
+    @property
+    def truth_name(self) -> str:
+        """The truth's file in short: poses.txt in the sequence's folder, poses/00.txt in KITTI's, else ""."""
+        if self.truth_file is None:
+            return ""
+        name = self.truth_file.name
+        return name if self.truth_file.parent == self.folder else f"poses/{name}"
 
     @property
     def true_poses(self) -> Array:
@@ -277,13 +288,15 @@ def open_folder(folder: Path, name: str, labels: str | Path | None = None) -> Se
     height, width = read_image(left_files[0], bits).shape
     camera = read_calibration(folder / "calib.txt", width, height, (left, right))
     times_file = folder / "times.txt"
+    truth_file = find_truth(folder)
     return Sequence(
         name=name,
         folder=folder,
         frames=tuple(frames),
         camera=camera,
         times=_rows_of_frames(read_times(times_file), frames, times_file),
-        truth=_find_truth(folder, frames, (left, right)),
+        truth=None if truth_file is None else _read_truth(truth_file, folder, frames, (left, right)),
+        truth_file=truth_file,
         labels=_find_labels(folder, frames, labels),
         is_part=(folder / PART).exists() or len(frames) < EXPECTED_FRAMES.get(folder.name, 0),
         sides=(left, right),
@@ -304,22 +317,12 @@ def _rows_of_frames(rows: Array, frames: list[str], path: Path) -> Array:
     raise DataError(f"{len(rows)} rows for {len(frames)} frames: expected one row per frame", path)
 
 
-def _find_truth(folder: Path, frames: list[str], sides: tuple[str, str]) -> Array | None:
-    """True poses T_w_c (N, 4, 4) of the left camera, metres; None without a file of poses.
-
-    The file is poses.txt in the folder, or KITTI's own, poses/00.txt beside `sequences`. Both have the poses
-    of camera 0, the left grey camera.
-    """
-    sequence = folder.resolve()
-    own_file = folder / "poses.txt"
-    kitti_file = sequence.parent.parent / "poses" / f"{sequence.name}.txt"
-    path = own_file if own_file.exists() else kitti_file
-    if not path.exists():
-        return None
+def _read_truth(path: Path, folder: Path, frames: list[str], sides: tuple[str, str]) -> Array:
+    """True poses T_w_c (N, 4, 4) of the left camera, metres, from the file of `find_truth`."""
     poses = _rows_of_frames(read_kitti_poses(path), frames, path)
     if sides == GREY:
         return poses
-    # Both files have poses of camera 0, in a world that is camera 0 in frame 0. The camera becomes the left
+    # The file has poses of camera 0, in a world that is camera 0 in frame 0. The camera becomes the left
     # colour camera, and so does the world.
     T_0_left = rigid(np.eye(3), left_offset(folder / "calib.txt", sides))
     return inverse(T_0_left) @ poses @ T_0_left

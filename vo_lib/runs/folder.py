@@ -164,6 +164,8 @@ def write_run(folder: Path, result: Run, identity: dict[str, Any]) -> None:
     """
     sequence = result.sequence
     metrics: dict[str, Any] = {kind: errors.to_dict() for kind, errors in evaluate_run(result).items()}
+    if sequence.truth_file is not None:
+        metrics["truth"] = sequence.truth_name
     metrics["path"] = {
         "frames_without_motion": sum(not motion.measured for motion in result.motions),
         "lost": path_lost(result),
@@ -186,7 +188,7 @@ def write_run(folder: Path, result: Run, identity: dict[str, Any]) -> None:
             "files": {path.name: file_sha256(path) for path in sorted(draft.iterdir())},
             SETTINGS_DIGEST: _digest_of_settings(identity["settings"]),
             DETECTOR_OF_BOXES: _detector_of_boxes(result),
-            "folder": str(sequence.folder.resolve()),
+            "folder": os.path.abspath(sequence.folder),  # a link is kept, since it may lead to the truth
         }
         # Under this name, a search for finished runs does not find it (`written_together`).
         write_atomic(draft / (CONFIG + DRAFT), _json(identity | about_run))
