@@ -97,7 +97,7 @@ def _no_kitti_of_the_machine() -> Iterator[None]:
     """Hide this machine's KITTI sequences from the tests, which ask `real` for those they need."""
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv("KITTI_ROOT", raising=False)
-        patch.setattr("vo_lib.data.catalogue.KITTI_FOLDER", Path("data", "kitti_of_tests"))
+        patch.setattr("vo_lib.data.catalogue.KITTI_FOLDERS", (Path("data", "kitti_of_tests"),))
         yield
 
 

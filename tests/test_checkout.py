@@ -105,9 +105,6 @@ def test_copy_does_not_name_a_source_folder_that_is_gone(other_copy: Path) -> No
         (("check",), "optional; commands that add data"),
         (("check",), "downloaded detectors: optional"),
         (("check",), "cache: to free space"),
-        (("run", "07"), "vo data get_kitti --sequences 07"),
-        (("run", "drive.mp4"), "vo data from_folder --video FILE …"),
-        (("run", "mine.txt"), "vo data from_folder --video mine.txt --out DIR …"),
         (("run", "."), "vo data from_folder --left DIR --right DIR"),
         (("run", "bands"), "vo data kitti_to_yolo converts them"),
         (("run", "bands", "--detector", "yolox-tiny"), "use: vo data get_detector yolox-tiny"),
@@ -119,7 +116,6 @@ def test_copy_does_not_name_a_source_folder_that_is_gone(other_copy: Path) -> No
 def test_copy_says_in_the_same_place_what_a_command_of_the_kit_needs(
     words: tuple[str, ...], command: str, installed: Path, other_copy: Path, bands: Path
 ) -> None:
-    (other_copy / "mine.txt").write_text("mine")
     (other_copy / "image_0").mkdir()
     shutil.copytree(bands, other_copy / "bands")
     (other_copy / "bands" / "labels").mkdir()

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
 from operator import attrgetter
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from IPython.display import Image as Shown
 
-from vo_lib.data.catalogue import DRAWING_PROCESSES, KITTI, SYNTHETIC, available, open_sequence
+from vo_lib.data.catalogue import DRAWING_PROCESSES, KITTI, SYNTHETIC, available, open_sequence, scene_folders
 from vo_lib.data.drawn import ensure_scene
 from vo_lib.data.kitti import read_part
 from vo_lib.data.label_remarks import coverage_remarks
@@ -65,9 +66,20 @@ def remember_as(name: str, sequence: Sequence) -> None:
     _sequences.keep(name, sequence)
 
 
+def listed() -> Mapping[str, Path | None]:
+    """Sequences by name, as in `available`; without those of KITTI if KITTI_ROOT is wrong.
+
+    What needs only a drawn street then works; opening a sequence of KITTI says what is wrong.
+    """
+    try:
+        return available()
+    except DataError:
+        return scene_folders()
+
+
 def _names_for(sequence: Sequence) -> Iterator[str]:
     """The sequence's own name, unless it belongs to one of the catalogue that is not open, then longer ones."""
-    folders = available()
+    folders = listed()
     if sequence.name in folders and not is_open(sequence.name):
         # To compare them, the one of the catalogue is opened; no other has its folder and all its frames.
         if not sequence.is_part and sequence.folder == folders[sequence.name]:

@@ -64,7 +64,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from vo_lib.config import preset
-from vo_lib.data.catalogue import available
 from vo_lib.data.sequence import Sequence
 from vo_lib.errors import DataError
 from vo_lib.geometry.types import Image, Progress
@@ -81,6 +80,7 @@ from .frames import (
     DEFAULT,
     are_same,
     is_open,
+    listed,
     long_name,
     opened,
     remember_as,
@@ -241,7 +241,7 @@ class Panel:
         self.frame = WholeSlider(value=frame, min=1, max=max(frame, 2), tooltip=FRAME, **labelled("frame"))
         self.first = {name: knob.widget.value for name, knob in self.knobs.items()}
         self.first |= {"frame": frame, "variant": VARIANTS[0]}
-        names = [_named(name) for name in available()]
+        names = [_named(name) for name in listed()]
         self.chooser = widgets.Dropdown(options=names, value=None, **labelled("sequence"))
         self.folder = widgets.Text(
             placeholder="a folder", tooltip=FOLDER, continuous_update=False, **labelled(PATH)

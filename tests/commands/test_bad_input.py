@@ -63,7 +63,7 @@ def test_bad_input_gives_one_line_and_exit_code_2(
     line: str,
     expected: str,
 ) -> None:
-    monkeypatch.setenv("KITTI_ROOT", places["LEFT"])  # no KITTI there
+    monkeypatch.setenv("KITTI_ROOT", places["LEFT"])  # no KITTI there, as no command here needs
     try:
         code = main([places.get(word, expanded(word)) for word in shlex.split(line)])
     except SystemExit as stop:

@@ -9,10 +9,13 @@ import cv2
 import numpy as np
 import pytest
 
+from course.frames import listed
 from vo_lib.commands.cli import main
 from vo_lib.commands.data_scripts import scripts
+from vo_lib.data.catalogue import kitti_root, known_folder, open_sequence
 from vo_lib.data.kitti import EXPECTED_FRAMES, PART
 from vo_lib.data.scenes import SCENES
+from vo_lib.report.table1_plan import split_missing
 
 OLD_MATCHES = "kit-0123456789abcdef/a-0123456789abcdef.npz"
 
@@ -22,7 +25,7 @@ def _own_places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """An environment without data and detectors; the cache has 2 MB of matches of another code version."""
     for name in ("KITTI_ROOT", "XDG_CACHE_HOME", "XDG_DATA_HOME"):
         monkeypatch.setenv(name, str(tmp_path / name))
-    monkeypatch.setattr("vo_lib.data.catalogue.PROJECT", tmp_path)
+    (tmp_path / "KITTI_ROOT" / "sequences").mkdir(parents=True)
     monkeypatch.chdir(tmp_path)
     stale = tmp_path / "XDG_CACHE_HOME" / "stereo-vo-kit" / "matches" / OLD_MATCHES
     stale.parent.mkdir(parents=True)
@@ -74,6 +77,67 @@ def test_check_lists_incomplete_sequences(
     monkeypatch.setitem(EXPECTED_FRAMES, "04", 6)
     assert main(["check"]) == 0
     assert "incomplete: " not in capsys.readouterr().out
+
+
+@pytest.fixture
+def another(bands: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """data/kitti in the working folder, with a sequence 07, where KITTI is looked for without KITTI_ROOT."""
+    monkeypatch.setattr("vo_lib.data.catalogue.KITTI_FOLDERS", (Path("data", "kitti"),))
+    shutil.copytree(bands, tmp_path / "data" / "kitti" / "sequences" / "07")
+
+
+@pytest.mark.usefixtures("another")
+@pytest.mark.parametrize("root", ["KITTI_ROOT", "KITTI_ROOT/sequences", "archives", ""])
+def test_kitti_root_is_the_only_root(
+    bands: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    root: str,
+) -> None:
+    shutil.copytree(bands, tmp_path / "KITTI_ROOT" / "sequences" / "04")
+    (tmp_path / "archives").mkdir()
+    (tmp_path / "archives" / "dataset").symlink_to(tmp_path / "KITTI_ROOT")
+    monkeypatch.setenv("KITTI_ROOT", root)
+    for command in ("list", "check"):
+        assert main([command]) == 0
+    printed = "".join(capsys.readouterr().out.split())
+    assert ("kitti/04" in printed, "kitti/07" in printed) == (root != "", root == "")
+    assert ("(KITTI_ROOT)" in printed, "(KITTI_ROOTisnotset)" in printed) == (root != "", root == "")
+    assert main(["reproduce", "--sequences", "03", "--out", "out"]) == 2
+    assert "none of the sequences is on this machine" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("another")
+@pytest.mark.parametrize("root", ["nowhere", "data/kitti/typo", "bands"])
+def test_a_wrong_kitti_root_is_refused_where_kitti_is_needed(
+    bands: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    root: str,
+) -> None:
+    monkeypatch.setenv("KITTI_ROOT", root)
+    fault = f"KITTI_ROOT is {root}, without a folder `sequences`: correct or unset the variable"
+    for line in (
+        "list",
+        "run kitti/07 --out out",
+        "run kitti/99 --out out",
+        "reproduce --out out",
+        "reproduce --sequences synthetic/jam,07 --out out",
+        "sweep --sequence kitti/07 --set selection.sets=5,6 --out out",
+        "data check_kitti",
+    ):
+        assert main(line.split()) == 2
+        assert capsys.readouterr().err.partition("error: ")[2] == f"{fault}\n"
+    assert main(["check"]) == 1
+    assert "".join(fault.split()) in "".join(capsys.readouterr().out.replace("│", "").split())
+    assert kitti_root() == Path(root)  # `vo data get_kitti` may create it
+    # A street by name and a sequence by its path need no KITTI.
+    assert known_folder("synthetic/jam") is not None
+    assert split_missing(["synthetic/jam", str(bands)]) == (["synthetic/jam", str(bands)], [])
+    assert len(open_sequence(bands)) == 6
+    assert listed().keys() == {f"synthetic/{name}" for name in SCENES}
 
 
 def test_list_fits_80_columns(

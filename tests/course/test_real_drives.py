@@ -24,6 +24,7 @@ from vo_lib.paper.box_removal import inside
 def test_a_drive_that_is_missing_is_named_with_the_command_that_fetches_it(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
+    (tmp_path / "sequences").mkdir()
     monkeypatch.setenv("KITTI_ROOT", str(tmp_path))
     assert real_drives.with_boxes("kitti/drive_0013", "") is None
     assert "`vo data get_kitti --raw 2011_09_26_drive_0013 --frames 0:80`" in capsys.readouterr().out

@@ -52,15 +52,15 @@ def test_part_has_its_images_times_and_truth(bands: Path) -> None:
             open_sequence(bands).part(start, stop)
 
 
-def test_number_of_a_kitti_sequence_gets_a_command_or_a_name(
+def test_unknown_name_of_a_kitti_sequence_is_refused_with_the_folder_and_a_near_name(
     bands: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shutil.copytree(bands, tmp_path / "kitti" / "sequences" / "01")
     monkeypatch.setenv("KITTI_ROOT", str(tmp_path / "kitti"))
     for name, words in (
         ("kitti/1", "did you mean kitti/01?"),
-        ("kitti/07", f"not found in {tmp_path / 'kitti'}; .*: vo data get_kitti --sequences 07"),
-        ("kitti/22", "KITTI has the sequences 00 to 21"),
+        ("kitti/07", f"kitti/07 is not in {tmp_path / 'kitti'}: `vo data get_kitti` downloads 00 to 21"),
+        ("07", "the folder is missing: did you mean kitti/07?"),
     ):
         with pytest.raises(DataError, match=words):
             open_sequence(name)
@@ -280,7 +280,7 @@ def test_images_of_8_and_16_bits_are_not_mixed(bands: Path) -> None:
 def test_a_video_and_a_folder_of_images_name_the_import(bands: Path) -> None:
     film = bands / "film.mp4"
     film.touch()
-    with pytest.raises(DataError, match=rf"is a file: .* vo data from_folder --video {film} --out DIR"):
+    with pytest.raises(DataError, match=r"is a file: .* `vo data from_folder` imports images and videos"):
         open_sequence(film)
     with pytest.raises(DataError, match="vo data from_folder --left DIR --right DIR"):
         open_sequence(bands / "image_0")

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import os
 import platform
 from importlib import metadata
 from typing import NamedTuple
 
 from ..checkout import checkout_folder, missing_folder_text, with_install_hint
-from ..data.catalogue import KITTI, available, kitti_places, kitti_root
+from ..data.catalogue import KITTI, available, kitti_root, kitti_roots
 from ..data.drawn import user_cache
 from ..data.kitti import count_pairs, wanted_frames
 from ..detection.models import detector_folder, list_detectors
+from ..errors import DataError
 from ..runs.identity import library_versions
 from .cache_contents import KINDS, CacheItem, cache_items
 from .console import install, print_wrapped, show_table, steps
@@ -66,20 +68,26 @@ def _packages() -> Finding:
 
 
 def _kitti() -> Finding:
-    """KITTI's sequences on this machine, and those that lack images."""
+    """KITTI's sequences on this machine, those that lack images, and a KITTI_ROOT that is wrong."""
+    ways = {
+        "vo data get_kitti --help": f"KITTI's sequences from the web or archives, into {kitti_root()}",
+        "vo data from_folder --help": "your own stereo images or video",
+    }
+    try:
+        roots = kitti_roots()
+    except DataError as error:
+        return Finding("KITTI odometry", "problem", str(error), "or fill this folder" + steps(ways))
     folders = [path for name, path in available().items() if name.startswith(KITTI) and path]
+    origin = "KITTI_ROOT" if os.environ.get("KITTI_ROOT") else "KITTI_ROOT is not set"
+    places = f"{', '.join(map(str, roots or [kitti_root()]))} ({origin})"
     if not folders:
-        ways = {
-            "vo data get_kitti --help": f"KITTI's sequences from the web or archives, into {kitti_root()}",
-            "vo data from_folder --help": "your own stereo images or video",
-        }
         return Finding(
             "KITTI odometry",
             "note",
-            f"no sequences in {kitti_places()}",
+            f"no sequences in {places}",
             with_install_hint("optional; commands that add data") + steps(ways),
         )
-    facts = f"{len(folders)} sequences in {kitti_places()}"
+    facts = f"{len(folders)} sequences in {places}"
     incomplete = [path.name for path in folders if count_pairs(path) < len(wanted_frames(path) or ())]
     if not incomplete:
         return Finding("KITTI odometry", "ok", facts)

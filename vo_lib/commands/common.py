@@ -137,7 +137,8 @@ def distinct_sequences(names: list[str], cache: Path | None) -> list[str]:
     """
     name_of: dict[Path | str, str] = {}  # by folder or, before a scene is drawn, by name
     for name in names:
-        place = known_folder(name, cache) or name
+        folder = known_folder(name, cache)
+        place = name if folder is None else folder.resolve()
         first = name_of.setdefault(place, name)
         if first == name:
             continue

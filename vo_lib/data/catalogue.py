@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Collection
 from pathlib import Path
 
-from ..checkout import checkout_folder, with_install_hint
+from ..checkout import checkout_folder
 from ..errors import DataError, did_you_mean
 from ..geometry.types import Progress
 from .drawn import ensure_scene, scene_folder
@@ -18,61 +17,64 @@ from .sequence import Sequence, open_folder
 
 SYNTHETIC = "synthetic/"
 KITTI = "kitti/"
-VIDEO_ENDINGS = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v")
 DRAWING_PROCESSES = min(os.cpu_count() or 1, 4)
-# The kit's own folder, which may have data/kitti; an installed copy looks in the working folder alone.
-PROJECT = checkout_folder() or Path()
-KITTI_FOLDER = Path("data", "kitti")  # in the working folder and in the kit's folder
-# From a folder that a person names to the one with `sequences`: the archives unpack to dataset/sequences, so
-# the person may name the folder above `dataset`, the folder `dataset` itself, or a folder in it.
-STEPS_TO_ROOT = ("", "dataset", "..")
+# In the working folder and in the kit's own folder; an installed copy looks in the working folder alone.
+KITTI_FOLDERS = (Path("data", "kitti"), (checkout_folder() or Path()) / "data" / "kitti")
 
 
 def kitti_roots() -> list[Path]:
-    """Existing KITTI folders, those with a folder `sequences`, without symbolic links.
+    """KITTI folders, those with a folder `sequences`, without symbolic links.
 
-    KITTI_ROOT comes first, then data/kitti in the working folder and in the kit's folder.
+    If the environment variable KITTI_ROOT is set, it names the only one. Else they are those of
+    `KITTI_FOLDERS` that exist. Raises `DataError` if KITTI_ROOT names no KITTI folder: another data set in
+    its place would give other numbers without a word.
     """
-    candidates = [KITTI_FOLDER, PROJECT / KITTI_FOLDER]
     named = os.environ.get("KITTI_ROOT")
-    if named:
-        candidates.insert(0, Path(named))
-    roots: list[Path] = []
-    for candidate in candidates:
-        for step in STEPS_TO_ROOT:
-            root = (candidate / step).resolve()
-            if root not in roots and (root / "sequences").is_dir():
-                roots.append(root)
+    places = [Path(named)] if named else KITTI_FOLDERS
+    roots = list(dict.fromkeys(root for root in map(_root_at, places) if root))
+    if named and not roots:
+        raise DataError(f"KITTI_ROOT is {named}, without a folder `sequences`: correct or unset the variable")
     return roots
 
 
+def _root_at(place: Path) -> Path | None:
+    """The KITTI folder that a person names, if there is one: `place`, or `dataset` in it, as in the archives.
+
+    The person may also name the folder `sequences` itself.
+    """
+    for sequences in (place / "sequences", place / "dataset" / "sequences", place):
+        if sequences.name == "sequences" and sequences.is_dir():
+            return sequences.parent.resolve()
+    return None
+
+
 def kitti_root() -> Path:
-    """The first existing KITTI folder, or the path for a new KITTI folder."""
-    roots = kitti_roots()
-    if roots:
-        return roots[0]
-    return Path(os.environ.get("KITTI_ROOT") or PROJECT / KITTI_FOLDER)
+    """The first KITTI folder or, if there is none, the path for a new one, which KITTI_ROOT may name."""
+    named = os.environ.get("KITTI_ROOT")
+    if named:
+        return _root_at(Path(named)) or Path(named)
+    return next(iter(kitti_roots()), KITTI_FOLDERS[-1])
 
 
-def kitti_places() -> str:
-    """The existing KITTI folders, or the reason why there is none, for messages."""
-    roots = kitti_roots()
-    if not roots:
-        return f"{kitti_root()}, which has no folder `sequences`; set KITTI_ROOT"
-    return ", ".join(map(str, roots))
+def scene_folders(cache: Path | None = None) -> dict[str, Path]:
+    """Folders of the scenes by name, which may not be drawn yet; `cache` as in `known_folder`."""
+    return {f"{SYNTHETIC}{name}": scene_folder(config, cache) for name, config in SCENES.items()}
 
 
-def available() -> dict[str, Path | None]:
-    """Folders of sequences by name; None for a scene that is not drawn yet."""
-    folders: dict[str, Path | None] = {}
-    for name, config in SCENES.items():
-        folder = scene_folder(config)
-        folders[f"{SYNTHETIC}{name}"] = folder if is_drawn(folder) else None
+def _kitti_folders() -> dict[str, Path]:
+    """Folders of KITTI's sequences by name; raises as `kitti_roots`."""
+    folders: dict[str, Path] = {}
     for root in kitti_roots():
         for folder in sorted((root / "sequences").iterdir()):
             if has_images(folder):
                 folders.setdefault(f"{KITTI}{folder.name}", folder)
     return folders
+
+
+def available() -> dict[str, Path | None]:
+    """Folders of sequences by name; None for a scene that is not drawn yet. Raises as `kitti_roots`."""
+    scenes = {name: folder if is_drawn(folder) else None for name, folder in scene_folders().items()}
+    return scenes | _kitti_folders()
 
 
 def parse_sequences(text: str) -> list[str]:
@@ -86,69 +88,39 @@ def parse_sequences(text: str) -> list[str]:
         if numbers is None:
             names.append(item)
             continue
-        first = int(numbers[1])
-        last = int(numbers[2] or numbers[1])
-        if last < first or f"{last:02d}" not in EXPECTED_FRAMES:
+        chosen = range(int(numbers[1]), int(numbers[2] or numbers[1]) + 1)
+        if not chosen or f"{chosen[-1]:02d}" not in EXPECTED_FRAMES:
             raise DataError(
                 f"sequences {item}: expected numbers from 00 to 21, or a range such as 02-10",
                 remedy="sequences",
             )
-        names += [f"{KITTI}{number:02d}" for number in range(first, last + 1)]
+        names += [f"{KITTI}{number:02d}" for number in chosen]
     if not all(names):
         raise DataError(f"sequences {text!r}: expected names separated by commas", remedy="sequences")
     return names
 
 
 def known_folder(name: str, cache: Path | None = None) -> Path | None:
-    """Where the sequence of a name or a path is, without symbolic links, or where a scene will be drawn.
+    """Where the sequence of a name or a path is, or where a scene will be drawn; None for an unknown name.
 
-    Two names with one folder are one sequence. None for a name that nothing here has. `cache` : folder of
-    drawn scenes; by default the user's cache folder.
+    `cache` : folder of drawn scenes; by default the user's cache folder. Raises as `kitti_roots` if the name
+    is one of KITTI.
     """
     if Path(name).is_dir():
-        return Path(name).resolve()
-    scene_name = name.removeprefix(SYNTHETIC)
-    if name.startswith(SYNTHETIC) and scene_name in SCENES:
-        return scene_folder(SCENES[scene_name], cache).resolve()
-    folder = available().get(name)
-    return None if folder is None else folder.resolve()
+        return Path(name)
+    folders = _kitti_folders() if name.startswith(KITTI) else scene_folders(cache)
+    return folders.get(name)
 
 
-def _find_folder(name: str, cache: Path | None, progress: Progress | None) -> Path:
-    """The folder of the sequence with this name; a scene that is not in the cache is drawn."""
-    if name.startswith(SYNTHETIC):
-        return ensure_scene(name.removeprefix(SYNTHETIC), cache, progress, jobs=DRAWING_PROCESSES)
-    folders = available()
-    folder = folders.get(name)
-    if folder is None:
-        raise _not_found(name, folders)
-    return folder
-
-
-def _not_found(name: str, known: Collection[str]) -> DataError:
-    """The error for a name that is not among the `known` ones, with what the person probably meant."""
-    near = did_you_mean(name, known)
-    number = re.fullmatch(r"(?:kitti/)?0*(\d+)", name, re.ASCII | re.IGNORECASE)
-    if number is not None:
-        sequence = number[1].rjust(2, "0")
-        if sequence not in EXPECTED_FRAMES:
-            return DataError(
-                f"there is no sequence {name}: KITTI has the sequences 00 to {max(EXPECTED_FRAMES)}"
-            )
-        if f"{KITTI}{sequence}" not in known:
-            remedy = with_install_hint(f"to download the sequence: vo data get_kitti --sequences {sequence}")
-            return DataError(f"{KITTI}{sequence} was not found in {kitti_places()}; {remedy}")
-        near = f"did you mean {KITTI}{sequence}? "
+def _not_found(name: str) -> DataError:
+    """The error for an unknown name, with what the person probably meant."""
+    known = {*scene_folders(), *(f"{KITTI}{number}" for number in EXPECTED_FRAMES)} - {name}
+    near = did_you_mean(re.sub(r"\b(\d)$", r"0\1", name), known)
     if name.startswith(KITTI):
-        return DataError(f"the sequence {name} was not found; {near}looked in {kitti_places()}")
-    if Path(name).is_file():
-        video = f"for a video with both images side by side: vo data from_folder --video {name} --out DIR …"
-        expected = "expected a folder or a name from `vo list`"
-        return DataError(f"is a file: {expected}; {with_install_hint(video)}", name)
-    if Path(name).suffix.lower() in VIDEO_ENDINGS:
-        video = "a video with both images side by side is imported by: vo data from_folder --video FILE …"
-        return DataError(f"the file is missing; {with_install_hint(video)}", name)
-    return DataError(f"the folder is missing: {near}expected a folder or a name from `vo list`", name)
+        return DataError(f"{name} is not in {kitti_root()}: {near}`vo data get_kitti` downloads 00 to 21")
+    fault = "is a file" if Path(name).is_file() else "the folder is missing"
+    other = "`vo data from_folder` imports images and videos"
+    return DataError(f"{fault}: {near}expected a folder or a name from `vo list`; {other}", name)
 
 
 def open_sequence(
@@ -159,7 +131,8 @@ def open_sequence(
 ) -> Sequence:
     """A sequence by name ("kitti/07", "synthetic/traffic") or by the path of a folder in KITTI's layout.
 
-    A missing scene is drawn. Raises the errors of `open_folder`, and `DataError` for an unknown name.
+    A missing scene is drawn. Raises the errors of `open_folder`, `DataError` for an unknown name, and as
+    `kitti_roots` for a name of KITTI.
 
     Parameters
     ----------
@@ -167,8 +140,12 @@ def open_sequence(
     cache : folder of drawn scenes; by default the user's cache folder.
     progress : called while a scene is drawn.
     """
-    folder = Path(where)
     name = str(where)
-    if folder.is_dir():
+    folder = known_folder(name, cache)
+    if folder is None:
+        raise _not_found(name)
+    if Path(name).is_dir():
         return open_folder(folder, folder.resolve().name, labels)
-    return open_folder(_find_folder(name, cache, progress), name, labels)
+    if name.startswith(SYNTHETIC):
+        folder = ensure_scene(name.removeprefix(SYNTHETIC), cache, progress, jobs=DRAWING_PROCESSES)
+    return open_folder(folder, name, labels)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
-from ..data.catalogue import KITTI, SYNTHETIC, available
+from ..data.catalogue import KITTI, SYNTHETIC, available, known_folder
 from ..data.kitti import EXPECTED_FRAMES
 from ..data.scenes import TABLE_SCENES
 from ..data.sequence import Sequence
@@ -31,8 +31,7 @@ def default_sequences() -> list[str]:
 
 def split_missing(names: list[str]) -> tuple[list[str], list[str]]:
     """Names of available sequences, and of missing KITTI sequences; `DataError` if all are missing."""
-    folders = available()
-    missing = [name for name in names if name.startswith(KITTI) and name not in folders]
+    missing = [name for name in names if name.startswith(KITTI) and known_folder(name) is None]
     present = [name for name in dict.fromkeys(names) if name not in missing]
     if not present:
         raise DataError(f"none of the sequences is on this machine: {', '.join(missing)}; see `vo check`")
