@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import warnings
@@ -180,6 +181,29 @@ def test_masked_share_is_printed(bands: Path, done: Callable[..., str], rows: in
     mask[:rows] = 255
     cv2.imwrite(str(bands / "mask.png"), mask)
     assert words in " ".join(done("out", "--masks", str(bands / "mask.png")).split())
+
+
+@pytest.mark.usefixtures("pictures_not_drawn")
+@pytest.mark.parametrize("short", ["poses/05.txt", "poses.txt"])
+def test_commands_name_the_file_of_the_truth(
+    bands: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], short: str
+) -> None:
+    root, out = bands.parent / "root", bands.parent / "out"
+    folder = Path(shutil.copytree(bands, root / "sequences" / "05"))
+    truth = folder / "poses.txt"
+    if short != "poses.txt":
+        (root / "poses").mkdir()
+        truth = Path(shutil.copy(truth, root / "poses" / "05.txt"))
+    monkeypatch.setenv("KITTI_ROOT", str(root))
+    for command in (["run", "kitti/05", "--out", str(out), *SMALL["published"]], ["evaluate", str(out)]):
+        assert main(command) == 0
+        assert f"\ntruth: {truth}\n" in capsys.readouterr().out
+    assert read_json(out / "metrics.json")["truth"] == short
+    assert main(["evaluate", str(out), "--truth", str(folder / "poses.txt")]) == 0
+    assert f"\ntruth: {folder / 'poses.txt'}\n" in capsys.readouterr().out
+    assert main(["list"]) == 0
+    (row,) = [line for line in capsys.readouterr().out.splitlines() if "kitti/05" in line]
+    assert row.replace("│", "").split()[3] == short
 
 
 def test_run_without_truth_has_no_errors(bands: Path, done: Callable[..., str]) -> None:

@@ -83,7 +83,7 @@ def test_runs_and_files_are_compared_at_common_frames(runs: Path, tmp_path: Path
     sources = [tmp_path / name for name in ("a", "orb.txt", "orb.npy", "timed.txt")]
     result = evaluated(capsys, *sources)
     assert result["frames"] == 5
-    assert result["notes"] == ["Compared: 5 of 6 poses of bands."]
+    assert result["notes"] == [f"truth: {runs / 'bands' / 'poses.txt'}", "Compared: 5 of 6 poses of bands."]
     assert [each["name"] for each in result["systems"]] == [str(source) for source in sources]
     for each, percent in zip(result["systems"], (10, 20, 25, 30), strict=True):
         assert each["rpe"]["translation"]["rmse_m"] == pytest.approx(0.5 * percent / 100)

@@ -117,11 +117,12 @@ def _reference(sources: list[Path], files: dict[str, PoseFile], truth_file: Path
     """The truth of a file or of the sequence of the runs, or else the first path."""
     configs = [read_config(source) for source in sources if source.is_dir()]
     names = sorted({str(config["sequence"]) for config in configs})
-    if len(names) > 1 or len({config["folder"] for config in configs}) > 1:
+    if len(names) > 1 or len({Path(str(config["folder"])).resolve() for config in configs}) > 1:
         raise DataError(f"the runs are of several sequences ({', '.join(names)}): compare each alone")
     if truth_file is not None:
         file = read_poses(truth_file)
-        return _Reference(names[0] if names else truth_file.stem, file, is_truth=True)
+        name = names[0] if names else truth_file.stem
+        return _Reference(name, file, is_truth=True, notes=(f"truth: {truth_file}",))
     first = files[str(sources[0])]
     if not configs:
         return _Reference(str(sources[0]), first, is_truth=False)
@@ -136,7 +137,9 @@ def _reference(sources: list[Path], files: dict[str, PoseFile], truth_file: Path
         return _Reference(names[0], first, is_truth=False, notes=(note,))
     part = sequence.part(sequence.frames.index(start), sequence.frames.index(end) + 1)
     name = names[0] if len(part) == len(sequence) else f"{names[0]}, frames {int(start)}-{int(end)}"
-    return _Reference(name, PoseFile(part.times, part.true_poses), is_truth=True, is_part=part.is_part)
+    true_path = PoseFile(part.times, part.true_poses)
+    notes = (f"truth: {sequence.truth_file}",)
+    return _Reference(name, true_path, is_truth=True, is_part=part.is_part, notes=notes)
 
 
 def _pairs(reference: _Reference, file: PoseFile, name: str) -> tuple[Index, Index]:
