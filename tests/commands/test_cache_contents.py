@@ -29,7 +29,8 @@ from vo_lib.runs.earlier_seconds import write_seconds
 from vo_lib.runs.match_cache import CachedMatches, code_folder
 
 TINY = {"width": 160, "height": 64, "length": 2.0, "speed": 8.0}
-KILLS = pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+DRAWING = "data render_synthetic empty --jobs 1 --width 160 --height 64 --length 2 --speed 8"
+MATCHING = "run {bands} --keep-matches --out {out}"
 
 
 def drafts(folder: Path) -> list[str]:
@@ -56,35 +57,13 @@ def kill_with_draft(words: list[str], folder: Path) -> None:
     assert drafts(folder)
 
 
-@KILLS
-@pytest.mark.parametrize("cleans", [False, True], ids=["next start", "clean_cache"])
-def test_draft_of_a_killed_drawing_is_deleted(tmp_path: Path, cleans: bool) -> None:
-    words = ["data", "render_synthetic", "empty", "--cache", str(tmp_path), "--jobs", "1"]
-    for name, value in TINY.items():
-        words += [f"--{name}", str(value)]
-    kill_with_draft(words, tmp_path)
-    if cleans:
-        assert load("clean_cache")(["--cache", str(tmp_path)]) == 0
-        assert list(tmp_path.iterdir()) == []
-    else:
-        folder = ensure_scene(scene_config("empty", **TINY), tmp_path, jobs=1)
-        assert list(tmp_path.iterdir()) == [folder]
-        assert drafts(tmp_path) == []
-
-
-@KILLS
-@pytest.mark.parametrize("cleans", [False, True], ids=["next start", "clean_cache"])
-def test_draft_of_killed_matching_is_deleted(bands: Path, tmp_path: Path, cleans: bool) -> None:
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.parametrize("words", [DRAWING, MATCHING], ids=["drawing", "matching"])
+def test_draft_of_a_killed_command_is_deleted(bands: Path, tmp_path: Path, words: str) -> None:
     cache = tmp_path / "cache"
-    kill_with_draft(
-        ["run", str(bands), "--keep-matches", "--cache", str(cache), "--out", str(tmp_path / "out")], cache
-    )
-    if cleans:
-        assert load("clean_cache")(["--cache", str(cache)]) == 0
-    else:
-        CachedMatches(open_sequence(bands), preset("feature_selection"), cache).fill()
-        assert len(list(cache.rglob("*.npz"))) == 1
-    assert drafts(cache) == []
+    kill_with_draft([*words.format(bands=bands, out=tmp_path / "out").split(), "--cache", str(cache)], cache)
+    assert load("clean_cache")(["--cache", str(cache)]) == 0
+    assert not any(path.is_file() for path in cache.rglob("*"))
 
 
 def test_draft_in_use_is_kept(bands: Path, tmp_path: Path) -> None:

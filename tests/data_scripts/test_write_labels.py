@@ -7,7 +7,6 @@ import json
 import os
 import re
 import shutil
-import signal
 import subprocess
 import sys
 import threading
@@ -279,28 +278,6 @@ def test_second_detection_waits_for_the_first(
     first.join()
     assert "another process detects vehicles in these images" in " ".join(capsys.readouterr().out.split())
     assert len(texts(folder)) == 6
-
-
-@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
-def test_interruption_says_that_a_repetition_continues(bands: Path, model: Path, tmp_path: Path) -> None:
-    count = 1500  # enough to be interrupted in the middle
-    for side in ("image_0", "image_1"):
-        for number in range(6, count):
-            (bands / side / f"{number:06d}.png").symlink_to(bands / side / "000000.png")
-    (bands / "times.txt").write_text("".join(f"{number}\n" for number in range(count)), encoding="utf-8")
-    (bands / "poses.txt").unlink()
-    out = tmp_path / "labels"
-    command = [sys.executable, "-m", "vo_lib", "data", "write_labels", str(bands)]
-    command += ["--model", str(model), "--out", str(out)]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-    while len(list(out.glob("*.txt"))) < 3 and process.poll() is None:
-        time.sleep(0.001)
-    process.send_signal(signal.SIGINT)
-    _, error = process.communicate()
-    assert error == "vo data write_labels: interrupted; repeat the command to continue\n"
-    assert process.returncode == 130
-    assert 3 <= len(list(out.glob("*.txt"))) < count
-    assert not (out / ".lock").exists()
 
 
 def test_cached_labels_belong_to_one_detector(bands: Path, model: Path, tmp_path: Path) -> None:

@@ -6,9 +6,6 @@ import json
 import os
 import shutil
 import signal
-import subprocess
-import sys
-import time
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from contextlib import nullcontext
@@ -20,10 +17,8 @@ import pytest
 from conftest import small, write_bands
 
 from vo_lib import DataError, Sequence, open_sequence, run
-from vo_lib.commands.cli import main
 from vo_lib.data.poses import format_kitti_poses
 from vo_lib.files import file_sha256
-from vo_lib.runs.folder import is_finished
 from vo_lib.runs.jobs import MATCHING_FRAMES, Job, run_jobs
 
 FRAMES = 8
@@ -100,36 +95,6 @@ def test_jobs_share_matches_and_hashes(
     outcomes = run_jobs(jobs, cache=tmp_path / "cache")
     assert [outcome.error for outcome in outcomes] == [None] * 4
     assert (len(decoded), len(hashed)) == (FRAMES, 2 * FRAMES)
-
-
-def count_runs(folder: Path) -> int:
-    """Number of finished runs; drafts that are renamed meanwhile do not disturb `os.walk`."""
-    return sum("config.json" in files for _, _, files in os.walk(folder))
-
-
-@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
-def test_killed_table_resumes_to_the_same_bytes(two: list[Sequence], tmp_path: Path) -> None:
-    words = ["sweep", "--sequence", str(two[0].folder), "--method", "mesvo_f", "--seeds", "4"]
-    words += ["--set", "selection.sets=10,20,30", "--cache", str(tmp_path / "cache")]
-    out = tmp_path / "out"
-    command = [sys.executable, "-m", "vo_lib", *words, "--out", str(out), "--jobs", "2"]
-    quiet = subprocess.DEVNULL
-    process = subprocess.Popen(command, stdout=quiet, stderr=quiet, start_new_session=True)
-    while count_runs(out) < 3 and process.poll() is None:
-        time.sleep(0.001)
-    os.killpg(process.pid, signal.SIGKILL)
-    assert process.wait() == -signal.SIGKILL, "the table was done before it could be killed"
-    finished = {
-        path: path.stat().st_mtime_ns for path in out.rglob("config.json") if is_finished(path.parent)
-    }
-    assert finished
-    assert main([*words, "--out", str(out)]) == 0
-    assert main([*words, "--out", str(tmp_path / "whole")]) == 0
-    assert {path: path.stat().st_mtime_ns for path in finished} == finished
-    paths = [path.relative_to(out) for path in out.rglob("poses*.txt")]
-    assert len(paths) == 24  # two formats
-    for path in paths:
-        assert (out / path).read_bytes() == (tmp_path / "whole" / path).read_bytes()
 
 
 def test_bad_image_fails_its_sequence_only(two: list[Sequence], tmp_path: Path) -> None:
