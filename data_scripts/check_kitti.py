@@ -15,7 +15,7 @@ import argparse
 from pathlib import Path
 
 from fetch.kitti_check import SequenceReport, check_tree, parse_numbers
-from vo_lib.commands.console import print_lines, print_wrapped, reporting, typed
+from vo_lib.commands.console import print_lines, print_wrapped, reporting
 from vo_lib.data.catalogue import kitti_root, kitti_roots
 from vo_lib.errors import DataError
 
@@ -33,7 +33,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Check the sequences; print the result and the commands that fetch missing files."""
     root: Path = options.root or next(iter(kitti_roots()), kitti_root())
-    get = typed(f"vo data get_kitti --root {root}")
+    get = f"vo data get_kitti --root {root}"
     names = None if options.sequences is None else parse_numbers(options.sequences)
     if names is None and not root.is_dir():
         raise DataError(f"the folder is missing; create it with {get} --sequences 07,04", root)

@@ -39,7 +39,7 @@ from fetch.rectification import Size
 from fetch.stereo_calibration import UNITS, RectifiedRig, centre_warning, rig_from_numbers
 from fetch.stereo_import import check_source, require_new, write_sequence
 from fetch.stereo_sources import MAX_DELAY_S, Drive, FolderSource, Source, VideoSource, pair_images
-from vo_lib.commands.console import print_lines, print_wrapped, reporting, typed
+from vo_lib.commands.console import print_lines, print_wrapped, reporting
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.imports import remember_import
 from vo_lib.data.kitti import read_times
@@ -131,7 +131,7 @@ def run(options: argparse.Namespace) -> int:
     print_lines(
         f"{count} pairs of {camera.width}×{camera.height}, f {camera.f:.1f} px, centre {camera.cx:.1f},"
         f"{camera.cy:.1f}, baseline {camera.baseline:.3f} m, {truth}",
-        "next: " + typed(f"vo run {options.out} --out runs/{options.out.name}"),
+        f"next: vo run {options.out} --out runs/{options.out.name}",
     )
     return 0
 

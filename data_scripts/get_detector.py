@@ -25,7 +25,7 @@ from fetch.detectors import (
     register_detector,
 )
 from fetch.download import confirm, format_bytes
-from vo_lib.commands.console import print_lines, print_wrapped, reporting, show_table, typed
+from vo_lib.commands.console import print_lines, print_wrapped, reporting, show_table
 from vo_lib.detection.model_files import external_names
 from vo_lib.detection.models import MODELS, ULTRALYTICS, detector_folder, list_detectors
 from vo_lib.detection.yolo import YoloDetector
@@ -59,7 +59,7 @@ def run(options: argparse.Namespace) -> int:
     elif Path(options.name).is_file():
         path = Path(options.name)
         name = path.stem if NAME.fullmatch(path.stem) else "mine"
-        command = typed(shlex.join(["vo", "data", "get_detector", name, "--from", str(path)]))
+        command = shlex.join(["vo", "data", "get_detector", name, "--from", str(path)])
         raise DataError(f"is a file, expected a name; to register the file: {command}", path)
     elif ULTRALYTICS.fullmatch(options.name):
         words, commands = how_to_export(options.name)
@@ -87,9 +87,9 @@ def show_detectors(folder: Path) -> None:
     print_wrapped(f"detectors in {folder}")
     show_table(["name", "size", "about", "state"], rows, numbers=False)
     print_wrapped(
-        f"`{typed(f'vo data get_detector {PAPERS_DETECTOR}')}` says how to export YOLOv8; the same goes for "
+        f"`vo data get_detector {PAPERS_DETECTOR}` says how to export YOLOv8; the same goes for "
         "yolo11n, yolo26n, rtdetr-l and Ultralytics' other models. Your own ONNX file: "
-        f"`{typed('vo data get_detector NAME --from FILE')}`, or give its path to --detector."
+        "`vo data get_detector NAME --from FILE`, or give its path to --detector."
     )
 
 

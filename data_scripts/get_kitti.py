@@ -40,7 +40,7 @@ from fetch.kitti_check import parse_numbers
 from fetch.kitti_part import drive_archives, parse_drive, select_frames, write_drive_tables
 from fetch.zip_archives import Archives, Member
 from vo_lib.commands.common import parse_frames, parse_whole
-from vo_lib.commands.console import print_lines, print_wrapped, reporting, typed
+from vo_lib.commands.console import print_lines, print_wrapped, reporting
 from vo_lib.data.catalogue import kitti_root
 from vo_lib.data.kitti import EXPECTED_FRAMES, PART
 from vo_lib.errors import DataError
@@ -139,7 +139,7 @@ def fetch_missing(root: Path, sequences: set[str], jobs: int, options: argparse.
             note = write_drive_tables(folder)
             if note:
                 print_wrapped(f"note: {note}")
-    print_lines("done; to check the files: " + typed(f"vo data check_kitti --root {root}"))
+    print_lines(f"done; to check the files: vo data check_kitti --root {root}")
     return 0
 
 

@@ -16,7 +16,6 @@ from pathlib import Path
 from packaging.requirements import Requirement
 
 from vo_lib.commands.cli import make_parser
-from vo_lib.commands.console import REMEDIES
 
 ROOT = Path(__file__).resolve().parents[1]
 LIBRARY = ROOT / "vo_lib"
@@ -254,63 +253,6 @@ def test_no_two_modules_have_one_name() -> None:
         folders = {Path(path).parent for path in shared[stem]} - {COURSE.relative_to(ROOT)}
         assert {folder.parent for folder in folders} == {COURSE.relative_to(ROOT)}, shared[stem]
     assert {Path(path).parts[0] for path in shared["settings"]} == {"vo_lib"}
-
-
-# Who speaks of the options of `vo`: the commands, and what they print or write as pages.
-NAMES_OPTIONS = {"commands", "report"}
-OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
-# Elsewhere, an option is part of a whole command, or it belongs to something else than `vo`.
-NO_OPTION_OF_VO = {
-    "data/kitti.py": "the content of part.txt, which is the line that was typed",
-    "data/poses.py": "evo, which converts pose files",
-    "detection/outputs.py": "the export of a network",
-    "detection/yolo.py": "the export of a network",
-    "runs/identity.py": "git",
-}
-
-
-def test_only_commands_and_reports_speak_of_options() -> None:
-    naming = {
-        path.relative_to(LIBRARY).as_posix()
-        for path in LIBRARY.rglob("*.py")
-        if package_of(path) not in NAMES_OPTIONS and any(map(names_option, spoken(path)))
-    }
-    assert naming == NO_OPTION_OF_VO.keys()
-
-
-def names_option(text: str) -> bool:
-    """Whether a text names an option that is not part of a command such as `vo run --variant kit`."""
-    return any("vo " not in text[: found.start()] for found in OPTION.finditer(text))
-
-
-def spoken(path: Path) -> list[str]:
-    """The texts in the code of a file, without docstrings; values stand as "…" in formatted ones."""
-    texts = []
-    inside = set[ast.AST]()  # docstrings, and the parts of formatted texts
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Expr):
-            inside.add(node.value)
-        elif isinstance(node, ast.JoinedStr):
-            inside.update(node.values)
-            parts = [part.value if isinstance(part, ast.Constant) else "…" for part in node.values]
-            texts.append("".join(map(str, parts)))
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node not in inside:
-            texts.append(node.value)
-    return texts
-
-
-def test_the_commands_know_what_to_type_for_every_remedy() -> None:
-    remedies = set[str]()
-    for path in LIBRARY.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if (
-                isinstance(node, ast.keyword)
-                and node.arg == "remedy"
-                and isinstance(node.value, ast.Constant)
-            ):
-                remedies.add(str(node.value.value))
-    assert {"part", "sequences"} <= remedies
-    assert remedies - {""} <= REMEDIES.keys()
 
 
 def test_library_does_not_import_course_scripts_or_pyplot() -> None:

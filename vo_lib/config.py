@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any, Literal, TypeVar, overload
 
 from . import settings
-from .errors import DataError, did_you_mean, shorten
+from .errors import DataError, did_you_mean
 from .kit.settings import KitConfig, KitFilterConfig, KitSelectionConfig
 from .paper.settings import BucketConfig, FilterConfig, MethodConfig, PublishedConfig, SelectionConfig
 
@@ -71,7 +71,7 @@ def preset(method: str, *, variant: str = "published", seed: int = 0) -> MethodC
     config_class(variant)  # refuses an unknown variant
     methods = VARIANTS[variant]
     if method in METHODS and method not in methods:
-        raise DataError(f"{method} is not in the paper, only in variant kit", remedy="variant kit")
+        raise DataError(f"{method} is not in the paper, only in variant kit: add --variant kit")
     if method not in methods:
         near = did_you_mean(method, methods)
         raise DataError(f"unknown method {method!r}: {near}the methods are {', '.join(methods)}")
@@ -88,29 +88,7 @@ def config_class(variant: str) -> type[MethodConfig]:
 def change(config: AnyConfig, name: str, value: Any) -> AnyConfig:
     """A copy of a configuration in which the setting with this dotted name has a new, checked value.
 
-    Raises `DataError` for an unknown name or a value out of range. The message names the other variant if
-    only the other variant has the setting or the value.
+    Raises `DataError` for an unknown name, with the nearest valid one, or for a value out of range.
     """
-    try:
-        changed: AnyConfig = settings.replace(config, name, value)
-    except DataError as error:
-        raise _better_error(error, config, name, value) from None
+    changed: AnyConfig = settings.replace(config, name, value)
     return changed
-
-
-def _better_error(error: DataError, config: MethodConfig, name: str, value: Any) -> DataError:
-    """The most helpful error for a setting that a configuration has refused with `error`.
-
-    If the other variant would take it, the error says so. If neither takes it, the error is from the variant
-    that knows the name, and tells what it expects.
-    """
-    own_names = {item.name for item in settings.declared(type(config))}
-    other = "published" if config.variant == "kit" else "kit"
-    try:
-        settings.replace(CONFIG_CLASSES[other](), name, value)
-    except DataError as error_of_other:
-        return error if name in own_names else error_of_other
-    # Both variants may have a setting, of which only one knows the value.
-    kind = "value" if name in own_names else "setting"
-    text = f"{name} {shorten(settings.as_typed(value))} is a {kind} of the other variant"
-    return DataError(text, remedy=f"variant {other}")

@@ -7,18 +7,8 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
-MAX_TYPED = 80  # largest number of characters that a message shows of a typed value
+_LONG_WORD = re.compile(r"(\S{40})\S{40,}(\S{40})")  # a message shows both its ends
 _PREFIX = re.compile("^(--|.*/)")  # what options, and sequences such as kitti/07, have before their name
-
-
-def shorten(text: str) -> str:
-    """A text of at most `MAX_TYPED` characters: of a longer text, the middle is left out."""
-    gap = " … "
-    if len(text) <= MAX_TYPED:
-        return text
-    end = (MAX_TYPED - len(gap)) // 2
-    beginning = MAX_TYPED - len(gap) - end
-    return text[:beginning] + gap + text[-end:]
 
 
 class DataError(Exception):
@@ -29,23 +19,16 @@ class DataError(Exception):
 
     Parameters
     ----------
-    message : the fault, and what is expected.
+    message : the fault, and what is expected; a word of more than 120 characters loses its middle.
     path, line : the file and the line at fault; without a file, the line does not matter.
-    remedy : what would help, as a key of `commands.console.REMEDIES` ("fresh", "variant kit", …), which says
-        how to type it; "" for none.
     """
 
-    def __init__(
-        self, message: str, path: str | Path | None = None, line: int | None = None, *, remedy: str = ""
-    ):
-        self.remedy = remedy
-        if path is None:
-            text = message
-        elif line is None:
-            text = f"{path}: {message}"
-        else:
-            text = f"{path}, line {line}: {message}"
-        super().__init__(text.replace("\n", " "))
+    def __init__(self, message: str, path: str | Path | None = None, line: int | None = None):
+        text = _LONG_WORD.sub(r"\1…\2", message)
+        if path is not None:
+            place = str(path) if line is None else f"{path}, line {line}"
+            text = f"{place}: {text}"
+        super().__init__("".join(letter if letter.isprintable() else " " for letter in text))
 
 
 def did_you_mean(name: str, names: Iterable[str]) -> str:

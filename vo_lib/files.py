@@ -281,7 +281,7 @@ def written_together(
     except OSError as error:
         raise DataError(f"cannot be written: {error.strerror}", folder) from error
     except DataError as error:
-        raise DataError(str(error).replace(str(draft), str(folder)), remedy=error.remedy) from error
+        raise DataError(str(error).replace(str(draft), str(folder))) from error
     finally:
         shutil.rmtree(draft, ignore_errors=True)
 

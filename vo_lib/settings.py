@@ -14,7 +14,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from .errors import DataError, did_you_mean, shorten
+from .errors import DataError, did_you_mean
 
 # Pattern of each item of a setting that is a list: what can be typed between two commas.
 WORD_OF_LIST = r"[^\s,-][^,\n]{0,99}"
@@ -108,7 +108,7 @@ class Setting:
                 return None
             return kind(raw)
         except (KeyError, ValueError):
-            raise DataError(f"{self.name}: {shorten(repr(raw))} is not {self.describe()}") from None
+            raise DataError(f"{self.name}: {raw!r} is not {self.describe()}") from None
 
     def check(self, value: Any) -> None:
         """Raise `DataError` unless the value has the declared type, range and choices."""
@@ -116,7 +116,7 @@ class Setting:
         if self.pattern and _items(value) == ():
             raise DataError(f"{self.name} is empty, expected {self.describe()}")
         if not self._has_declared_form(value) or not all(self._allows(item) for item in _items(value)):
-            raise DataError(f"{self.name}: {shorten(repr(self._shown(value)))} is not {self.describe()}")
+            raise DataError(f"{self.name}: {self._shown(value)!r} is not {self.describe()}")
 
     def _has_declared_form(self, value: Any) -> bool:
         """Whether a value is a list where the default is a list, and a single value where it is none."""
@@ -216,18 +216,18 @@ def replace(config: Any, name: str, value: Any) -> Any:
     """A copy of nested settings in which the setting with this dotted name has a new, checked value."""
     items = {item.name: item for item in declared(type(config))}
     if name not in items:
-        raise _no_such_setting(name, items)
+        raise _no_such_setting(type(config), name, items)
     items[name].check(value)
     head, _, rest = name.partition(".")
     changed = replace(getattr(config, head), rest, value) if rest else value
     return dataclasses.replace(config, **{head: changed})
 
 
-def _no_such_setting(name: str, names: Iterable[str]) -> DataError:
+def _no_such_setting(cls: type, name: str, names: Iterable[str]) -> DataError:
     """The error for an unknown name, with the nearest of the known ones."""
-    text = f"{shorten(name)}: there is no such setting"
-    question = did_you_mean(name, names)
-    return DataError(f"{text}; {question.rstrip()}" if question else text)
+    near = did_you_mean(name, names)
+    hint = f"; {near.rstrip()}" if near else ""
+    return DataError(f"{name} is no setting of {cls.__name__}{hint}")
 
 
 def value_of(config: Any, name: str) -> Any:
@@ -258,7 +258,7 @@ def from_dict(cls: Any, data: dict[str, Any]) -> Any:
     values = dict[str, Any]()
     for name, value in data.items():
         if name not in hints:
-            raise _no_such_setting(name, hints)
+            raise _no_such_setting(cls, name, hints)
         if dataclasses.is_dataclass(hints[name]):
             values[name] = from_dict(hints[name], value)
         elif isinstance(value, list):

@@ -199,23 +199,23 @@ def test_no_motion_leads_across_a_gap(
     monkeypatch.setenv("KITTI_ROOT", str(root))
     sequence = open_folder(root / "sequences" / "06", "kitti/06")
     words = "kitti/06 has the frames 1:4, 8:10 with a gap between, and no motion leads across a gap: "
-    words += "choose part 0:3 or 3:5, counted from 0"
-    with pytest.raises(DataError, match=f"{words}$"):  # `run` in Python has no options
+    words += "choose --frames 0:3 or 3:5, counted from 0"
+    with pytest.raises(DataError, match=f"{words}$"):
         run_methods(sequence, {"": preset("feature_selection")})
     capsys.readouterr()
     sweep = ["sweep", "--sequence", "kitti/06", "--set", "selection.sets=5,6"]
     for command in (["run", "kitti/06"], sweep, ["reproduce", "--sequences", "06"]):
         assert main([*command, "--out", str(tmp_path / "out")]) == 2
-        assert f"{words}, with --frames" in " ".join(capsys.readouterr().err.split())
+        assert words in " ".join(capsys.readouterr().err.split())
         # What to type counts in the whole sequence, also if the command has a part already.
         assert main([*command, "--frames", "1:5", "--out", str(tmp_path / "out")]) == 2
-        assert "choose part 1:3 or 3:5, counted" in " ".join(capsys.readouterr().err.split())
+        assert "choose --frames 1:3 or 3:5, counted" in " ".join(capsys.readouterr().err.split())
     assert main(["list"]) == 0
     length = 2 * 2 + 2  # metres, without the step across the gap
     assert re.search(rf"kitti/06 +│ +5 +│ +{length} ", capsys.readouterr().out)
     for piece in sequence.pieces:
         sequence.part(piece.start, piece.stop).require_unbroken()
-    with pytest.raises(DataError, match="choose part 0:2 or 2:4"):
+    with pytest.raises(DataError, match="choose --frames 0:2 or 2:4"):
         sequence.part(1, 5).require_unbroken()
 
 

@@ -58,7 +58,7 @@ def main(words: Items[str] | None = None) -> int:
             code = int(options.command(options))
             print(end="", flush=True)  # a closed output pipe raises its error here
         except ENDINGS as error:
-            return exit_code("vo", error, words)
+            return exit_code("vo", error)
     for warning in raised:
         line = f"vo: warning: {warning.message} ({warning.filename}:{warning.lineno})"
         print(as_shown(line, sys.stderr), file=sys.stderr)

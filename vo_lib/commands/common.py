@@ -43,7 +43,6 @@ if TYPE_CHECKING:
 BOTH = "both"
 DEFAULT_METHOD = "feature_selection"
 DEFAULT_VARIANT = "published"
-REPLACE_RUNS = "fresh runs"  # the remedy of `console.REMEDIES` where a folder has other runs
 # The masked share is measured in so many masks: reading one takes 2.5 ms, and a sequence may have thousands.
 MASKS_MEASURED = 20
 
@@ -327,7 +326,6 @@ def run_with_options(
         fresh=options.fresh,
         durations=durations,
         estimated=lambda seconds, again: print_rest(seconds, durations, again),
-        remedy=REPLACE_RUNS,
     )
 
 

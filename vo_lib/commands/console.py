@@ -7,21 +7,16 @@ declared settings; progress bars, tables and sentences in the terminal.
 from __future__ import annotations
 
 import argparse
-import itertools
 import os
-import re
-import shlex
-import shutil
 import sys
 import textwrap
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO, TypeVar
 
 from ..checkout import checkout_folder, kit_folder_text
-from ..errors import MAX_TYPED, DataError, did_you_mean, shorten
+from ..errors import DataError, did_you_mean
 from ..report.breaking import GLUE, glued
 from ..settings import Setting, as_typed, declared
 from .table_layout import fitting_parts
@@ -33,19 +28,8 @@ if TYPE_CHECKING:
     from ..geometry.types import Progress
     from ..report.page import ReportTable
 
-SETTINGS_PAGE = "--help-settings"  # the option that lists a command's settings
 # Exceptions that end a command without a traceback.
 ENDINGS = (DataError, OSError, MemoryError, KeyboardInterrupt)
-# How the end of a message says what to type, by the remedy of a `DataError`.
-REMEDIES = {
-    "part": ", with --frames",
-    "sequences": " (option --sequences)",
-    "fresh": ", or replace the run with --fresh",
-    "fresh runs": " with --out, or replace the runs with --fresh",
-    "replace": ", or add --replace",
-    "variant kit": ": add --variant kit",
-    "variant published": ": add --variant published",
-}
 LOG_PERIOD_S = 60.0  # period of the progress lines without a terminal
 SPEED_PERIOD_S = 180.0  # time over which a progress bar averages the speed
 USUAL_WIDTH = 80  # characters of a line where there is no terminal
@@ -58,123 +42,41 @@ OptionGroup = argparse._ActionsContainer  # a parser, or a group of its options
 class OneLineParser(argparse.ArgumentParser):
     """A parser that reports a wrong option in one line, with the nearest valid option, and exit code 2."""
 
-    _words: Sequence[str] = ()  # those that are parsed: argparse calls `error` without them
-
     def __init__(self, **parameters: Any):
         super().__init__(allow_abbrev=False, **parameters)  # an abbreviation may be a misspelt option
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse the arguments as the base class does; an unknown argument is an error."""
-        self._words = sys.argv[1:] if args is None else list(args)
         options, unknown = super().parse_known_args(args, namespace)
         if unknown:
-            self.error(f"unrecognized arguments: {shorten(' '.join(unknown))}")
+            near = did_you_mean(unknown[0].partition("=")[0], self._option_string_actions)
+            hint = f"; {near.rstrip()}" if near else ""
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{hint}")
         return options, unknown
 
     def error(self, message: str) -> NoReturn:
-        """Print the message in one line, with the nearest option, and exit."""
-        unknown = self._unknown_option()
-        hint = self._hint_on(unknown) if unknown else ""
-        if not hint:
-            hint = self._comma_hint(message)
-        is_setting = "." in unknown  # such as --selection.sets
-        page = SETTINGS_PAGE if is_setting and SETTINGS_PAGE in self._option_string_actions else "--help"
-        text = one_line(message, self._words)
-        line = f"{self.prog}: error: {text}{hint} (see {self.prog} {page})"
+        """Print the message in one line, and exit."""
+        line = f"{self.prog}: error: {DataError(message)} (see {self.prog} --help)"
         self.exit(2, f"{as_shown(line, sys.stderr)}\n")
 
-    def _hint_on(self, unknown: str) -> str:
-        """What an unknown option probably is: the nearest option, or what the command says of unknown ones.
 
-        A command sets that sentence by `set_defaults(hint_on_unknown=…)`; "" without one.
-        """
-        hint = did_you_mean(unknown, self._option_string_actions) or self.get_default("hint_on_unknown")
-        return f"; {hint.rstrip()}" if hint else ""
-
-    def _unknown_option(self) -> str:
-        """The first option that the parser does not have, such as "--seed"; "" if there is none."""
-        for word in self._words:
-            if word == "--":  # what follows are no options of this parser
-                break
-            name = word.partition("=")[0]
-            if name.startswith("--") and name not in self._option_string_actions:
-                return name
-        return ""
-
-    def _comma_hint(self, message: str) -> str:
-        """For values that are separated by blanks instead of commas: how to type them; otherwise ""."""
-        _, _, unknown_words = message.partition("unrecognized arguments: ")
-        unknown = unknown_words.split()
-        if not unknown:
-            return ""
-        words = list(self._words)
-        for place, word in enumerate(words[:-2]):
-            option = self._option_string_actions.get(word)
-            if option is None or "," not in str(option.metavar):
-                continue
-            # argparse has taken the first value, and does not know the others.
-            values = _up_to_next_option(words[place + 1 :])
-            others = values[1:]
-            if others and others == unknown[: len(others)]:
-                return f"; separate the values of {word} by commas: {','.join(values)}"
-        return ""
-
-
-def _up_to_next_option(words: list[str]) -> list[str]:
-    """The words before the first one that begins as an option."""
-    return list(itertools.takewhile(lambda word: not word.startswith("-"), words))
-
-
-def one_line(message: str, words: Iterable[str]) -> str:
-    """A message as one printable line, in which nothing that was typed has more than `MAX_TYPED` characters.
-
-    words : the arguments of the command. Of a longer argument, or a long part of one, the middle is left out.
-    """
-    text = " ".join(message.split())
-    parts = set[str]()
-    for word in words:
-        parts.update([word, *re.split(r"[=,;:/\s]", word)])
-    too_long = [part for part in parts if len(part) > MAX_TYPED]
-    for part in sorted(too_long, key=len, reverse=True):  # a part of another one comes after it
-        # A message may have it as typed, without its line breaks, as `repr` writes it, or in quotes.
-        for form in (part, " ".join(part.split()), repr(part)[1:-1], shlex.quote(part)):
-            text = text.replace(form, shorten(form))
-    return "".join(letter if letter.isprintable() else "?" for letter in text)
-
-
-def _what_to_type(error: DataError, words: Sequence[str]) -> str:
-    """The end of an error's message: its remedy, for a command with these arguments; "" without one."""
-    text = REMEDIES.get(error.remedy, "")
-    has_config = any(word.split("=")[0] == "--config" for word in words)
-    if has_config and error.remedy.startswith("variant "):  # --config decides on the variant
-        text += ", and omit --config"
-    return text
-
-
-def exit_code(program: str, error: BaseException, words: Sequence[str] = ()) -> int:
+def exit_code(program: str, error: BaseException) -> int:
     """Print the message of an exception of `ENDINGS` to stderr, and return the exit code.
 
     Code 2: bad input, or an error of the system; 130: Ctrl-C; 1, without a message: a closed output pipe.
-    `words` : the arguments of the command, on which the message depends.
     """
     if isinstance(error, BrokenPipeError):
         # At its end, Python writes the rest of its buffer, here to the null device.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    text = str(error)
-    if isinstance(error, DataError):
-        text += _what_to_type(error, words)
     if isinstance(error, KeyboardInterrupt):
-        line = f"{program}: interrupted; {text}" if text else f"{program}: interrupted"
-        print(as_shown(line, sys.stderr), file=sys.stderr)
+        text = "; ".join(["interrupted", *error.args])
+        print(as_shown(f"{program}: {text}", sys.stderr), file=sys.stderr)
         return 130
     if isinstance(error, OSError):
-        text = str(error.strerror or error)
-        if error.filename is not None:
-            text = f"{error.filename}: {text}"
-    if isinstance(error, MemoryError):
-        text = "out of memory"
-    print(as_shown(f"{program}: error: {one_line(text, words)}", sys.stderr), file=sys.stderr)
+        error = DataError(str(error.strerror or error), error.filename)
+    text = "out of memory" if isinstance(error, MemoryError) else str(error)
+    print(as_shown(f"{program}: error: {text}", sys.stderr), file=sys.stderr)
     return 2
 
 
@@ -187,17 +89,9 @@ def continues_when_repeated() -> Iterator[None]:
         raise KeyboardInterrupt("repeat the command to continue") from None
 
 
-def typed(command: str) -> str:
-    """A command `vo …` for this shell, with the program's path if `vo` is not on the search path."""
-    program = Path(sys.argv[0])
-    if program.stem != "vo" or shutil.which("vo"):
-        return command
-    return shlex.quote(str(program)) + command.removeprefix("vo")
-
-
 def steps(commands: Mapping[str, str]) -> str:
-    """Commands for this shell, each followed by a line with its purpose."""
-    return "".join(f"\n  {typed(command)}\n      {text}" for command, text in commands.items())
+    """Commands, each followed by a line with its purpose."""
+    return "".join(f"\n  {command}\n      {text}" for command, text in commands.items())
 
 
 def install(extra: str = "") -> str:

@@ -68,4 +68,4 @@ def run_script(script: ModuleType, words: Sequence[str] | None = None) -> int:
     try:
         return int(script.run(options))
     except ENDINGS as error:
-        return exit_code(parser.prog, error, sys.argv[1:] if words is None else words)
+        return exit_code(parser.prog, error)

@@ -74,7 +74,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     only.add_argument("--hand-in", nargs="?", const="", metavar="ZIP", help=text)
     parser.add_argument("--teacher", action="store_true", help="copy solutions and teaching notes, too")
     parser.add_argument("jupyter", nargs="*", metavar="-- OPTION", help="options for JupyterLab")
-    parser.set_defaults(command=_lab, hint_on_unknown="JupyterLab's options follow --")
+    parser.set_defaults(command=_lab)
 
 
 def _lab(options: argparse.Namespace) -> int:

@@ -98,7 +98,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     text = "draw a film of feature_selection on each sequence, with the first seed, for the report"
     option("--films", action="store_true", help=text)
     close_loops.add_loops(parser)
-    parser.set_defaults(command=reproduce, hint_on_unknown="--set NAME=VALUE changes a threshold")
+    parser.set_defaults(command=reproduce)
 
 
 @dataclass(frozen=True)
@@ -222,7 +222,7 @@ def _do_runs(
     opener = vehicle_boxes.Opener(sequences, options, durations)
     if not options.fresh:  # another detector is refused before it detects
         undetected = _plan(table, folder, opener.names, opener.undetected)
-        refuse_other_runs(jobs_of(undetected), opener.detector_of, common.REPLACE_RUNS)
+        refuse_other_runs(jobs_of(undetected), opener.detector_of)
     cells = _plan(table, folder, opener.names, opener)  # detects all boxes, which may take minutes
     jobs = jobs_of(cells)
     if options.films:

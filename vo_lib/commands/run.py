@@ -45,7 +45,6 @@ from ..runs.match_cache import CachedMatches
 from ..runs.run_quality import path_lost, warnings_of
 from . import close_loops, common, vehicle_boxes
 from .console import (
-    SETTINGS_PAGE,
     add_option,
     from_options,
     print_notes,
@@ -100,9 +99,8 @@ def add(parser: argparse.ArgumentParser) -> None:
     text = f"draw a film ({FILM_ENDING}) of features, boxes and path; a report shows the films of its runs"
     option("--video", type=Path, metavar="FILE", help=text)
     close_loops.add_loops(parser)
-    option(
-        SETTINGS_PAGE, action="store_true", help="list the options for all thresholds; they override --config"
-    )
+    text = "list the options for all thresholds; they override --config"
+    option("--help-settings", action="store_true", help=text)
     for item in [*SETTINGS.values(), *DETECTOR_SETTINGS, *close_loops.LOOP_SETTINGS]:
         add_option(parser, item, item.name, shown=False)  # not in the short help
     option(FORMER_CLASSES, help=argparse.SUPPRESS)
@@ -310,7 +308,7 @@ def _read_calibration(options: argparse.Namespace, config: MethodConfig) -> Cali
     if options.calibration is None:
         return None
     if config.variant == "published":
-        raise DataError("--calibration: the paper uses calib.txt unchanged", remedy="variant kit")
+        raise DataError("--calibration: the paper uses calib.txt unchanged: add --variant kit")
     from ..kit.calibration import read_learnt_calibration
 
     return read_learnt_calibration(options.calibration)

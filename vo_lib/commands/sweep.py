@@ -64,7 +64,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     vehicle_boxes.add_detector(parser, " in sequences whose images do not all have labels")
     common.add_many(parser)
     option("--out", default="runs/sweep", metavar="DIR", help="folder for the results; default %(default)s")
-    parser.set_defaults(command=_sweep, hint_on_unknown="--set gives the values of a threshold")
+    parser.set_defaults(command=_sweep)
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ def _sweep(options: argparse.Namespace) -> int:
             undetected = planned_jobs(
                 opener.names, grid.bases, grid.axes, grid.seeds, folder, opener.undetected
             )
-            refuse_other_runs(undetected, opener.detector_of, common.REPLACE_RUNS)
+            refuse_other_runs(undetected, opener.detector_of)
         _print_remarks_on_boxes(_detect_boxes(grid, opener))
         stack.enter_context(only_process(folder))
         with reporting(f"{', '.join(opener.names)}; {', '.join(grid.bases)}") as report:

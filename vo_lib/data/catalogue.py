@@ -90,13 +90,10 @@ def parse_sequences(text: str) -> list[str]:
             continue
         chosen = range(int(numbers[1]), int(numbers[2] or numbers[1]) + 1)
         if not chosen or f"{chosen[-1]:02d}" not in EXPECTED_FRAMES:
-            raise DataError(
-                f"sequences {item}: expected numbers from 00 to 21, or a range such as 02-10",
-                remedy="sequences",
-            )
+            raise DataError(f"--sequences {item}: expected numbers from 00 to 21, or a range such as 02-10")
         names += [f"{KITTI}{number:02d}" for number in chosen]
     if not all(names):
-        raise DataError(f"sequences {text!r}: expected names separated by commas", remedy="sequences")
+        raise DataError(f"--sequences {text!r}: expected names separated by commas")
     return names
 
 

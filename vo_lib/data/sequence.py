@@ -111,8 +111,7 @@ class Sequence:
             parts.append(f"{first + piece.start}:{first + piece.stop}")
         raise DataError(
             f"{self.name} has the frames {', '.join(numbers)} with a gap between, and no motion leads across "
-            f"a gap: choose part {' or '.join(parts)}, counted from 0",
-            remedy="part",
+            f"a gap: choose --frames {' or '.join(parts)}, counted from 0"
         )
 
     @property

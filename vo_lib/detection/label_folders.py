@@ -484,9 +484,8 @@ def _refuse_other_labels(folder: Path, replace: bool) -> None:
         raise DataError(f"expected {EXPECTED_RECORD}: choose another folder for labels", path)
     if label_files(folder) and not replace:
         raise DataError(
-            "contains labels that this detector did not write: choose another folder",
+            "contains labels that this detector did not write: choose another folder, or add --replace",
             folder,
-            remedy="replace",
         )
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..data.poses import from_first
-from ..errors import DataError, shorten
+from ..errors import DataError
 from ..evaluation.kitti_errors import trajectory_distances
 from ..evaluation.statistics import standard_deviation
 from ..geometry.boxes import MOVING, PARKED, Boxes
@@ -241,7 +241,7 @@ def draw_sideways(axis: Axes, title: str, truth: Array | None, estimates: Mappin
         for _, poses, style in styled(estimates):
             xz = poses[:, [0, 2], 3] - start
             axis.plot(xz @ ahead, xz @ right, **style)
-        line = broken(f"along the line from the start to the end of {shorten(name)} [m]", AXIS_LETTERS)
+        line = broken(f"along the line from the start to the end of {name} [m]", AXIS_LETTERS)
         label_axis(axis, f"{line}\n{MAGNIFIED}", "to the right of this line [m]")
     axis.set_title(_wrapped(title, SMALL_PAGE[0]), fontsize="medium")
     axis.margins(y=0.1)

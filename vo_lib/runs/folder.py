@@ -122,9 +122,8 @@ def refuse_foreign_files(folder: Path, fresh: bool = False) -> None:
     for name in names:
         if name not in RUN_FILES and not name.startswith("."):
             raise DataError(
-                f"the folder contains other files, such as {name}: choose another folder",
+                f"the folder contains other files, such as {name}: choose another folder, or add --fresh",
                 folder,
-                remedy="fresh",
             )
 
 

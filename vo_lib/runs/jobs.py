@@ -104,9 +104,9 @@ def refuse_another(folder: Path, identity: dict[str, Any], detector: dict[str, A
     differing = inputs_that_differ(folder, identity, detector)
     if differing:
         raise DataError(
-            f"the folder contains another run, which differs in {_few_of(differing)}; choose another folder",
+            f"the folder contains another run, which differs in {_few_of(differing)}; "
+            "choose another folder, or replace the run with --fresh",
             folder,
-            remedy="fresh",
         )
 
 
@@ -153,13 +153,11 @@ class Job:
 def refuse_other_runs(
     jobs: Iterable[Job],
     detector_of: Callable[[Job], dict[str, Any] | None] = lambda job: None,
-    remedy: str = "",
 ) -> None:
     """Raise one `DataError` if folders of the jobs contain finished runs with other inputs.
 
     detector_of : the record of the detector (`label_folders.detection_record`) whose boxes a job will get, or
         None for a job that has its boxes. So a table with another detector is refused before it detects.
-    remedy : of the `DataError`.
     """
     refused_folders: list[Path] = []
     all_differing: list[str] = []
@@ -183,9 +181,9 @@ def refuse_other_runs(
     count = len(set(refused_folders))
     start = "a finished run here differs" if count == 1 else f"{count} finished runs here differ"
     raise DataError(
-        f"{start} in {_few_of(names)} from the runs to do, so nothing was computed; choose another folder",
+        f"{start} in {_few_of(names)} from the runs to do; "
+        "choose another folder, or replace the runs with --fresh",
         os.path.commonpath(refused_folders),
-        remedy=remedy,
     )
 
 
@@ -246,7 +244,6 @@ def run_jobs(
     fresh: bool = False,
     durations: Durations | None = None,
     estimated: Callable[[float, bool], None] = lambda seconds, again: None,
-    remedy: str = "",
 ) -> list[Outcome]:
     """Do all jobs; each front end runs once per sequence and stores its matches in the match cache.
 
@@ -262,7 +259,6 @@ def run_jobs(
     durations : gets the time of each job, and the number of processes.
     estimated : called with the estimated seconds of the rest, after the first jobs, those on the shortest
         sequences; and a second time, with True, if the rest turns out much different.
-    remedy : as in `refuse_other_runs`.
 
     Returns
     -------
@@ -277,7 +273,7 @@ def run_jobs(
     if len({job.folder for job in jobs}) < len(jobs):
         raise DataError("two jobs share a folder")
     if not fresh:
-        refuse_other_runs(jobs, remedy=remedy)
+        refuse_other_runs(jobs)
     cache = None if cache is None else cache.resolve()
     durations = Durations() if durations is None else durations
     changed = {job.folder: () if fresh else tuple(changed_files(job.folder)) for job in jobs}
