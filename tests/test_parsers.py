@@ -133,7 +133,7 @@ WORDS: dict[str, Callable[[str], Any]] = {
     "whole": lambda text: parse_whole("--step", text),
 }
 WORDS |= {
-    item.name: lambda text, item=item: item.check(item.parse(text))  # type: ignore[misc]
+    item.name: lambda text, item=item: item.parse(text)  # type: ignore[misc]
     for cls in (KitConfig, DetectorConfig)
     for item in declared(cls)
 }

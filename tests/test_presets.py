@@ -82,7 +82,8 @@ def test_error_of_a_value_names_the_values_of_the_own_variant() -> None:
     with pytest.raises(DataError, match=r"filter\.rule: 'foo' is not one of none, all, moving, truth$"):
         change(preset("feature_selection", variant="kit"), "filter.rule", "foo")
     with pytest.raises(
-        DataError, match=r"^selection\.sats is no setting of PublishedConfig; did you mean selection\.sets\?$"
+        DataError,
+        match=r"^selection\.sats: did you mean selection\.sets\? expected a setting of PublishedConfig$",
     ):
         change(preset("feature_selection"), "selection.sats", 5)
 

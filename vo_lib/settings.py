@@ -9,17 +9,16 @@ from __future__ import annotations
 import dataclasses
 import functools
 import re
-import typing
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from typing import Any
+from contextlib import suppress
+from typing import Any, cast, get_args, get_type_hints
 
 from .errors import DataError, did_you_mean
 
-# Pattern of each item of a setting that is a list: what can be typed between two commas.
+# Pattern of a text in a setting that is a list: what can be typed between two commas.
 WORD_OF_LIST = r"[^\s,-][^,\n]{0,99}"
-SWITCH = {"true": True, "on": True, "1": True, "false": False, "off": False, "0": False}  # words for a bool
-NOUNS = {int: "whole number", float: "number"}  # for what a reader types, unless a setting has its own `noun`
+SWITCH = {"on": True, "off": False}  # words for a bool
+KINDS = {int: "a whole number", float: "a number", str: "a name", bool: "on or off"}
 
 
 def setting(
@@ -31,8 +30,6 @@ def setting(
     high: float | None = None,
     choices: tuple[str, ...] = (),
     when: Mapping[str, tuple[Any, ...]] | None = None,
-    noun: str = "",
-    pattern: str = "",
 ) -> Any:
     """A dataclass field with a unit, a closed range [low, high] or choices, and a sentence on its meaning.
 
@@ -41,18 +38,8 @@ def setting(
     text : the sentence.
     when : names of other settings, each with the values for which this setting is used; by default, it is
         always used.
-    noun : what a text is, such as "name". pattern : regular expression that a text matches completely.
     """
-    declaration = {
-        "text": text,
-        "unit": unit,
-        "low": low,
-        "high": high,
-        "choices": choices,
-        "when": when or {},
-        "noun": noun,
-        "pattern": pattern,
-    }
+    declaration = dict(text=text, unit=unit, low=low, high=high, choices=choices, when=when or {})
     return dataclasses.field(default=default, metadata=declaration)
 
 
@@ -61,16 +48,17 @@ def section(cls: type) -> Any:
     return dataclasses.field(default_factory=cls)
 
 
-@dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True)
 class Setting:
     """A setting with its name and its declaration.
 
-    If the default is None, None is a valid value. If the default is a tuple, the value is a tuple.
+    If the default is None, None is a valid value. If the default is a tuple, the value is a tuple, which may
+    be empty if the default is.
 
     Attributes
     ----------
     name : dotted path, such as "selection.sets".
-    kind : Python type of the value.
+    kind : Python type of the value, or of the items of a list.
     The others are the parameters of `setting`.
     """
 
@@ -83,62 +71,51 @@ class Setting:
     high: float | None
     choices: tuple[str, ...]
     when: Mapping[str, tuple[Any, ...]] = dataclasses.field(default_factory=dict)
-    noun: str = ""
-    pattern: str = ""
 
     @property
-    def _item_kind(self) -> Any:
-        """The type of the value: `kind`, or str and float for tuple[str, ...] and float | None."""
-        types = typing.get_args(self.kind)
-        return types[0] if types else self.kind
+    def is_list(self) -> bool:
+        """Whether the value is a tuple."""
+        return isinstance(self.default, tuple)
 
     def parse(self, raw: str) -> Any:
-        """The value of a command-line argument; the message of a `DataError` lists the allowed values."""
-        kind = self._item_kind
-        is_none = raw.lower() == "none"
-        try:
-            if kind is bool:
-                return SWITCH[raw.lower()]
-            if isinstance(self.default, tuple):
-                if is_none:
-                    return ()
-                words = [item.strip() for item in raw.split(",")]
-                return tuple(kind(word) for word in words if word)
-            if self.default is None and is_none:
-                return None
-            return kind(raw)
-        except (KeyError, ValueError):
-            raise DataError(f"{self.name}: {raw!r} is not {self.describe()}") from None
+        """The checked value of a command-line argument; a `DataError` lists the allowed values."""
+        with suppress(KeyError, ValueError):
+            value = self._read(raw)
+            if self._allows(value):
+                return value
+        raise DataError(f"{self.name}: {raw!r} is not {self.describe()}")
 
     def check(self, value: Any) -> None:
         """Raise `DataError` unless the value has the declared type, range and choices."""
-        # A list of choices may be empty, typed as "none"; a list of words may not.
-        if self.pattern and _items(value) == ():
-            raise DataError(f"{self.name} is empty, expected {self.describe()}")
-        if not self._has_declared_form(value) or not all(self._allows(item) for item in _items(value)):
-            raise DataError(f"{self.name}: {self._shown(value)!r} is not {self.describe()}")
+        if not self._allows(value):
+            raise DataError(f"{self.name}: {value!r} is not {self.describe()}")
 
-    def _has_declared_form(self, value: Any) -> bool:
-        """Whether a value is a list where the default is a list, and a single value where it is none."""
-        return isinstance(value, tuple) == isinstance(self.default, tuple)
+    def _read(self, raw: str) -> Any:
+        """The value of a command-line argument; KeyError or ValueError for another type."""
+        if self.is_list:
+            return tuple(self.kind(word.strip()) for word in raw.split(",") if word.strip())
+        if self.default is None and raw == "none":
+            return None
+        return SWITCH[raw] if self.kind is bool else self.kind(raw)
 
-    def _shown(self, value: Any) -> Any:
-        """A value as a message shows it: a list of the right type as it is typed, with commas."""
-        is_typed = isinstance(value, tuple) and all(type(item) is self._item_kind for item in value)
-        return as_typed(value) if is_typed else value
+    def _allows(self, value: Any) -> bool:
+        """Whether the setting may have this value."""
+        if not self.is_list:
+            return self._allows_item(value)
+        is_list_too = isinstance(value, tuple) and (value != () or self.default == ())
+        return is_list_too and all(map(self._allows_item, value))
 
-    def _allows(self, item: Any) -> bool:
+    def _allows_item(self, item: Any) -> bool:
         """Whether the setting may have this value, or this item of a list."""
         if item is None:
             return self.default is None
-        kind = self._item_kind
-        is_whole_number = kind is float and type(item) is int
-        if type(item) is not kind and not is_whole_number:
+        is_whole_number = self.kind is float and type(item) is int
+        if type(item) is not self.kind and not is_whole_number:
             return False
         if self.choices:
             return item in self.choices
-        if self.pattern:
-            return re.fullmatch(self.pattern, item) is not None
+        if self.kind is str:
+            return not self.is_list or re.fullmatch(WORD_OF_LIST, item) is not None
         # NaN fails every comparison.
         is_not_too_low = self.low is None or item >= self.low
         is_not_too_high = self.high is None or item <= self.high
@@ -146,26 +123,13 @@ class Setting:
 
     def describe(self) -> str:
         """The allowed values as text, such as "a number from 0 to 5 px"."""
-        if self.choices and isinstance(self.default, tuple):
-            return "a comma-separated list of " + ", ".join(self.choices) + ", or none"
-        if self.choices:
-            return "one of " + ", ".join(self.choices)
-        if self._item_kind is bool:
-            return "on or off"
-        noun = self.noun or NOUNS.get(self._item_kind, "text")
-        text = f"a comma-separated list of {noun}s" if isinstance(self.default, tuple) else f"a {noun}"
-        if self.low is not None and self.high is not None:
-            text += f" from {self.low:g} to {self.high:g}"
-        elif self.low is not None:
-            text += f" of {self.low:g} or more"
-        elif self.high is not None:
-            text += f" of {self.high:g} or less"
-        return f"{text} {self.unit}".rstrip()
-
-
-def _items(value: Any) -> tuple[Any, ...]:
-    """The items of a list, or the single value."""
-    return value if isinstance(value, tuple) else (value,)
+        text = "one of " + ", ".join(self.choices) if self.choices else KINDS[self.kind]
+        if self.low is not None:
+            text += f" from {self.low:g}"
+        if self.high is not None:
+            text += f" to {self.high:g}"
+        text = f"{text} {self.unit}".rstrip()
+        return f"{text}, or several separated by commas" if self.is_list else text
 
 
 def as_typed(value: Any) -> str:
@@ -173,7 +137,7 @@ def as_typed(value: Any) -> str:
     if isinstance(value, bool):
         return "on" if value else "off"
     if isinstance(value, tuple):
-        return ",".join(map(str, value)) or "none"
+        return ",".join(map(str, value))
     return str(value)
 
 
@@ -182,13 +146,12 @@ class Checked:
 
     def __post_init__(self) -> None:
         for item in declared(type(self)):
-            is_nested = "." in item.name
-            if not is_nested:  # the constructor of the nested class has checked the others
+            if "." not in item.name:  # the constructor of a nested class has checked the others
                 item.check(getattr(self, item.name))
 
 
 # The type of each field by name. A call takes a millisecond, and each config.json needs one for each section.
-_hints = functools.cache(typing.get_type_hints)
+_hints = functools.cache(get_type_hints)
 
 
 def declared(cls: type, prefix: str = "") -> tuple[Setting, ...]:
@@ -206,8 +169,9 @@ def _declared(cls: type, prefix: str) -> tuple[Setting, ...]:
     for field in dataclasses.fields(cls):
         kind = hints[field.name]
         if dataclasses.is_dataclass(kind):
-            items += _declared(typing.cast(type, kind), f"{prefix}{field.name}.")
+            items += _declared(cast(type, kind), f"{prefix}{field.name}.")
         elif field.metadata:
+            kind = [*get_args(kind), kind][0]  # str and float for tuple[str, ...] and float | None
             items.append(Setting(prefix + field.name, kind, field.default, **field.metadata))
     return tuple(items)
 
@@ -225,9 +189,7 @@ def replace(config: Any, name: str, value: Any) -> Any:
 
 def _no_such_setting(cls: type, name: str, names: Iterable[str]) -> DataError:
     """The error for an unknown name, with the nearest of the known ones."""
-    near = did_you_mean(name, names)
-    hint = f"; {near.rstrip()}" if near else ""
-    return DataError(f"{name} is no setting of {cls.__name__}{hint}")
+    return DataError(f"{name}: {did_you_mean(name, names)}expected a setting of {cls.__name__}")
 
 
 def value_of(config: Any, name: str) -> Any:
@@ -260,9 +222,6 @@ def from_dict(cls: Any, data: dict[str, Any]) -> Any:
         if name not in hints:
             raise _no_such_setting(cls, name, hints)
         if dataclasses.is_dataclass(hints[name]):
-            values[name] = from_dict(hints[name], value)
-        elif isinstance(value, list):
-            values[name] = tuple(value)
-        else:
-            values[name] = value
+            value = from_dict(hints[name], value)
+        values[name] = tuple(value) if isinstance(value, list) else value
     return cls(**values)

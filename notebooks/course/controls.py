@@ -126,14 +126,12 @@ class Knob:
         # The reader knows the control by its label, not by the name of the setting.
         setting = dataclasses.replace(self.setting, name=self.control.words)
         try:
-            value = setting.parse(raw)
-            setting.check(value)
+            return setting.parse(raw)
         except DataError:
             if raw.strip(" ,"):
                 raise
             example = as_typed(setting.default)
             raise DataError(f"{setting.name}: type {setting.describe()}, such as {example}") from None
-        return value
 
     def offer(self, setting: Setting, default: Any) -> None:
         """Offer the choices that a variant declares; an impossible choice becomes the default."""
@@ -174,7 +172,7 @@ def _make(control: Control, setting: Setting, value: Any, label: str) -> Any:
         return widgets.Checkbox(value=value, indent=False, **common)
     if setting.choices:
         return widgets.Dropdown(value=value, options=setting.choices, **common)
-    if setting.kind not in (int, float):
+    if setting.is_list or setting.kind is str:
         return widgets.Text(value=as_typed(value), continuous_update=False, **common)
     low = setting.low if control.low is None else control.low
     high = setting.high if control.high is None else control.high

@@ -199,7 +199,7 @@ def example(bands: Path) -> Example:
 def test_what_is_wrong_is_shown_and_the_panel_goes_on(example: Example) -> None:
     typed, good = example.knobs["filter.classes"].widget, example.picture.value
     typed.value = "-2"
-    assert example.error == "classes: '-2' is not a comma-separated list of class names"
+    assert example.error == "classes: '-2' is not a name, or several separated by commas"
     typed.value = "2, big truck"
     assert example.error == ""
     assert example.state().config.filter.classes == ("2", "big truck")
@@ -1165,8 +1165,8 @@ def test_marks_of_a_text_become_html(text: str, as_html: str) -> None:
         ("banana,truck", "there is no class 'banana' or 'truck' in the model street; "),
         ("flying saucer", "there is no class 'flying saucer' in "),
         ("car, vehicel", "there is no class 'vehicel' in "),
-        ("", "classes: type a comma-separated list of class names, such as vehicles"),
-        (" , ", "classes: type a comma-separated list of class names, such as vehicles"),
+        ("", "classes: type a name, or several separated by commas, such as vehicles"),
+        (" , ", "classes: type a name, or several separated by commas, such as vehicles"),
     ],
 )
 def test_messages_about_classes_name_the_control_of_the_panel(

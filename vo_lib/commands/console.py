@@ -121,9 +121,7 @@ def option_values(options: argparse.Namespace, items: Iterable[Setting]) -> dict
     for item in items:
         text = getattr(options, item.name)
         if text is not None:
-            value = item.parse(text)
-            item.check(value)
-            values[item.name] = value
+            values[item.name] = item.parse(text)
     return values
 
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from ..geometry.boxes import VEHICLES
-from ..settings import WORD_OF_LIST, Checked, section, setting
+from ..settings import Checked, section, setting
 
 # Conditions under which a setting is used: the values that other settings then have.
 ESSENTIAL = {"estimator": ("essential",)}
@@ -105,8 +105,6 @@ class FilterConfig(Checked):
         (VEHICLES,),
         "classes of the boxes that count, names or numbers of the label folder or model; the word vehicles "
         "stands for cars, buses and trucks, by name or, without class names, by COCO's numbers 2, 5 and 7",
-        noun="class name",
-        pattern=WORD_OF_LIST,
         when=BOXES,
     )
     score: float = setting(
