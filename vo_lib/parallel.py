@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 import signal
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -16,10 +14,6 @@ from typing import Any
 import loky
 
 PARENT_CHECK_S = 0.5  # interval at which a worker checks that its parent process exists
-# Numbers of the Windows API: the right to wait for a process, a time without end, and a refused request.
-MAY_WAIT = 0x00100000
-FOR_EVER = 0xFFFFFFFF
-ACCESS_DENIED = 5
 
 
 class ThisProcess(Executor):
@@ -58,15 +52,6 @@ def _set_up_worker(parent: int) -> None:
 
 def _end_with_parent(parent: int) -> None:
     """Wait for the end of the parent process, which has this number, then end this process."""
-    if sys.platform == "win32":
-        # On Windows, getppid keeps the number of a parent that has ended; a handle can be waited for.
-        kernel = ctypes.WinDLL("kernel32", use_last_error=True)
-        handle = kernel.OpenProcess(MAY_WAIT, False, parent)
-        if handle:
-            kernel.WaitForSingleObject(handle, FOR_EVER)
-        elif ctypes.get_last_error() == ACCESS_DENIED:
-            return  # the parent lives, but this process may not wait for it
-    else:
-        while os.getppid() == parent:
-            time.sleep(PARENT_CHECK_S)
+    while os.getppid() == parent:  # on Windows always: there, a worker whose parent was killed ends its call
+        time.sleep(PARENT_CHECK_S)
     os._exit(1)
