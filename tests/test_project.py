@@ -59,7 +59,7 @@ def test_citation_has_the_installed_version() -> None:
 
 
 # Packages (or single modules) that each package may import.
-BASE = {"errors", "settings", "files", "parallel", "checkout", "old_notebooks", "geometry"}
+BASE = {"errors", "settings", "files", "parallel", "checkout", "geometry"}
 ABOVE_DATA = BASE | {"paper", "data", "evaluation"}
 MAY_IMPORT: dict[str, set[str]] = {
     "geometry": {"errors", "settings", "files"},
@@ -76,7 +76,6 @@ MAY_IMPORT: dict[str, set[str]] = {
     "__init__": ABOVE_DATA | {"config", "runs"},
     "__main__": {"commands"},
     "errors": set(),
-    "old_notebooks": set(),
     "settings": {"errors"},
     "files": {"errors"},
     "parallel": set(),

@@ -15,7 +15,7 @@ from jupyter_client.kernelspec import get_kernel_spec
 from vo_lib.checkout import kit_subfolder
 from vo_lib.commands import lab
 from vo_lib.commands.cli import main
-from vo_lib.old_notebooks import FIRST_NOTEBOOK
+from vo_lib.commands.lab import FIRST_NOTEBOOK
 
 LINK = re.compile(r"\]\((?!\w+://)([^)#\s]+)")
 

@@ -17,10 +17,14 @@ from typing import Any
 from ..checkout import kit_subfolder
 from ..errors import DataError
 from ..files import read_bytes, read_mapping, write_atomic
-from ..old_notebooks import FIRST_NOTEBOOK, NEW, NOTEBOOK
 from .carry_over import carry_over
 from .console import install, print_lines, print_wrapped
 
+FIRST_NOTEBOOK = "00_start_here.ipynb"  # a file of every folder of the course
+NOTEBOOK = ".ipynb"
+# A notebook NAME.ipynb that its reader has changed stays. Beside it, the current version is NAME.new.ipynb
+# or, if that was changed as well, NAME.new.new.ipynb.
+NEW = ".new"
 COURSE = "stereo-vo-course"  # name of the folder in the user's home and of JupyterLab's workspace
 # In the course's folder: by name, the digest of each file as it was copied. For a file that the reader has
 # changed, it is that of the version last offered, which lies beside it.

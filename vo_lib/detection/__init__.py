@@ -10,3 +10,8 @@ Read `yolo` first: its `YoloDetector` runs a network on an image. On the way fro
 files of one. `label_folders` writes the boxes of a sequence as label files, which a run reads. `settings` has
 the thresholds.
 """
+
+import os
+
+# This variable disables ONNX Runtime's telemetry, if it is set before the runtime is imported.
+os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
