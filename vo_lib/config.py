@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any, Literal, TypeVar, overload
+from typing import Any, Literal, TypeVar, cast, overload
 
 from . import settings
 from .errors import DataError, did_you_mean
@@ -13,36 +13,23 @@ from .paper.settings import BucketConfig, FilterConfig, MethodConfig, PublishedC
 
 AnyConfig = TypeVar("AnyConfig", bound=MethodConfig)
 
-# StereoScan keeps two features per bucket.
-VISO2_BUCKETS = BucketConfig(features=2)
+# VISO2 minimises the reprojection error, and StereoScan keeps two features per bucket.
+VISO2: dict[str, Any] = {"estimator": "reprojection", "buckets": BucketConfig(features=2)}
 # RANSAC takes the candidate with the most inliers; no prior limits the candidates.
 RANSAC: dict[str, Any] = {"prior": False, "winner": "inliers"}
 
-
-def _published(rule: str, **selection: Any) -> PublishedConfig:
-    """A published method with the essential matrix, by its box rule and its settings of the selection."""
-    return PublishedConfig(selection=SelectionConfig(**selection), filter=FilterConfig(rule=rule))
-
-
-def _kit(rule: str, **selection: Any) -> KitConfig:
-    """The same in variant `kit`."""
-    return KitConfig(selection=KitSelectionConfig(**selection), filter=KitFilterConfig(rule=rule))
-
-
 PUBLISHED: dict[str, PublishedConfig] = {
-    "viso2": PublishedConfig(
-        estimator="reprojection", buckets=VISO2_BUCKETS, filter=FilterConfig(rule="none")
-    ),
-    "mesvo_f": _published("none", **RANSAC),
-    "solution_selection": _published("none"),
-    "feature_selection": _published("all"),
+    "viso2": PublishedConfig(filter=FilterConfig(rule="none"), **VISO2),
+    "mesvo_f": PublishedConfig(filter=FilterConfig(rule="none"), selection=SelectionConfig(**RANSAC)),
+    "solution_selection": PublishedConfig(filter=FilterConfig(rule="none")),
+    "feature_selection": PublishedConfig(filter=FilterConfig(rule="all")),
 }
 KIT: dict[str, KitConfig] = {
-    "viso2": KitConfig(estimator="reprojection", buckets=VISO2_BUCKETS, filter=KitFilterConfig(rule="none")),
-    "mesvo_f": _kit("none", **RANSAC),
-    "solution_selection": _kit("none"),
-    "feature_selection": _kit("all"),
-    "moving_selection": _kit("moving"),
+    "viso2": KitConfig(filter=KitFilterConfig(rule="none"), **VISO2),
+    "mesvo_f": KitConfig(filter=KitFilterConfig(rule="none"), selection=KitSelectionConfig(**RANSAC)),
+    "solution_selection": KitConfig(filter=KitFilterConfig(rule="none")),
+    "feature_selection": KitConfig(filter=KitFilterConfig(rule="all")),
+    "moving_selection": KitConfig(filter=KitFilterConfig(rule="moving")),
 }
 VARIANTS: dict[str, Mapping[str, MethodConfig]] = {"published": PUBLISHED, "kit": KIT}
 CONFIG_CLASSES: dict[str, type[MethodConfig]] = {"published": PublishedConfig, "kit": KitConfig}
@@ -90,5 +77,4 @@ def change(config: AnyConfig, name: str, value: Any) -> AnyConfig:
 
     Raises `DataError` for an unknown name, with the nearest valid one, or for a value out of range.
     """
-    changed: AnyConfig = settings.replace(config, name, value)
-    return changed
+    return cast(AnyConfig, settings.replace(config, name, value))
