@@ -1079,7 +1079,7 @@ def test_choices_and_ends_are_those_of_the_state(street: Sequence) -> None:
         (ch02.FivePointPanel, "view.points", "1,2,3,4,4", "your five matches: expected five different"),
         (ch05.FilteringPanel, "filter.classes", "car,flying saucer", "classes: there is no class 'flying"),
         (ch05.FilteringPanel, "filter.classes", "car,-3", "classes: 'car,-3' is not"),
-        (ch06.EvaluationPanel, "view.lengths", "10,0", "lengths: '10.0,0.0' is not"),
+        (ch06.EvaluationPanel, "view.lengths", "10,0", "lengths: '10,0' is not"),
         (
             ch06.EvaluationPanel,
             "view.file",
