@@ -106,7 +106,7 @@ def test_changed_files_are_kept(tmp_path: Path, source: Path, capsys: pytest.Cap
 def test_modules_of_an_earlier_course_are_deleted(
     tmp_path: Path, source: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """An old notebook that imports one is told that it is old, instead of meeting old code beside new."""
+    """An old notebook that imports one fails, instead of meeting old code beside new."""
     folder = source / "course" / "ch01"
     folder.mkdir()
     for name in ("gone", "changed", "stays"):

@@ -1,4 +1,4 @@
-"""A kernel without the kit says so in one sentence."""
+"""A kernel without the kit is told in one sentence which Python to choose."""
 
 from __future__ import annotations
 

@@ -20,10 +20,10 @@ from ..files import read_bytes, read_mapping, write_atomic
 from .carry_over import carry_over
 from .console import install, print_lines, print_wrapped
 
-FIRST_NOTEBOOK = "00_start_here.ipynb"  # a file of every folder of the course
+FIRST_NOTEBOOK = "00_start_here.ipynb"
 NOTEBOOK = ".ipynb"
-# A notebook NAME.ipynb that its reader has changed stays. Beside it, the current version is NAME.new.ipynb
-# or, if that was changed as well, NAME.new.new.ipynb.
+# A file that its reader has changed stays. Beside it, the current version is NAME.new.ipynb or, if that was
+# changed as well, NAME.new.new.ipynb.
 NEW = ".new"
 COURSE = "stereo-vo-course"  # name of the folder in the user's home and of JupyterLab's workspace
 # In the course's folder: by name, the digest of each file as it was copied. For a file that the reader has
@@ -182,7 +182,7 @@ def copy_course(source: Path, target: Path, teacher: bool) -> None:
     source. The new version of a changed file is written once, under another name, with a message; a new
     notebook contains the reader's answers. In a student's copy, the address in a link to a file for teachers
     is replaced by the command that copies it. A module that the course no longer has is deleted, unless the
-    reader changed it: an older notebook that imports it is then told that it is old.
+    reader changed it: an older notebook that imports it fails, instead of meeting old code beside new.
 
     teacher : copy the files for teachers as well.
 
