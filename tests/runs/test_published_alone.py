@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import re
 import shutil
 import subprocess
 import sys
@@ -32,13 +31,6 @@ sys.setprofile(None)
 print(sorted(name for name in sys.modules if name.startswith("vo_lib.kit")))
 print(sorted({path.rpartition("kit/")[2] for path in called if "vo_lib/kit/" in path.replace("\\\\", "/")}))
 """
-FILES = """
-import sys
-from vo_lib import open_sequence, preset, run
-run(open_sequence(sys.argv[1]), preset("feature_selection"))
-print(*(module.__file__ for name, module in sys.modules.items() if name.startswith("vo_lib")), sep="\\n")
-"""
-ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_published_run_uses_nothing_of_the_kit(bands: Path) -> None:
@@ -47,21 +39,6 @@ def test_published_run_uses_nothing_of_the_kit(bands: Path) -> None:
     assert printed[0] == "['vo_lib.kit', 'vo_lib.kit.settings']"
     # The settings are declared at import.
     assert printed[1] in ("['__init__.py', 'settings.py']", "['settings.py']")
-
-
-def test_where_to_begin_names_the_sizes(bands: Path) -> None:
-    words = [sys.executable, "-c", FILES, str(bands)]
-    files = subprocess.run(words, capture_output=True, text=True, check=True).stdout.splitlines()
-    paper = [str(path) for path in (ROOT / "vo_lib" / "paper").glob("*.py")]
-    data = [file for file in files if Path(file).parent == ROOT / "vo_lib" / "data"]
-    sizes = [
-        sum(len(Path(file).read_text("utf-8").splitlines()) for file in group)
-        for group in (paper, files, data)
-    ]
-    for page in ("CONTRIBUTING.md", "vo_lib/__init__.py"):
-        text = (ROOT / page).read_text("utf-8")
-        said = [int(number.replace(",", "")) for number in re.findall(r"about\s+(\d,\d00)\s+lines", text)]
-        assert said == pytest.approx(sizes, rel=0.05), page
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
