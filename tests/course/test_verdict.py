@@ -40,7 +40,6 @@ from vo_lib.report.table1 import (
     ERROR_KINDS,
     PAPER_METHODS,
     SUB_SEQUENCES,
-    paper_fields,
     read_paper_table,
 )
 
@@ -464,28 +463,6 @@ def test_a_whole_row_has_the_benchmarks_sub_sequences(tmp_path: Path, row: str) 
         read_report(tmp_path)
     part = {"whole": False, "frames": 60, "sub_sequences": "20 m, every frame", "sub_sequence_count": 3}
     write_record(tmp_path, [record_row(row, "mesvo_f") | part])
-    assert len(read_report(tmp_path)) == 2
-
-
-COMPARED = paper_fields(PAPER.value("04", "mesvo_f"), "mesvo_f", np.array([[1.0] * 5, [0.3] * 5]))
-
-
-@pytest.mark.parametrize("name", COMPARED)
-def test_a_comparison_that_does_not_follow_from_the_errors_is_refused(tmp_path: Path, name: str) -> None:
-    good = record_row("04", "mesvo_f") | COMPARED
-    write_record(tmp_path, [good])
-    assert len(read_report(tmp_path)) == 2
-    right = COMPARED[name]
-    assert right is not None
-    for wrong in (right + 0.001, None, str(right), True):
-        write_record(tmp_path, [good | {name: wrong}])
-        with pytest.raises(DataError, match=rf"row 1 .*{name}: expected .*, found"):
-            read_report(tmp_path)
-    part = {"whole": False, "frames": 60}
-    write_record(tmp_path, [good | part])
-    with pytest.raises(DataError, match="expected null, found"):
-        read_report(tmp_path)
-    write_record(tmp_path, [good | part | dict.fromkeys(COMPARED)])
     assert len(read_report(tmp_path)) == 2
 
 

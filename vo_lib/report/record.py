@@ -21,7 +21,6 @@ from typing import Any
 import numpy as np
 
 from ..config import VARIANTS
-from ..data.catalogue import KITTI
 from ..errors import DataError
 from ..evaluation.kitti_errors import KITTI_PROTOCOL
 from ..files import file_sha256, read_mapping
@@ -34,18 +33,15 @@ from .table1 import (
     BENCHMARK_COUNTS,
     BENCHMARK_FRAMES,
     ERROR_KINDS,
-    NOT_PRINTED,
     Entry,
     PaperTable,
     paper_fields,
     printed_of,
-    read_paper_table,
 )
 
 RECORD = "reproduction.json"
 FORMAT = 1  # of the record; increase with every change of its fields that a reader must know of
 NO_REMOVAL = "none"  # the rule of the methods that remove no feature
-SAME_NUMBER = 1e-9  # how far two computations of one mean may be apart
 MOST_SHOWN = 40  # characters of a value in a message
 TOO_LARGE = 10**15  # a whole number from here on is no error and no count, and may not fit a float
 REMEDY = "repeat the `vo reproduce` that wrote it, with the same --out: finished runs are kept"
@@ -247,8 +243,7 @@ def read_record(path: Path) -> tuple[dict[str, Any], list[RecordRow]]:
         - an error that is negative or not finite;
         - a sequence that is called whole with other frames, sub-sequences or another measure than the
           benchmark's, or called a part with the same frames and measure;
-        - features that were removed by a method without removal;
-        - a comparison with the paper that does not follow from the errors.
+        - features that were removed by a method without removal.
     """
     record = read_mapping(path, f"a record of vo reproduce; {REMEDY}")
     if type(record.get("format")) is not int or record["format"] != FORMAT:
@@ -313,7 +308,6 @@ def _read_row(row: object) -> RecordRow:
             f"removed_share: expected 0, since {method} removes no feature, found {_shown(share)}"
         )
     errors = {kind: _errors(row, kind, len(seeds)) for kind in ERROR_KINDS}
-    _test_comparison(row, whole, sequence, method, errors)
     return RecordRow(
         variant=variant,
         settings=settings,
@@ -348,32 +342,6 @@ def _filter_rule(variant: str, method: str, settings: str) -> str:
     """The rule by which a method removes features: that of the settings as typed, else of the preset."""
     typed = re.search(r"\bfilter\.rule=(\w+)", settings)
     return typed.group(1) if typed else VARIANTS[variant][method].filter.rule
-
-
-def _test_comparison(
-    row: Mapping[str, Any], whole: bool, sequence: str, method: str, errors: Mapping[str, Array]
-) -> None:
-    """ValueError if a field that compares a row with the paper is not what its errors give.
-
-    Records of earlier versions have no such fields.
-    """
-    printed = read_paper_table().value(sequence.removeprefix(KITTI), method) if whole else NOT_PRINTED
-    expected = paper_fields(printed, method, np.array([errors[kind] for kind in ERROR_KINDS]))
-    for name, number in expected.items():
-        if name not in row:
-            continue
-        found = row[name]
-        if not _is_same(found, number):
-            raise ValueError(f"{name}: expected {_shown(number)}, found {_shown(found)}")
-
-
-def _is_same(found: object, number: float | None) -> bool:
-    """Whether a value of JSON is this number, up to the rounding of a mean, or null for None."""
-    if number is None:
-        return found is None
-    if not isinstance(found, int | float) or not _is_number(found):
-        return False
-    return abs(found - number) <= SAME_NUMBER
 
 
 def _field(row: Mapping[str, Any], name: str) -> Any:
