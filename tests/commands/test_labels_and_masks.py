@@ -6,15 +6,12 @@ import json
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
 from vo_lib.commands.cli import main
-from vo_lib.config import preset
-from vo_lib.settings import to_dict
 
 Say = Callable[..., tuple[int, str]]
 BOX = "0.5 0.5 0.4 0.6\n"
@@ -188,29 +185,6 @@ def test_tables_and_sweeps_have_the_warnings(
     assert "Warning: filter.classes=car: 0.0 % of the features are removed" in said
     assert main(["sweep", "--sequence", str(bands), "--set", "filter.classes=9", *axis[2:], *few]) == 2
     assert "add classes.txt or --set filter.classes=2" in " ".join(capsys.readouterr().err.split())
-
-
-def test_former_option_names_the_new_one(run: Say) -> None:
-    code, said = run("--detector.classes", "car")
-    assert code == 2
-    assert "--filter.classes NAME,NAME" in said
-
-
-def config_of(method: str) -> dict[str, Any]:
-    """What config.json of a run needs to have for --config."""
-    return {"method": method, "variant": "published", "settings": to_dict(preset(method))}
-
-
-@pytest.mark.usefixtures("pictures_not_drawn")
-def test_settings_of_earlier_versions_are_read(run: Say, tmp_path: Path) -> None:
-    path = tmp_path / "out" / "config.json"
-    data = config_of("feature_selection")
-    for old, new in (([2, 5, 7], ["vehicles"]), ([0, 2], ["0", "2"])):
-        data["settings"]["filter"]["classes"] = old
-        (tmp_path / "old.json").write_text(json.dumps(data), encoding="utf-8")
-        assert run("--config", str(tmp_path / "old.json"))[0] == 0
-        now = json.loads(path.read_text(encoding="utf-8"))
-        assert now["settings"]["filter"]["classes"] == new
 
 
 UNUSED = "selection.sets: viso2 does not use this setting, since estimator is reprojection"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import json
 import re
 import shutil
 from collections.abc import Callable
@@ -17,7 +16,6 @@ from tiny_onnx import write_answering
 
 from vo_lib.commands.cli import main
 from vo_lib.detection.network_image import yolox_cells
-from vo_lib.runs.folder import DETECTOR_OF_BOXES
 
 SMALL = ["--methods", "mesvo_f,feature_selection", "--variant", "published", "--seeds", "1"]
 COMMANDS = {
@@ -118,21 +116,3 @@ def test_other_inputs_are_refused_before_the_work(
     if what == "detector":  # the same inputs as before are no others
         assert main([*words, *first.split()]) == 0
         assert main([*words, *second.split(), "--fresh"]) == 0
-
-
-@pytest.mark.usefixtures("pictures_not_drawn")
-def test_the_boxes_decide_about_a_run_without_a_record_of_its_detector(
-    street: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(street.parent)
-    words = [*COMMANDS["reproduce"], str(street), *PLACES]
-    assert main([*words, "--detector", "a.onnx"]) == 0
-    for path in Path("out").rglob("config.json"):
-        config = json.loads(path.read_text(encoding="utf-8"))
-        del config[DETECTOR_OF_BOXES]
-        path.write_text(json.dumps(config), encoding="utf-8")
-    shutil.rmtree("cache")
-    assert main([*words, "--detector", "b.onnx"]) == 0  # it finds the same boxes: none
-    capsys.readouterr()
-    assert main([*words, "--labels", "a"]) == 2
-    assert "in labels" in capsys.readouterr().err

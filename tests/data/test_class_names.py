@@ -214,7 +214,8 @@ def test_nearest_names_count_and_contradictions_are_refused(tmp_path: Path) -> N
         read_class_names(labels)
 
 
-def test_records_of_earlier_versions_have_cocos_numbers(tmp_path: Path) -> None:
+def test_a_record_without_the_written_classes_is_refused(tmp_path: Path) -> None:
     (tmp_path / "classes.txt").write_text("car\n", encoding="utf-8")
     (tmp_path / "detector.json").write_text('{"model": "a", "sha256": "b", "settings": {}}', encoding="utf-8")
-    assert read_class_names(tmp_path) == ClassNames(source=str(tmp_path / "detector.json"))
+    with pytest.raises(DataError, match=r"detector\.json: expected the record of the detector"):
+        read_class_names(tmp_path)

@@ -114,9 +114,10 @@ def test_a_finished_run_that_cannot_be_read_fails_by_itself(two: list[Sequence],
     run_jobs(jobs, cache=tmp_path / "cache")
     config_file = jobs[1].folder / "config.json"
     config = json.loads(config_file.read_text(encoding="utf-8"))
-    del config["files"]  # as a version without digests of the files wrote it, so the damage is not seen
+    log = jobs[1].folder / "frames.csv"
+    log.write_text("frame,count\n", encoding="utf-8")
+    config["files"]["frames.csv"] = file_sha256(log)  # so the damage is not seen
     config_file.write_text(json.dumps(config), encoding="utf-8")
-    (jobs[1].folder / "frames.csv").write_text("frame,count\n", encoding="utf-8")
     first, damaged, *others = run_jobs(jobs, cache=tmp_path / "cache")
     assert str(damaged.error).startswith(str(jobs[1].folder / "frames.csv"))
     assert [outcome.error for outcome in (first, *others)] == [None] * 3

@@ -72,7 +72,6 @@ FLAG_MEANINGS = {
 }
 BOX_SETTINGS = ("filter.margin", "filter.classes", "filter.score")  # those that change the boxes of a film
 DETECTOR = "detector."  # how the names of the detector's settings begin
-FORMER_CLASSES = "--detector.classes"  # an option of earlier versions
 DETECTOR_SETTINGS = settings.declared(DetectorConfig, DETECTOR)
 
 
@@ -103,7 +102,6 @@ def add(parser: argparse.ArgumentParser) -> None:
     option("--help-settings", action="store_true", help=text)
     for item in [*SETTINGS.values(), *DETECTOR_SETTINGS, *close_loops.LOOP_SETTINGS]:
         add_option(parser, item, item.name, shown=False)  # not in the short help
-    option(FORMER_CLASSES, help=argparse.SUPPRESS)
     parser.set_defaults(command=_run)
 
 
@@ -291,8 +289,6 @@ def _check_options(options: argparse.Namespace) -> None:
         # In "--cache kitti/07", the sequence has been taken for the folder.
         hint = "" if options.cache is None else f"; --cache takes a folder, here {options.cache}"
         raise DataError(f"missing: {' and '.join(missing)}{hint}")
-    if getattr(options, FORMER_CLASSES.strip("-")) is not None:
-        raise DataError(f"{FORMER_CLASSES}: filter.classes chooses the classes: --filter.classes NAME,NAME,…")
     vehicle_boxes.check_options(options, [options.sequence])
     film = options.video
     if film is not None:

@@ -212,12 +212,16 @@ def _names_in_notes(notes: Mapping[str, Any]) -> dict[int, str]:
 
 
 def _names_of_detector(path: Path) -> ClassNames:
-    """The classes in the record of a detector; a record of earlier versions has COCO's numbers only."""
-    record = read_mapping(path, "the record of the detector that wrote the labels")
+    """The classes in the record of a detector; without names, they have COCO's numbers."""
+    expected = "the record of the detector that wrote the labels"
+    record = read_mapping(path, expected)
+    written = _whole_numbers(record.get("written"))
+    if written is None:
+        raise DataError(f"expected {expected}", path)
     return ClassNames(
         names=names_in_description(record),
         source=str(path),
-        written=_whole_numbers(record.get("written")),
+        written=written,
         of_model=_whole_numbers(record.get("numbers")) or (),
     )
 

@@ -29,7 +29,6 @@ from ..files import (
     write_atomic,
     written_together,
 )
-from ..geometry.boxes import VEHICLES
 from ..geometry.motion import inverse
 from ..geometry.result import Flag, FrameResult
 from ..geometry.types import Array
@@ -63,14 +62,11 @@ CONFIG_VALUES: dict[str, tuple[type, str]] = {
     "files": (dict, "an object"),
 }
 # A config.json that a person writes, for --config, does not have all of these fields.
-WRITTEN_BY_RUNS = ("method", "variant", "frames", "images", "made_with")
+WRITTEN_BY_RUNS = ("method", "variant", "frames", "images", "made_with", "files", SETTINGS_DIGEST)
 
 # Columns of frames.csv: the counts, by attribute of `FrameResult`, and the stages, each with a time.
 COUNTS = {"matches": "matches", "removed": "removed_by_boxes", "used": "used", "inliers": "inliers"}
 STAGES = ("wait_images", "matching", "cached_matches", "filter", "rotation", "translation", "calibration")
-
-# The classes of earlier versions, which were numbers of COCO, and what they were by default: car, bus, truck.
-FORMER_VEHICLES = [2, 5, 7]
 
 
 @contextmanager
@@ -138,7 +134,7 @@ def changed_files(folder: Path) -> list[str]:
     """Names of the files of a finished run that are missing, or that differ from what the run wrote."""
     if not is_finished(folder):
         return []
-    digests = read_config(folder).get("files", {})
+    digests = read_config(folder)["files"]
     written = [name for name in RUN_FILES if name in digests]
     return [name for name in written if _digest_or_none(folder / name) != digests[name]]
 
@@ -233,14 +229,9 @@ def _are_two_texts(value: object) -> bool:
 
 
 def is_as_written(data: dict[str, Any]) -> bool:
-    """Whether the content of a config.json is that of a run whose settings nobody has edited since.
-
-    A run of a version without the digest of the settings counts as not edited.
-    """
-    if not all(name in data for name in WRITTEN_BY_RUNS):
-        return False
-    digest = data.get(SETTINGS_DIGEST, "")
-    return digest in ("", _digest_of_settings(data["settings"]))
+    """Whether the content of a config.json is that of a run whose settings nobody has edited since."""
+    is_complete = all(name in data for name in WRITTEN_BY_RUNS)
+    return is_complete and data[SETTINGS_DIGEST] == _digest_of_settings(data["settings"])
 
 
 def _digest_of_settings(values: dict[str, Any]) -> str:
@@ -251,26 +242,10 @@ def _digest_of_settings(values: dict[str, Any]) -> str:
 def settings_in(data: dict[str, Any], path: Path) -> MethodConfig:
     """The settings in the content of the config.json at `path`; a `DataError` names this file."""
     try:
-        values = _with_class_names(data["settings"])
-        config: MethodConfig = settings.from_dict(config_class(str(data.get("variant"))), values)
+        config: MethodConfig = settings.from_dict(config_class(str(data.get("variant"))), data["settings"])
     except DataError as error:
         raise DataError(str(error), path) from None
     return config
-
-
-def _with_class_names(values: dict[str, Any]) -> dict[str, Any]:
-    """Settings in which classes are texts, as now, and not the numbers of earlier versions.
-
-    The numbers that were the default become the present default, `VEHICLES`.
-    """
-    box_rule = values.get("filter")
-    if not isinstance(box_rule, dict):
-        return values
-    classes = box_rule.get("classes")
-    if not isinstance(classes, list) or not all(type(number) is int for number in classes):
-        return values
-    texts = [VEHICLES] if classes == FORMER_VEHICLES else [str(number) for number in classes]
-    return values | {"filter": box_rule | {"classes": texts}}
 
 
 def is_finished(folder: Path) -> bool:

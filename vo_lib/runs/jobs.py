@@ -208,14 +208,8 @@ def inputs_that_differ(
 
 
 def _has_other_detector(folder: Path, detector: dict[str, Any]) -> bool:
-    """Whether the boxes of a finished run are certainly not those of a detector with this record.
-
-    A run of an earlier version has no record of its detector: then the boxes decide, when they are there.
-    """
-    stored = read_config(folder)
-    if DETECTOR_OF_BOXES not in stored:
-        return False
-    record = stored[DETECTOR_OF_BOXES]
+    """Whether the boxes of a finished run are not those of a detector with this record."""
+    record = read_config(folder).get(DETECTOR_OF_BOXES)
     if not isinstance(record, dict):
         return True  # labels of another origin, or no boxes at all
     # The model's file may have another name now: its "sha256" is compared.
