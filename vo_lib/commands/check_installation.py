@@ -8,7 +8,6 @@ import platform
 from importlib import metadata
 from typing import NamedTuple
 
-from ..checkout import checkout_folder, missing_folder_text, with_install_hint
 from ..data.catalogue import KITTI, available, kitti_root, kitti_roots
 from ..data.drawn import user_cache
 from ..data.kitti import count_pairs, wanted_frames
@@ -47,9 +46,6 @@ def _check(options: argparse.Namespace) -> int:
     rows = [[finding.subject, finding.state, finding.facts] for finding in findings]
     show_table(["subject", "state", "facts"], rows, numbers=False)
     print_wrapped(*(f"{finding.subject}: {finding.remedy}" for finding in findings if finding.remedy))
-    if checkout_folder() is None:
-        missing = missing_folder_text("data_scripts")
-        print_wrapped(f"note: the commands `vo data …` do not work here: {missing}")
     has_problem = any(finding.state == "problem" for finding in findings)
     return 1 if has_problem else 0
 
@@ -85,13 +81,13 @@ def _kitti() -> Finding:
             "KITTI odometry",
             "note",
             f"no sequences in {places}",
-            with_install_hint("optional; commands that add data") + steps(ways),
+            "optional; commands that add data" + steps(ways),
         )
     facts = f"{len(folders)} sequences in {places}"
     incomplete = [path.name for path in folders if count_pairs(path) < len(wanted_frames(path) or ())]
     if not incomplete:
         return Finding("KITTI odometry", "ok", facts)
-    remedy = with_install_hint("incomplete") + steps({"vo data check_kitti": "lists the missing parts"})
+    remedy = "incomplete" + steps({"vo data check_kitti": "lists the missing parts"})
     return Finding("KITTI odometry", "note", f"{facts}; incomplete: {', '.join(incomplete)}", remedy)
 
 
@@ -101,7 +97,7 @@ def _detectors() -> Finding:
     if names:
         return Finding("downloaded detectors", "ok", ", ".join(names))
     download = steps({"vo data get_detector yolox-tiny": "for real images, 20 MB"})
-    remedy = with_install_hint("optional") + download
+    remedy = "optional" + download
     return Finding("downloaded detectors", "ok", f"none in {detector_folder()}", remedy)
 
 
@@ -120,7 +116,7 @@ def _cache() -> Finding:
             "deletes all that the kit wrote there; `vo list` then forgets imported folders"
         ),
     }
-    return Finding("cache", "ok", "\n".join(facts), with_install_hint("to free space") + steps(steps_to_free))
+    return Finding("cache", "ok", "\n".join(facts), "to free space" + steps(steps_to_free))
 
 
 def megabytes(items: list[CacheItem]) -> str:

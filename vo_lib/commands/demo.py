@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import shlex
 
-from ..checkout import with_install_hint
 from ..data.catalogue import DRAWING_PROCESSES
 from . import common, reproduce
 from .console import print_lines, steps
@@ -52,6 +51,5 @@ def _demo(options: argparse.Namespace) -> int:
     # argparse keeps an attribute that is there already: so the command in the report has no --cache.
     arguments = parser.parse_args(words, argparse.Namespace(line=line, cache=options.cache))
     code = reproduce.reproduce(arguments, *CLOSING_REMARKS)
-    next_steps = NEXT_STEPS | {"vo lab": with_install_hint(NEXT_STEPS["vo lab"], "notebooks")}
-    print_lines("\nWhat next:" + steps(next_steps))
+    print_lines("\nWhat next:" + steps(NEXT_STEPS))
     return code

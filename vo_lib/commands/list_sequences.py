@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from ..checkout import with_install_hint
 from ..data.catalogue import KITTI, SYNTHETIC, available, kitti_root, kitti_roots
 from ..data.drawn import scene_frames, scenes_folder
 from ..data.imports import imported_folders
@@ -45,7 +44,7 @@ def _list(options: argparse.Namespace) -> int:
     print_wrapped("A scene without a size in MB is drawn on first use.", f"drawn scenes: {scenes_folder()}")
     print_wrapped(*(f"KITTI: {root / 'sequences'}" for root in kitti_roots()), *problems)
     if not any(name.startswith(KITTI) for name, *_ in rows):
-        remedy = with_install_hint("`vo check` lists the commands that download them")
+        remedy = "`vo check` lists the commands that download them"
         print_wrapped(f"no KITTI sequences in {kitti_root()} (KITTI_ROOT may name another folder); {remedy}")
     return 0
 

@@ -9,7 +9,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from ..checkout import with_install_hint
 from ..config import VARIANTS
 from ..data.catalogue import SYNTHETIC
 from ..data.class_names import ClassesError
@@ -242,7 +241,7 @@ def warnings_without_boxes(runs: Iterable[tuple[str, Sequence, MethodConfig]]) -
         are = "is" if len(methods) == 1 else "are"
         consequence = f"so {' and '.join(methods)} {are} equal to solution_selection"
     effect = f"No vehicle boxes for {', '.join(without)}: no features are removed, {consequence}."
-    return [f"{effect} {with_install_hint(DETECT)}."]
+    return [f"{effect} {DETECT}."]
 
 
 def warn_without_vehicles(sequence: Sequence) -> None:

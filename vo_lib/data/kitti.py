@@ -14,7 +14,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..checkout import with_install_hint
 from ..errors import DataError
 from ..files import open_binary, read_bytes, read_text
 from ..geometry.camera import StereoCamera
@@ -203,7 +202,7 @@ def list_frames(folder: Path) -> list[str]:
     left, right = image_folders(folder)
     for side in (left, right):
         if not (folder / side).is_dir():
-            remedy = with_install_hint("to import other images: vo data from_folder --left DIR --right DIR")
+            remedy = "to import other images: vo data from_folder --left DIR --right DIR"
             raise DataError(
                 f"the folder {side} is missing: expected PNG images in {left} and {right}; {remedy}", folder
             )

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..checkout import with_install_hint
 from ..errors import DataError
 from ..files import read_text, write_atomic
 from ..geometry.boxes import Boxes, no_boxes
@@ -182,8 +181,7 @@ def _refuse_kitti(words: list[str], path: str | Path, line_number: int) -> None:
     """Raise `DataError` for a line of KITTI's object labels."""
     if len(words) in KITTI_FIELDS and words[0][0].isalpha():
         raise DataError(
-            "is a line of KITTI's object labels, expected YOLO's: "
-            + with_install_hint("vo data kitti_to_yolo converts them"),
+            "is a line of KITTI's object labels, expected YOLO's: vo data kitti_to_yolo converts them",
             path,
             line_number,
         )

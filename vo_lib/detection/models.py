@@ -12,7 +12,6 @@ from pathlib import Path
 
 import platformdirs
 
-from ..checkout import with_install_hint
 from ..errors import DataError, did_you_mean
 
 DOWNLOADABLE = ("yolox-nano", "yolox-tiny", "yolox-s")  # by `vo data get_detector`
@@ -75,14 +74,10 @@ def _not_found(name: str, path: Path, files: Collection[str]) -> DataError:
         if path.stem in files:
             remedy = f"; the detector of this name is given as {path.stem}"
         elif is_obtainable:
-            remedy = "; " + with_install_hint(
-                f"`vo data get_detector {path.stem}` says how to get this model"
-            )
+            remedy = f"; `vo data get_detector {path.stem}` says how to get this model"
         return DataError(f"no such file{remedy}", path)
     if is_obtainable:
-        command = with_install_hint(f"vo data get_detector {name}")
-        return DataError(f"the detector {name} is not on this machine; use: {command}")
+        return DataError(f"the detector {name} is not on this machine; use: vo data get_detector {name}")
     near = did_you_mean(path.stem, [*files, *DOWNLOADABLE, "yolov8n"])
     expected = f"expected an ONNX file or one of {', '.join(files)}"
-    more = with_install_hint("`vo data get_detector` lists more")
-    return DataError(f"unknown detector {name!r}: {near}{expected}; {more}")
+    return DataError(f"unknown detector {name!r}: {near}{expected}; `vo data get_detector` lists more")
