@@ -1,47 +1,61 @@
-"""Delete from the cache what this version of the kit has no use for.
-
-These are drawn scenes, matches and detected boxes of other versions, hashes of
-images (computed again in seconds), notes on imported sequences that are gone,
-and the drafts of killed processes. With --all, everything that the kit wrote
-into the cache is deleted. Other files are never touched, nor are links: files
-of your own in a scene's folder stay, and so do labels that write_labels put
-there, and drawn labels or images that you changed. The command names them.
+"""Delete what the kit keeps in its cache: drawn streets, matches, detected
+boxes, hashes of images, and notes on imported sequences. The kit draws and
+computes them again where it needs them. Registered detectors stay. A link is
+deleted, but not what it leads to.
 
 examples:
   vo data clean_cache
   vo data clean_cache --cache /scratch/vo
-  vo data clean_cache --all
 """
 
 from __future__ import annotations
 
 import argparse
-import os
+import shutil
+import tempfile
+from pathlib import Path
+
+from filelock import FileLock, Timeout
 
 from fetch.download import format_bytes
-from vo_lib.commands.cache_contents import cache_items, clean_cache
 from vo_lib.commands.common import add_cache
 from vo_lib.commands.console import print_wrapped
-from vo_lib.data.drawn import user_cache
-
-NAMED = 10  # files and folders that are kept, at most
+from vo_lib.data.drawn import MARKER, cache_folder, cache_sizes
+from vo_lib.detection.models import detector_folder
+from vo_lib.errors import DataError
+from vo_lib.files import LOCK
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """The options."""
+    """The option."""
     add_cache(parser)
-    text = "delete everything that the kit wrote into the cache"
-    parser.add_argument("--all", dest="everything", action="store_true", help=text)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Clean the cache and print the number of bytes deleted."""
-    deleted, kept = clean_cache(options.cache, options.everything)
-    remain = sum(item.size for item in cache_items(options.cache))
-    folder = options.cache or user_cache()
-    print_wrapped(f"{folder}: {format_bytes(deleted)} deleted, {format_bytes(remain)} remain")
-    if kept:
-        names = [os.path.relpath(path, folder) for path in kept[:NAMED]]
-        more = f" and {len(kept) - NAMED} more" if len(kept) > NAMED else ""
-        print_wrapped(f"kept, as files or links of your own: {', '.join(names)}{more}")
+    """Clean the cache, and print what was deleted."""
+    cache = cache_folder(options.cache)
+    if not cache.exists():
+        print_wrapped(f"{cache}: there is no cache")
+        return 0
+    if cache.is_symlink() or not (cache / MARKER).is_file():
+        raise DataError(f"was not made by the kit (no {MARKER}, or a link), so nothing was deleted", cache)
+    refuse_in_use(cache)
+    sizes = cache_sizes(options.cache)
+    # Moved away first: a process that begins to write meanwhile then fails, and never gets half a folder.
+    doomed = Path(tempfile.mkdtemp(dir=cache))
+    for path in sorted(cache.iterdir()):
+        if path.name not in (MARKER, detector_folder().name, doomed.name):
+            path.rename(doomed / path.name)
+            print_wrapped(f"{path.name}: {format_bytes(sizes.get(path.name, 0))} deleted")
+    shutil.rmtree(doomed)
     return 0
+
+
+def refuse_in_use(cache: Path) -> None:
+    """Raise `DataError` if a process is writing into the cache."""
+    for file in cache.rglob(f"*{LOCK}"):
+        try:
+            with FileLock(file, timeout=0):
+                pass
+        except Timeout:
+            raise DataError("another process is writing into it: try again when it ends", cache) from None

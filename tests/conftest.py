@@ -87,8 +87,8 @@ def _own_hashes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Store the hashes of the tests' images outside the user's cache folder."""
     with pytest.MonkeyPatch.context() as patch:
         folder = tmp_path_factory.mktemp("user")
-        patch.setattr("vo_lib.data.image_hashes.user_cache", lambda: folder)
-        patch.setattr("vo_lib.data.imports.user_cache", lambda: folder)
+        patch.setattr("vo_lib.data.image_hashes.cache_folder", lambda: folder)
+        patch.setattr("vo_lib.data.imports.cache_folder", lambda: folder)
         yield
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from vo_lib.data.scene_files import has_other_labels, is_drawn
+from vo_lib.data.scene_files import is_drawn
 from vo_lib.data.scenes import SceneConfig
 from vo_lib.errors import DataError
 from vo_lib.files import delete_abandoned_drafts, locked_draft
@@ -23,8 +23,6 @@ def draw_scene(
 ) -> None:
     """Draw a scene into a new folder, which appears only when complete.
 
-    If `vo data clean_cache` has left files of the reader in the folder, they stay as they are.
-
     Parameters
     ----------
     progress : called with (frames done, frames) while drawing.
@@ -34,7 +32,6 @@ def draw_scene(
     Raises `DataError` if the folder cannot be written.
     """
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
         delete_abandoned_drafts(folder.parent)
         with locked_draft(folder) as draft:
             draft.mkdir()
@@ -42,25 +39,7 @@ def draw_scene(
             try:
                 os.rename(draft, folder)
             except OSError:
-                if not folder.is_dir():
-                    raise
                 if not is_drawn(folder):  # else another process has drawn the same scene
-                    _fill(draft, folder)
+                    raise
     except OSError as error:
         raise DataError(f"the cache cannot be written: {error.strerror}", folder.parent) from None
-
-
-def _fill(draft: Path, folder: Path) -> None:
-    """Move into the folder of a scene what is missing there; drawn labels are not mixed with others.
-
-    In the order of the names, `scene_files.SCENE_FILE` is the last one: it marks a complete scene.
-    """
-    keeps_labels = has_other_labels(folder)
-    for path in sorted(draft.iterdir()):
-        target = folder / path.name
-        if not os.path.lexists(target):
-            os.rename(path, target)
-        elif path.name == "labels" and keeps_labels:
-            continue
-        elif path.is_dir() and target.is_dir() and not target.is_symlink():
-            _fill(path, target)

@@ -107,12 +107,12 @@ def test_a_run_takes_a_part_of_the_frames_and_a_label_folder(bands: Path, done: 
 def test_kept_matches_are_used_again(
     bands: Path, done: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("vo_lib.runs.match_cache.user_cache", lambda: bands.parent / "user")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(bands.parent / "user"))
     for name, cache in (("filled", []), ("used", []), ("elsewhere", ["--cache", str(bands.parent / "mine")])):
         done(name, "--keep-matches", *cache)
     done("without", "--cache", str(bands.parent / "empty"))
-    kept = {path.relative_to(bands.parent).parts[:2] for path in bands.parent.rglob("*.npz")}
-    assert kept == {("user", "matches"), ("mine", "matches")}
+    kept = {path.relative_to(bands.parent).parts[:3] for path in bands.parent.rglob("*.npz")}
+    assert kept == {(folder, "stereo-vo-kit", "matches") for folder in ("user", "mine")}
     row = read_log(bands.parent / "used")[0]
     assert (row["matching_ms"], row["wait_images_ms"]) == ("", "")
     assert float(row["cached_matches_ms"]) >= 0

@@ -19,9 +19,7 @@ from vo_lib.config import change, preset
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.poses import write_kitti_poses
 from vo_lib.evaluation.kitti_errors import trajectory_distances
-from vo_lib.files import folder_size
 from vo_lib.geometry.motion import rigid, rotation_from_vector
-from vo_lib.runs.match_cache import CachedMatches
 
 LENGTHS = (20.0, 50.0)
 TRUTH = winding_road(150, 0.04, 1.07)
@@ -144,21 +142,6 @@ def test_a_row_of_choices_has_the_changes_against_the_published_method(bands: Pa
     assert row[-1] == str(len(sequence))
     row = measure_choices.row_of(as_published, published, published)
     assert [float(cell) for cell in row[3:7]] == pytest.approx([1.1, 0.1414, 2.0, 0.0], abs=1e-4)
-
-
-def test_clean_cache_removes_only_outdated_matches(
-    bands: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    kept = CachedMatches(open_sequence(bands), preset("mesvo_f"), tmp_path)
-    kept.fill()
-    stale = tmp_path / "matches" / "published-0123456789abcdef"
-    stale.mkdir()
-    (stale / "bands-0123456789abcdef.npz").write_bytes(bytes(1500))
-    size = folder_size(kept.path)
-    assert load("clean_cache")(["--cache", str(tmp_path)]) == 0
-    assert "1.5 kB deleted" in capsys.readouterr().out
-    assert not stale.exists()
-    assert folder_size(tmp_path / "matches") == size
 
 
 def test_result_tables_compare_two_methods() -> None:

@@ -333,7 +333,7 @@ def test_a_sweep_detects_its_boxes(tmp_path: Path, capsys: pytest.CaptureFixture
     printed = " ".join(capsys.readouterr().out.split())
     assert "`street` was trained on drawn streets" in printed
     assert "No vehicle boxes" not in printed
-    assert list((tmp_path / "cache" / "labels").iterdir())
+    assert list((tmp_path / "cache" / "stereo-vo-kit" / "labels").iterdir())
 
 
 @pytest.mark.usefixtures("pictures_not_drawn")

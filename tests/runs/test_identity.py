@@ -23,7 +23,7 @@ from vo_lib.files import file_sha256
 @pytest.fixture
 def memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty folder for stored hashes."""
-    monkeypatch.setattr(image_hashes, "user_cache", lambda: tmp_path / "user")
+    monkeypatch.setattr(image_hashes, "cache_folder", lambda: tmp_path / "user")
     return tmp_path / "user" / "hashes"
 
 

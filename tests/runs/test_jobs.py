@@ -67,7 +67,7 @@ def test_jobs_equal_single_runs(
     assert {total for _, total in message} == {frames}
     assert message[-1][0] == frames
     assert message == sorted(message)
-    assert len(list((tmp_path / "cache" / "matches").rglob("*.npz"))) == 2
+    assert len(list((tmp_path / "cache").rglob("*.npz"))) == 2
 
 
 def test_jobs_share_matches_and_hashes(
@@ -84,7 +84,7 @@ def test_jobs_share_matches_and_hashes(
         hashed.append(path)
         return file_sha256(path)
 
-    monkeypatch.setattr("vo_lib.data.image_hashes.user_cache", lambda: tmp_path / "user")
+    monkeypatch.setattr("vo_lib.data.image_hashes.cache_folder", lambda: tmp_path / "user")
     monkeypatch.setattr("vo_lib.data.image_hashes.file_sha256", watched)
     monkeypatch.setattr(Sequence, "stereo", counted)
     jobs = all_jobs(two[:1], tmp_path / "runs")

@@ -6,5 +6,5 @@ them.
 
 They share `console` (parser, messages, tables; `table_layout` breaks the tables), `common` (options, runs
 with a progress bar), `vehicle_boxes` (--detector and --labels) and `close_loops` (--loops). `carry_over`
-belongs to `lab`, and `cache_contents` to `check_installation` and `vo data clean_cache`.
+belongs to `lab`.
 """

@@ -9,12 +9,11 @@ from importlib import metadata
 from typing import NamedTuple
 
 from ..data.catalogue import KITTI, available, kitti_root, kitti_roots
-from ..data.drawn import user_cache
+from ..data.drawn import cache_folder, cache_sizes
 from ..data.kitti import count_pairs, wanted_frames
 from ..detection.models import detector_folder, list_detectors
 from ..errors import DataError
 from ..runs.identity import library_versions
-from .cache_contents import KINDS, CacheItem, cache_items
 from .console import install, print_wrapped, show_table, steps
 
 
@@ -103,22 +102,6 @@ def _detectors() -> Finding:
 
 def _cache() -> Finding:
     """The size of the cache by kind, and how to free space."""
-    items = cache_items()
-    facts = [f"{user_cache()}: {megabytes(items)}"]
-    for kind in KINDS:
-        of_kind = [item for item in items if item.kind == kind]
-        unused = [item for item in of_kind if not item.useful]
-        if of_kind:
-            facts.append(f"{kind}: {megabytes(of_kind)}, {megabytes(unused)} without use")
-    steps_to_free = {
-        "vo data clean_cache": "deletes what this version has no use for",
-        "vo data clean_cache --all": (
-            "deletes all that the kit wrote there; `vo list` then forgets imported folders"
-        ),
-    }
-    return Finding("cache", "ok", "\n".join(facts), "to free space" + steps(steps_to_free))
-
-
-def megabytes(items: list[CacheItem]) -> str:
-    """The size of items of the cache."""
-    return f"{sum(item.size for item in items) / 1e6:.1f} MB"
+    sizes = [f"{name}: {size / 1e6:.1f} MB" for name, size in cache_sizes().items()]
+    to_free = steps({"vo data clean_cache": "deletes all of it; `vo list` then forgets imported folders"})
+    return Finding("cache", "ok", "\n".join([str(cache_folder()), *sizes]), f"to free space{to_free}")

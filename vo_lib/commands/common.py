@@ -21,7 +21,7 @@ import numpy as np
 
 from ..config import METHODS, VARIANTS, preset
 from ..data.catalogue import SYNTHETIC, known_folder, open_sequence
-from ..data.drawn import user_cache
+from ..data.drawn import KIT, cache_folder
 from ..data.poses import MAX_COORDINATE_M
 from ..data.sequence import Sequence
 from ..errors import DataError
@@ -49,7 +49,7 @@ MASKS_MEASURED = 20
 
 def add_cache(parser: argparse.ArgumentParser) -> None:
     """Add the option for the cache folder."""
-    text = f"folder that keeps drawn scenes, matches and detected boxes; default {user_cache()}"
+    text = f"keep drawn scenes, matches and detected boxes in DIR/{KIT}; default {cache_folder()}"
     parser.add_argument("--cache", type=Path, metavar="DIR", help=text.replace("%", "%%"))
 
 

@@ -100,8 +100,7 @@ def parse_sequences(text: str) -> list[str]:
 def known_folder(name: str, cache: Path | None = None) -> Path | None:
     """Where the sequence of a name or a path is, or where a scene will be drawn; None for an unknown name.
 
-    `cache` : folder of drawn scenes; by default the user's cache folder. Raises as `kitti_roots` if the name
-    is one of KITTI.
+    `cache` : as in `drawn.cache_folder`. Raises as `kitti_roots` if the name is one of KITTI.
     """
     if Path(name).is_dir():
         return Path(name)
@@ -134,7 +133,7 @@ def open_sequence(
     Parameters
     ----------
     labels : folder of YOLO label files; by default `labels` in the sequence's folder, if it exists.
-    cache : folder of drawn scenes; by default the user's cache folder.
+    cache : folder with the kit's cache folder; by default the user's.
     progress : called while a scene is drawn.
     """
     name = str(where)

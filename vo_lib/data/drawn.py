@@ -1,4 +1,4 @@
-"""Drawn scenes: folders in KITTI's layout in the user's cache.
+"""The kit's cache folder, and the drawn scenes in it: folders in KITTI's layout.
 
 A missing scene is drawn by `vo_street`, a package of its own in data_scripts. A scene has
 
@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 import platformdirs
 
+from ..errors import DataError
 from ..geometry.types import Progress
 from ..settings import to_dict
 from .scene_files import is_drawn
@@ -23,16 +24,47 @@ from .scenes import SCENES, SceneConfig, scene_config
 
 # Increase with every change of the images: scenes in the cache are then drawn again.
 RENDERER_VERSION = 2
+KIT = "stereo-vo-kit"
+MARKER = "cache_of_the_kit.txt"  # shows that the kit has made the cache folder, so it may empty it
 
 
-def user_cache() -> Path:
-    """The user's cache folder, with a folder for each kind of file that the kit stores."""
-    return platformdirs.user_cache_path("stereo-vo-kit", appauthor=False)
+def cache_folder(cache: Path | None = None) -> Path:
+    """The kit's own cache folder, with a folder for each kind of file that the kit stores.
+
+    It is `stereo-vo-kit` in the folder `cache`, or by default in the user's cache folder.
+    """
+    if cache is None:
+        return platformdirs.user_cache_path(KIT, appauthor=False)
+    return Path(cache) / KIT
 
 
-def scenes_folder() -> Path:
-    """The folder of drawn scenes in the user's cache."""
-    return user_cache() / "synthetic"
+def make_cache_folder(folder: Path) -> None:
+    """Create the folder for a kind of files in the kit's cache; a cache that is empty gets the marker.
+
+    Raises `DataError` if the cache cannot be written.
+    """
+    cache = folder.parent
+    try:
+        cache.mkdir(parents=True, exist_ok=True)
+        if not any(cache.iterdir()):
+            (cache / MARKER).write_text("`vo data clean_cache` deletes what is beside this file.\n")
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise DataError(f"the cache cannot be written: {error.strerror}", folder) from None
+
+
+def cache_sizes(cache: Path | None = None) -> dict[str, int]:
+    """Bytes in each folder of the kit's cache, by name, without what lies behind links."""
+    folder = cache_folder(cache)
+    folders = [path for path in sorted(folder.glob("*")) if path.is_dir() and not path.is_symlink()]
+    return {
+        path.name: sum(file.lstat().st_size for file in path.rglob("*") if file.is_file()) for path in folders
+    }
+
+
+def scenes_folder(cache: Path | None = None) -> Path:
+    """The folder of drawn scenes, by default in the user's cache."""
+    return cache_folder(cache) / "synthetic"
 
 
 def scene_key(config: SceneConfig) -> str:
@@ -54,8 +86,7 @@ def scene_key(config: SceneConfig) -> str:
 
 def scene_folder(config: SceneConfig, cache: Path | None = None) -> Path:
     """The path of a scene's folder, by default in the user's cache; drawing the scene creates the folder."""
-    scenes = scenes_folder() if cache is None else Path(cache)
-    return scenes.absolute() / scene_key(config)
+    return scenes_folder(cache).absolute() / scene_key(config)
 
 
 def ensure_scene(
@@ -69,7 +100,7 @@ def ensure_scene(
 
     Parameters
     ----------
-    cache : folder of drawn scenes; default that in the user's cache.
+    cache : folder with the kit's cache folder; default the user's.
     jobs : number of processes that draw; the images do not depend on this number.
     frames : if the complete scene is not in the cache, draw only these frames, in a separate folder.
 
@@ -83,6 +114,7 @@ def ensure_scene(
         return folder
     from vo_street.cache import draw_scene  # here, since vo_street imports this package
 
+    make_cache_folder(folder.parent)
     draw_scene(config, folder, progress, jobs, frames)
     return folder
 

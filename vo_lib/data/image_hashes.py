@@ -11,12 +11,12 @@ from pathlib import Path
 
 from ..errors import DataError
 from ..files import file_sha256, read_mapping, write_atomic
-from .drawn import user_cache
+from .drawn import cache_folder, make_cache_folder
 
 
 def hash_folder() -> Path:
     """The folder of the stored hashes of images."""
-    return user_cache() / "hashes"
+    return cache_folder() / "hashes"
 
 
 def image_hashes(folder: Path, names: Iterable[str]) -> dict[str, str]:
@@ -42,7 +42,7 @@ def image_hashes(folder: Path, names: Iterable[str]) -> dict[str, str]:
     if new_hashes:
         hashes |= new_hashes
         with suppress(OSError, DataError):  # without a cache, the images are hashed again in the next run
-            hash_file.parent.mkdir(parents=True, exist_ok=True)
+            make_cache_folder(hash_file.parent)
             stored_meanwhile = _read_hashes(hash_file)  # by another process
             write_atomic(hash_file, json.dumps(stored_meanwhile | hashes))
     return {name: hashes[stamp] for name, stamp in stamps.items()}

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-import re
 from pathlib import Path
 
 from ..errors import DataError
 from ..files import read_text, write_atomic
-from .drawn import user_cache
+from .drawn import cache_folder, make_cache_folder
 from .kitti import has_images
-
-RECORD = re.compile(r"[0-9a-f]{16}\.txt")
 
 
 def remember_import(folder: Path) -> None:
@@ -21,21 +18,16 @@ def remember_import(folder: Path) -> None:
     # A file for each folder: two imports at the same time do not disturb each other.
     record = record_folder() / f"{digest}.txt"
     try:
-        record.parent.mkdir(parents=True, exist_ok=True)
+        make_cache_folder(record.parent)
         write_atomic(record, path)
-    except (DataError, OSError):
+    except DataError:
         return
 
 
 def imported_folders() -> list[Path]:
     """The folders of imported sequences that still exist, sorted."""
-    return sorted(folder for folder in import_records().values() if folder is not None)
-
-
-def import_records() -> dict[Path, Path | None]:
-    """The file of each record, and the folder that it names; None for a folder that no longer exists."""
-    records = [path for path in sorted(record_folder().glob("*.txt")) if RECORD.fullmatch(path.name)]
-    return {record: _folder_of(record) for record in records}
+    folders = map(_folder_of, record_folder().glob("*.txt"))
+    return sorted(folder for folder in folders if folder is not None)
 
 
 def _folder_of(record: Path) -> Path | None:
@@ -50,4 +42,4 @@ def _folder_of(record: Path) -> Path | None:
 
 def record_folder() -> Path:
     """The folder with a file for each imported sequence, which has the path of its folder."""
-    return user_cache() / "imported"
+    return cache_folder() / "imported"

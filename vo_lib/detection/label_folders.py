@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from ..data.class_names import ClassesError, ClassNames, label_numbers
-from ..data.drawn import user_cache
+from ..data.drawn import cache_folder, make_cache_folder
 from ..data.image_hashes import image_hashes
 from ..data.kitti import COLOUR, GREY, IMAGE_BITS, list_frames, read_image
 from ..data.label_files import label_files, read_label_rows, write_labels
@@ -42,7 +42,7 @@ from .models import find_model
 from .settings import DetectorConfig
 from .yolo import YoloDetector
 
-RECORD_KEYS = {"model", "sha256", "settings"}  # in every record that a version of the kit has written
+RECORD_KEYS = {"model", "sha256", "settings"}  # in every record of the kit
 IMAGE_LIST = "images.sha256"  # a line for each label: the hash of the image, then its name, as of sha256sum
 IMAGE_LINE = re.compile(r"([0-9a-f]{64})  (\d+)\.png")
 EXPECTED_RECORD = "the record of the detector that wrote the labels"
@@ -79,14 +79,13 @@ def detection_record(
 
 
 def label_folder(sequence: Sequence, record: dict[str, Any], cache: Path | None = None) -> Path:
-    """The folder for a detector's labels of these images, in `cache` or the user's cache folder.
+    """The folder for a detector's labels of these images, in the kit's cache (`cache_folder`).
 
     The name has a digest of the record and one of the names and contents of the images, so that other images
     in the same place have another folder, and the same images in another place have the same folder.
     """
-    root = user_cache() if cache is None else cache
     images = _digest([sequence.frames, list(_image_digests(sequence).values())])
-    return root / "labels" / f"{_folder_prefix(record)}-{images}"
+    return cache_folder(cache) / "labels" / f"{_folder_prefix(record)}-{images}"
 
 
 def _folder_prefix(record: dict[str, Any]) -> str:
@@ -346,6 +345,7 @@ def labelled_sequence(
     config = config or DetectorConfig()
     record = detection_record(model, config, classes, provider)
     folder = label_folder(sequence, record, cache)
+    make_cache_folder(folder.parent)
     _delete_damaged_record(folder / DETECTOR_RECORD)
     of_this_detector = sorted(folder.parent.glob(f"{glob.escape(_folder_prefix(record))}-*"))
     write_label_folder(
@@ -455,14 +455,6 @@ def _is_sequence(folder: Path) -> bool:
         return any(IMAGE_FOLDERS.fullmatch(path.name) for path in folder.iterdir())
     except OSError:  # a folder that others may not list
         return False
-
-
-def is_current_record(record: dict[str, Any]) -> bool:
-    """Whether this version of the kit could have written a record, and thus has a use for its labels."""
-    names = {field.name for field in dataclasses.fields(DetectorConfig)}
-    names.remove("threads")  # as in `detection_record`
-    settings = record.get("settings")
-    return isinstance(settings, dict) and settings.keys() == names and "written" in record
 
 
 def _are_labels_of(folder: Path, record: dict[str, Any]) -> bool:

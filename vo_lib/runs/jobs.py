@@ -246,7 +246,7 @@ def run_jobs(
     jobs : runs in different folders.
     workers : number of processes, at most one for each job; 1 means this process.
     progress : called with (frames done, total frames); a frame of a front end counts as `MATCHING_FRAMES`.
-    cache : folder of the match cache; default the user's cache folder.
+    cache : folder with the kit's cache folder; default the user's.
     scheduler : address of a Dask scheduler, "tcp://host:port", used instead of local processes; the workers
         need the same files under the same paths.
     fresh : repeat finished runs.
@@ -463,7 +463,7 @@ def _add_kept_times(
 def seconds_of_jobs(jobs: Iterable[Job], cache: Path | None) -> tuple[float, int]:
     """Seconds that the matches and runs of finished jobs took, each once, and for how many it is not known.
 
-    cache : folder of the match cache; default the user's cache folder.
+    cache : folder with the kit's cache folder; default the user's.
     """
     finished = [job for job in jobs if is_finished(job.folder)]
     times = [seconds_of_run(job.folder, len(job.sequence)) for job in finished]

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..data.drawn import user_cache
+from ..data.drawn import cache_folder, make_cache_folder
 from ..data.sequence import Sequence
 from ..errors import DataError
 from ..files import delete_abandoned_drafts, writing
@@ -29,8 +29,8 @@ POSITIONS = 4  # of a match, in the left and right images of the previous and of
 
 
 def match_folder(cache: Path | None) -> Path:
-    """The folder of matches: `matches` in `cache`, by default in the user's cache folder."""
-    return (user_cache() if cache is None else cache) / "matches"
+    """The folder of matches in the kit's cache folder, which is in `cache` or the user's cache folder."""
+    return cache_folder(cache) / "matches"
 
 
 def code_folder(variant: str, cache: Path | None = None) -> Path:
@@ -92,8 +92,9 @@ class CachedMatches:
 
     def _find_and_store(self) -> Iterator[TimedMatches]:
         """Matches of all frames from the images, written frame by frame; the file appears at the end."""
+        make_cache_folder(self.path.parents[1])
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self.path.parent.mkdir(exist_ok=True)
         except OSError as error:
             raise DataError(f"the cache cannot be written: {error.strerror}", self.path.parent) from None
         delete_abandoned_drafts(self.path.parent)
