@@ -1,7 +1,7 @@
 """Delete what the kit keeps in its cache: drawn streets, matches, detected
-boxes, hashes of images, and notes on imported sequences. The kit draws and
-computes them again where it needs them. Registered detectors stay. A link is
-deleted, but not what it leads to.
+boxes and hashes of images. The kit draws and computes them again where it
+needs them. Registered detectors stay. A link is deleted, but not what it leads
+to.
 
 examples:
   vo data clean_cache

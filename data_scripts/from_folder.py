@@ -41,7 +41,6 @@ from fetch.stereo_import import check_source, require_new, write_sequence
 from fetch.stereo_sources import MAX_DELAY_S, Drive, FolderSource, Source, VideoSource, pair_images
 from vo_lib.commands.console import print_lines, print_wrapped, reporting
 from vo_lib.data.catalogue import open_sequence
-from vo_lib.data.imports import remember_import
 from vo_lib.data.kitti import read_times
 from vo_lib.data.poses import read_kitti_poses
 from vo_lib.errors import DataError
@@ -125,7 +124,6 @@ def run(options: argparse.Namespace) -> int:
     poses = poses_of(source, options)
     with reporting("writing pairs") as report:
         count = write_sequence(source, rig, options.out, times, poses, options.copy, report)
-    remember_import(options.out)
     camera = open_sequence(options.out).camera
     truth = "no truth" if poses is None else "with truth"
     print_lines(

@@ -88,7 +88,6 @@ def _own_hashes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         folder = tmp_path_factory.mktemp("user")
         patch.setattr("vo_lib.data.image_hashes.cache_folder", lambda: folder)
-        patch.setattr("vo_lib.data.imports.cache_folder", lambda: folder)
         yield
 
 

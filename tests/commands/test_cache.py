@@ -19,7 +19,6 @@ from vo_lib import open_sequence, preset
 from vo_lib.commands.cli import main
 from vo_lib.data.drawn import MARKER, ensure_scene
 from vo_lib.data.image_hashes import image_hashes
-from vo_lib.data.imports import remember_import
 from vo_lib.data.scenes import scene_config
 from vo_lib.detection.label_folders import labelled_sequence
 from vo_lib.detection.network_image import yolox_cells
@@ -95,11 +94,9 @@ def test_everything_in_the_cache_is_deleted_but_the_detectors(
     else:
         for name in ("XDG_CACHE_HOME", "XDG_DATA_HOME"):  # detectors are in the user's data folder
             monkeypatch.setenv(name, str(place))
-        for module in ("image_hashes", "imports"):
-            monkeypatch.setattr(f"vo_lib.data.{module}.cache_folder", lambda: cache)
-        kinds = fill(bands, None) | {"hashes", "imported"}
+        monkeypatch.setattr("vo_lib.data.image_hashes.cache_folder", lambda: cache)
+        kinds = fill(bands, None) | {"hashes"}
         image_hashes(bands, ["image_0/000000.png"])
-        remember_import(bands)
     assert {path.name for path in cache.iterdir()} == kinds | {MARKER}
     assert {path.name for path in place.iterdir()} == {KIT}
     detector = cache / "detectors" / "mine.onnx"

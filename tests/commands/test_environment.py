@@ -45,7 +45,7 @@ def test_help_of_list_names_all_that_it_lists(capsys: pytest.CaptureFixture[str]
     with pytest.raises(SystemExit):
         main(["list", "--help"])
     help_text = " ".join(capsys.readouterr().out.split())
-    assert "KITTI's and the drawn scenes by their names, and those that you imported" in help_text
+    assert "by name: KITTI's and the drawn scenes" in help_text
 
 
 def test_check_lists_incomplete_sequences(
@@ -154,25 +154,3 @@ def test_check_reports_two_opencv_packages(
     monkeypatch.syspath_prepend(str(tmp_path))
     assert main(["check"]) == 1
     assert "pip uninstall -y opencv-contrib-python opencv-python-headless" in capsys.readouterr().out
-
-
-def test_list_knows_what_was_imported(
-    bands: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    numbers = ["--focal", "300", "--centre", "240,120", "--baseline", "0.5", "--fps", "10", "--anyway"]
-    images = ["--left", str(bands / "image_0"), "--right", str(bands / "image_1")]
-    for name in ("data/mine", "data/gone"):
-        assert main(["data", "from_folder", *images, *numbers, "--out", name]) == 0
-    shutil.rmtree(tmp_path / "data" / "gone")
-    capsys.readouterr()
-    assert main(["list"]) == 0
-    printed = capsys.readouterr().out
-    (row,) = [line for line in printed.splitlines() if "mine" in line]
-    assert row.replace("│", "").split()[:3] == ["data/mine", "6", "–"]
-    assert "gone" not in printed
-    # Elsewhere, the name is the path that can be typed there.
-    monkeypatch.chdir(tmp_path.parent)
-    monkeypatch.setenv("COLUMNS", "300")
-    assert main(["list"]) == 0
-    assert f"│ {tmp_path.name}/data/mine " in capsys.readouterr().out

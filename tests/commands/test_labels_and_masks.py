@@ -264,7 +264,7 @@ def test_a_config_with_unused_settings_is_read_again(
 def test_masks_that_cover_nothing_or_everything_cause_a_warning(
     run: Say, tmp_path: Path, value: int, words: str
 ) -> None:
-    cv2.imwrite(str(tmp_path / "mask.png"), np.full((240, 480), value, np.uint16))
+    cv2.imwrite(str(tmp_path / "mask.png"), np.full((240, 480), value, np.uint8))
     code, said = run("--masks", str(tmp_path / "mask.png"), "--method", "solution_selection")
     assert code == 0
     assert f"warning: --masks: {words}" in said

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import struct
-import zlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -168,9 +166,7 @@ def test_faults_of_a_sequence_are_one_line(bands: Path, fault: str) -> None:
 
 
 @pytest.mark.parametrize("keep", [0, 7, 60, 0.5, 0.999, None])
-def test_damaged_images_are_refused(
-    bands: Path, keep: float | None, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_damaged_images_are_refused(bands: Path, keep: float | None) -> None:
     path = bands / "image_0" / "000000.png"
     data = bytearray(path.read_bytes())
     if keep is None:
@@ -180,7 +176,6 @@ def test_damaged_images_are_refused(
     path.write_bytes(data)
     with pytest.raises(DataError, match="truncated or damaged"):
         read_image(path)
-    assert capfd.readouterr() == ("", "")  # no output of libpng and OpenCV
 
 
 def recoloured(folder: Path) -> None:
@@ -284,27 +279,3 @@ def test_a_video_and_a_folder_of_images_name_the_import(bands: Path) -> None:
         open_sequence(film)
     with pytest.raises(DataError, match="vo data from_folder --left DIR --right DIR"):
         open_sequence(bands / "image_0")
-
-
-def chunk(kind: bytes, data: bytes) -> bytes:
-    """A chunk of a PNG file."""
-    return struct.pack(">I", len(data)) + kind + data + zlib.crc32(kind + data).to_bytes(4)
-
-
-@pytest.mark.parametrize("frames", [0, 1, 2, 1000])
-def test_animated_png_without_the_image_is_refused(tmp_path: Path, frames: int) -> None:
-    """An announced animation of which the image is no frame: OpenCV returned black, or another frame."""
-    image = np.arange(64, dtype=np.uint8).reshape(8, 8)
-    png = cv2.imencode(".png", image)[1].tobytes()
-    header, pixels, end = png[:33], png[33:-12], png[-12:]
-    count = chunk(b"acTL", struct.pack(">II", frames, 0))
-    place = struct.pack(">IIIIIHHBB", 0, 8, 8, 0, 0, 1, 10, 0, 0)
-    other = chunk(b"fdAT", struct.pack(">I", 1) + zlib.compress(bytes(8 * 9)))
-    path = tmp_path / "image.png"
-    for wrong in (pixels, pixels + chunk(b"fcTL", place) + other):
-        path.write_bytes(header + count + wrong + end)
-        with pytest.raises(DataError, match=r"image\.png: the image is truncated or damaged"):
-            read_image(path)
-    if frames == 1:  # a still image that is the only frame
-        path.write_bytes(header + count + chunk(b"fcTL", place) + pixels + end)
-        assert read_image(path).tolist() == image.tolist()

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from ..data.catalogue import KITTI, SYNTHETIC, available, kitti_root, kitti_roots
 from ..data.drawn import scene_frames, scenes_folder
-from ..data.imports import imported_folders
 from ..data.label_remarks import missing_labels
 from ..data.scenes import SCENES
 from ..data.sequence import open_folder
@@ -23,8 +22,8 @@ COLUMNS = ["name", "frames", "metres", "truth", "boxes", "image px", "MB"]
 def add(parser: argparse.ArgumentParser) -> None:
     """Declare `vo list`."""
     parser.description = (
-        "List the sequences that `vo run` can open: KITTI's and the drawn scenes by their names, and those "
-        "that you imported, by the paths of their folders."
+        "List the sequences that `vo run` can open by name: KITTI's and the drawn scenes. Others are opened "
+        "by the paths of their folders."
     )
     parser.set_defaults(command=_list)
 
@@ -33,8 +32,7 @@ def _list(options: argparse.Namespace) -> int:
     """Print a row for each sequence, and why one cannot be used."""
     rows = list[list[str]]()
     problems = list[str]()
-    imported: dict[str, Path | None] = {_shown(folder): folder for folder in imported_folders()}
-    for name, folder in {**available(), **imported}.items():
+    for name, folder in available().items():
         try:
             rows.append([name, *_facts(name, folder)])
         except DataError as error:
@@ -47,12 +45,6 @@ def _list(options: argparse.Namespace) -> int:
         remedy = "`vo check` lists the commands that download them"
         print_wrapped(f"no KITTI sequences in {kitti_root()} (KITTI_ROOT may name another folder); {remedy}")
     return 0
-
-
-def _shown(folder: Path) -> str:
-    """The path of a folder as it can be typed here: from the working folder if it lies there."""
-    here = Path.cwd()
-    return str(folder.relative_to(here) if folder.is_relative_to(here) else folder)
 
 
 def _facts(name: str, folder: Path | None) -> list[str]:

@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import DataError
-from ..files import open_binary, read_bytes, read_text
+from ..files import read_bytes, read_text
 from ..geometry.camera import StereoCamera
 from ..geometry.types import Array, Image
-from .png import DEPTH_IN_FILE_AT, has_16_bits, has_valid_chunks
 from .poses import finite_number, read_number_rows, refuse_intervals
 
 _WITH_TRUTH = (4541, 1101, 4661, 801, 271, 2761, 1101, 1101, 4071, 1591, 1201)  # frames of 00 to 10
@@ -320,10 +319,7 @@ def read_stored(path: Path) -> NDArray[np.uint8] | NDArray[np.uint16]:
     """
     data = read_bytes(path)
     file_format = path.suffix[1:].upper()
-    image = None
-    # OpenCV refuses a damaged PNG too, but libpng then writes a line of its own to standard error.
-    if data and (file_format != "PNG" or has_valid_chunks(data)):
-        image = decode_image(data, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION | cv2.IMREAD_ANYDEPTH)
+    image = decode_image(data, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION | cv2.IMREAD_ANYDEPTH)
     if image is None:
         raise DataError(f"the image is truncated or damaged: expected a complete {file_format} file", path)
     if image.dtype == np.uint16:
@@ -369,20 +365,12 @@ def grey_bits(files_by_camera: Iterable[list[Path]]) -> int:
     """
     needed = IMAGE_BITS
     for files in files_by_camera:
-        if not files or not _has_16_bits(files[0]):
+        if not files or read_stored(files[0]).dtype == np.uint8:
             continue
         with ThreadPoolExecutor(READING_THREADS) as pool:
             largest = max(pool.map(_largest_value, files))
         needed = max(needed, next(bits for bits in BITS if largest < 2**bits))
     return needed
-
-
-def _has_16_bits(path: Path) -> bool:
-    """Whether the grey values of an image have 16 bits; of a PNG, only the header is read."""
-    if path.suffix.lower() != ".png":
-        return read_stored(path).dtype == np.uint16
-    with open_binary(path) as file:
-        return has_16_bits(file.read(DEPTH_IN_FILE_AT + 1))
 
 
 def _largest_value(path: Path) -> int:

@@ -1,4 +1,4 @@
-"""Masks: PNG images in which every pixel other than 0 is masked; the only reader of masks."""
+"""Masks: grey PNG images of 8 bits in which every pixel other than 0 is masked; the only reader of masks."""
 
 from __future__ import annotations
 
@@ -10,34 +10,21 @@ import numpy as np
 from ..errors import DataError
 from ..files import read_bytes
 from ..geometry.types import Image
-from .kitti import decode_image, read_image
-from .png import has_valid_chunks, with_grey_palette
+from .kitti import decode_image
 
-COLOUR_CHANNELS = {2: 1, 4: 3}  # channels without alpha, by the number of channels with alpha
+PNG_SIGNATURE = b"\x89PNG"  # JPEG does not keep zeros
 
 
 def read_mask(path: Path) -> Image:
-    """The mask (H, W) uint8: 255 where an index, value or channel of the PNG is not 0, else 0.
+    """The mask (H, W) uint8: 255 where the image is not 0, else 0.
 
-    The pixels of a palette image are indices, so a dark colour counts too. Alpha does not count. Values may
-    have 1 to 16 bits.
-
-    Raises `DataError` for another format, and for a truncated or damaged file.
+    Raises `DataError` for another format, for a truncated or damaged file, and for an image with 16 bits,
+    colours, a palette or alpha, whose numbers may mean something else.
     """
-    if path.suffix.lower() != ".png":
-        read_image(path)  # raises `DataError` for a file that is missing or no image
-        raise DataError("expected a mask in PNG format: JPEG does not keep zeros", path)
     data = read_bytes(path)
     image = None
-    if has_valid_chunks(data):
-        flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
-        image = decode_image(with_grey_palette(data), flags)
-    if image is None:
-        raise DataError("the image is truncated or damaged: expected a complete PNG file", path)
-    if image.ndim == 2:
-        masked = image != 0
-    else:
-        channels = image.shape[2]
-        colours = image[:, :, : COLOUR_CHANNELS.get(channels, channels)]
-        masked = (colours != 0).any(axis=2)
-    return np.where(masked, 255, 0).astype(np.uint8)
+    if data.startswith(PNG_SIGNATURE):
+        image = decode_image(data, cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
+    if image is None or image.dtype != np.uint8 or image.ndim != 2:
+        raise DataError("expected a mask as a complete grey PNG image of 8 bits, in which 0 is allowed", path)
+    return np.where(image, 255, 0).astype(np.uint8)
