@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,7 +12,7 @@ from vo_lib.detection.model_files import copy_model, model_files, model_sha256
 from vo_lib.detection.models import MODELS, list_detectors
 from vo_lib.detection.yolo import YoloDetector
 from vo_lib.errors import DataError
-from vo_lib.files import DRAFT, file_sha256, open_binary, read_bytes
+from vo_lib.files import file_sha256, locked_draft, open_binary, read_bytes
 from vo_lib.geometry.types import Progress
 
 YOLOX = "https://github.com/Megvii-BaseDetection/YOLOX/releases/download/0.1.1rc0/"
@@ -127,14 +126,13 @@ def _register_files(name: str, source: Path, folder: Path) -> Path:
     target = folder / name
     if target.exists():
         raise DataError("is in the way of a detector of this name: choose another name", target)
-    draft = folder / f".{name}.{os.getpid()}{DRAFT}"
     try:
-        draft.mkdir(parents=True)
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DataError(f"cannot be written: {error.strerror}", target) from None
+    with locked_draft(target) as draft:
+        draft.mkdir()
         copy_model(source, draft / f"{name}.onnx")
         YoloDetector(draft / f"{name}.onnx")
         os.rename(draft, target)
-    except OSError as error:
-        raise DataError(f"cannot be written: {error.strerror}", target) from None
-    finally:
-        shutil.rmtree(draft, ignore_errors=True)
     return target / f"{name}.onnx"

@@ -20,7 +20,7 @@ from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.kitti import IMAGE_BITS, calibration_text
 from vo_lib.data.poses import refuse_intervals, write_kitti_poses
 from vo_lib.errors import DataError
-from vo_lib.files import delete_abandoned_drafts, locked_draft, write_atomic
+from vo_lib.files import locked_draft, write_atomic
 from vo_lib.geometry.camera import StereoCamera
 from vo_lib.geometry.types import Array, Progress
 
@@ -122,7 +122,6 @@ def _new_folder(out: Path) -> Iterator[Path]:
     require_new(out)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        delete_abandoned_drafts(out.parent, out.name)
         with locked_draft(out) as working:
             for side in ("image_0", "image_1"):
                 (working / side).mkdir(parents=True)

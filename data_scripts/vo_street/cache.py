@@ -7,8 +7,7 @@ from pathlib import Path
 
 from vo_lib.data.scene_files import is_drawn
 from vo_lib.data.scenes import SceneConfig
-from vo_lib.errors import DataError
-from vo_lib.files import delete_abandoned_drafts, locked_draft
+from vo_lib.files import locked_draft
 from vo_lib.geometry.types import Progress
 
 from .scene_folder import write_scene
@@ -31,15 +30,11 @@ def draw_scene(
 
     Raises `DataError` if the folder cannot be written.
     """
-    try:
-        delete_abandoned_drafts(folder.parent)
-        with locked_draft(folder) as draft:
-            draft.mkdir()
-            write_scene(config, draft, progress, jobs, frames)
-            try:
-                os.rename(draft, folder)
-            except OSError:
-                if not is_drawn(folder):  # else another process has drawn the same scene
-                    raise
-    except OSError as error:
-        raise DataError(f"the cache cannot be written: {error.strerror}", folder.parent) from None
+    with locked_draft(folder) as draft:
+        draft.mkdir()
+        write_scene(config, draft, progress, jobs, frames)
+        try:
+            os.rename(draft, folder)
+        except OSError:
+            if not is_drawn(folder):  # else another process has drawn the same scene
+                raise

@@ -96,7 +96,7 @@ def test_film_on_a_full_disk_is_an_error_and_the_earlier_film_stays(bands: Path)
     film.write_bytes(FILM_MARK)
     words = [sys.executable, "-c", FULL_DISK, str(bands), str(film)]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
-    assert "film.webm: the film cannot be written" in done.stderr
+    assert "film.webm: cannot be written" in done.stderr
     assert [path.name for path in place.iterdir()] == ["film.webm"]
     assert film.read_bytes() == FILM_MARK
 
@@ -119,7 +119,7 @@ def test_a_disk_that_fills_up_at_the_end_of_a_film_is_an_error_of_writing(tmp_pa
     film = tmp_path / "film.webm"
     words = [sys.executable, "-c", FULL_AFTER_ENCODING, str(film)]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
-    assert done.stderr.endswith(f"{film}: the film cannot be written: File too large\n")
+    assert done.stderr.endswith(f"{film}: cannot be written: File too large\n")
     assert "cannot be read" not in done.stderr
     assert not list(tmp_path.iterdir())
 

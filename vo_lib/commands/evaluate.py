@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 from contextlib import suppress
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from ..errors import DataError
 from ..evaluation.ate_rpe import Alignment
 from ..evaluation.kitti_errors import SubsequenceProtocol, suitable_protocol
 from ..evaluation.path_errors import PathErrors, evaluate
-from ..files import read_mapping, write_atomic, written_together
+from ..files import read_mapping, refuse_foreign, write_atomic, written_together
 from ..geometry.types import Array
 from ..report.compare import (
     GIVE_TRUTH,
@@ -110,9 +111,10 @@ def _evaluate(options: argparse.Namespace) -> int:
     if options.out is not None:
         with run_folder(options.out) as folder:
             own = _is_evaluation(folder / EVALUATION)
-            with written_together(folder, own=own) as draft:
+            with written_together(folder) as draft:
                 write_atomic(draft / EVALUATION, data + "\n")
                 write_pictures(draft, compared, errors)
+                refuse_foreign(folder, sorted(os.listdir(draft)), own)
     if options.json:
         print(data)
         return 0

@@ -12,7 +12,6 @@ from ..data.scenes import SCENES
 from ..data.sequence import open_folder
 from ..errors import DataError
 from ..evaluation.kitti_errors import trajectory_distances
-from ..files import folder_size
 from ..report.page import NO_NUMBER
 from .console import print_wrapped, show_table
 
@@ -67,7 +66,8 @@ def _facts(name: str, folder: Path | None) -> list[str]:
     boxes = "no"
     if sequence.labels is not None:
         boxes = "part" if missing_labels(sequence) else "yes"
-    megabytes = sum(folder_size(folder / side) for side in sequence.sides) / 1e6
+    images = [path for side in sequence.sides for path in (folder / side).iterdir() if path.is_file()]
+    megabytes = sum(path.stat().st_size for path in images) / 1e6
     return [
         str(len(sequence)),
         length,

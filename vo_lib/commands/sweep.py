@@ -185,10 +185,13 @@ def _write(folder: Path, maps: list[str], sweeps: list[Sweep]) -> list[str]:
     maps : for each sweep, the file name of its heat map, which it gets if it has numbers.
     """
     drawn = {name: sweep for name, sweep in zip(maps, sweeps, strict=True) if sweep.has_numbers}
-    with written_together(folder, stale=[name for name in maps if name not in drawn]) as draft:
+    with written_together(folder) as draft:
         write_atomic(draft / TABLE, records_csv(_records(sweeps)))
         for name, sweep in drawn.items():
             write_atomic(draft / name, heat_map(sweep))
+        for name in maps:
+            if name not in drawn:  # of an earlier table
+                (folder / name).unlink(missing_ok=True)
     return [TABLE, *drawn]
 
 

@@ -9,13 +9,14 @@ https://github.com/onnx/onnx/blob/main/docs/ExternalData.md.
 from __future__ import annotations
 
 import hashlib
+import os
 import shutil
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import NamedTuple
 
 from ..errors import DataError
-from ..files import file_sha256, open_binary, read_bytes, write_atomic, writing
+from ..files import file_sha256, locked_draft, read_bytes, write_atomic
 
 # Kinds of fields
 VARINT = 0
@@ -39,7 +40,6 @@ ENTRY_VALUE = 2
 LOCATION = b"location"  # key of the entry with the file's name
 MAX_DEPTH = 60  # of messages in messages
 MAX_VARINT_BYTES = 10  # of an integer of 64 bits, 7 bits a byte
-COPY_BYTES = 1 << 24  # that are in memory at a time
 
 
 class _Field(NamedTuple):
@@ -113,8 +113,9 @@ def copy_model(source: Path, target: Path) -> None:
     target.unlink(missing_ok=True)
     for part, copied in zip(source_parts, target_parts, strict=True):
         copied.parent.mkdir(parents=True, exist_ok=True)
-        with open_binary(part) as old, writing(copied) as new:
-            shutil.copyfileobj(old, new, COPY_BYTES)
+        with locked_draft(copied) as draft:
+            shutil.copyfile(part, draft)
+            os.replace(draft, copied)
     write_atomic(target, content)
 
 

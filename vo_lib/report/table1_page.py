@@ -408,7 +408,7 @@ def write_table_files(
     removals: list[Picture],
     record: dict[str, Any],
 ) -> None:
-    """Write tables, report, figures and the record: all files, or none.
+    """Write tables, report, figures and the record; on a full disk, the files from before remain.
 
     Parameters
     ----------

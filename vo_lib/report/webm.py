@@ -91,28 +91,25 @@ def webm_file(path: Path, width: int, height: int, fps: int) -> Iterator[Picture
 
     Raises `DataError` if the film cannot be written.
     """
-    try:
-        with locked_draft(path) as folder:
-            folder.mkdir()
-            encoded = folder / "frames.ivf"
-            encoder = PictureEncoder(encoded, (width, height), path)
-            with encoder.threads:
-                yield encoder
-                encoder.finish()
-            if not encoder.count:
-                return
-            draft = folder / path.name
-            # Both files are the kit's own drafts, so an error of either is one of writing the film.
-            with open(encoded, "rb") as source, open(draft, "wb") as file:
-                webm = WebmWriter(file, width, height, fps)
-                for frame in _frames_of_ivf(source):
-                    webm.add(frame)
-                webm.finish()
-            if webm.count != encoder.count:  # OpenCV reports no error of writing
-                raise DataError("the film cannot be written: is the disk full?", path)
-            os.replace(draft, path)
-    except OSError as error:
-        raise DataError(f"the film cannot be written: {error.strerror}", path) from error
+    with locked_draft(path) as folder:
+        folder.mkdir()
+        encoded = folder / "frames.ivf"
+        encoder = PictureEncoder(encoded, (width, height), path)
+        with encoder.threads:
+            yield encoder
+            encoder.finish()
+        if not encoder.count:
+            return
+        draft = folder / path.name
+        # Both files are the kit's own drafts, so an error of either is one of writing the film.
+        with open(encoded, "rb") as source, open(draft, "wb") as file:
+            webm = WebmWriter(file, width, height, fps)
+            for frame in _frames_of_ivf(source):
+                webm.add(frame)
+            webm.finish()
+        if webm.count != encoder.count:  # OpenCV reports no error of writing
+            raise DataError("cannot be written: is the disk full?", path)
+        os.replace(draft, path)
 
 
 class PictureEncoder:

@@ -150,8 +150,8 @@ def _digest_or_none(path: Path) -> str | None:
 def write_run(folder: Path, result: Run, identity: dict[str, Any]) -> None:
     """Write poses, per-frame log, errors and, last, config.json, which marks the run as finished.
 
-    All files are written, or none: a run that is in the folder already remains whole on a full disk. The
-    config.json has the SHA-256 of the other files.
+    A run that is in the folder already remains whole on a full disk. The config.json has the SHA-256 of the
+    other files.
 
     identity : result of `identity.run_identity`.
 
@@ -170,7 +170,7 @@ def write_run(folder: Path, result: Run, identity: dict[str, Any]) -> None:
     stale = [PICTURE, LOOPS, LOOPS_POSES]
     if result.calibration is None:
         stale.append(CALIBRATION)
-    with written_together(folder, CONFIG, stale) as draft:
+    with written_together(folder) as draft:
         write_atomic(draft / POSES, format_kitti_poses(result.poses))
         write_atomic(draft / POSES_TUM, format_tum(sequence.times, result.poses))
         write_atomic(draft / LOG, frames_csv(sequence.frames[1:], result.motions))
@@ -187,6 +187,8 @@ def write_run(folder: Path, result: Run, identity: dict[str, Any]) -> None:
         }
         # Under this name, a search for finished runs does not find it (`written_together`).
         write_atomic(draft / (CONFIG + DRAFT), _json(identity | about_run))
+        for name in stale:
+            (folder / name).unlink(missing_ok=True)
 
 
 def _detector_of_boxes(result: Run) -> dict[str, Any] | None:

@@ -6,6 +6,7 @@ The cache has an npz file for each sequence and front end, with an array for eac
 from __future__ import annotations
 
 import json
+import os
 import re
 import zipfile
 from collections.abc import Iterator
@@ -16,7 +17,7 @@ import numpy as np
 from ..data.drawn import cache_folder, make_cache_folder
 from ..data.sequence import Sequence
 from ..errors import DataError
-from ..files import delete_abandoned_drafts, writing
+from ..files import locked_draft
 from ..geometry.matches import StereoMatches
 from ..geometry.result import Clock
 from ..geometry.types import Array
@@ -97,12 +98,13 @@ class CachedMatches:
             self.path.parent.mkdir(exist_ok=True)
         except OSError as error:
             raise DataError(f"the cache cannot be written: {error.strerror}", self.path.parent) from None
-        delete_abandoned_drafts(self.path.parent)
-        with writing(self.path, locked=True) as target, zipfile.ZipFile(target, "w") as file:
-            for index, (matches, ms) in enumerate(find_matches(self.sequence, self.config)):
-                with file.open(f"{index}.npy", "w") as member:
-                    np.lib.format.write_array(member, _to_rows(matches), allow_pickle=False)
-                yield matches, ms
+        with locked_draft(self.path) as draft:
+            with zipfile.ZipFile(draft, "w") as file:
+                for index, (matches, ms) in enumerate(find_matches(self.sequence, self.config)):
+                    with file.open(f"{index}.npy", "w") as member:
+                        np.lib.format.write_array(member, _to_rows(matches), allow_pickle=False)
+                    yield matches, ms
+            os.replace(draft, self.path)
 
 
 def _to_rows(matches: StereoMatches) -> Array:
