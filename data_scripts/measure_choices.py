@@ -35,7 +35,7 @@ from vo_lib.data.catalogue import SYNTHETIC
 from vo_lib.data.sequence import Sequence
 from vo_lib.evaluation.kitti_errors import SubsequenceProtocol, suitable_protocol, trajectory_distances
 from vo_lib.evaluation.statistics import standard_deviation
-from vo_lib.files import csv_text, read_mapping, write_atomic
+from vo_lib.files import read_mapping, write_atomic
 from vo_lib.geometry.motion import essential_vector
 from vo_lib.geometry.types import Array
 from vo_lib.paper.box_removal import in_boxes
@@ -55,6 +55,7 @@ from vo_lib.runs.drive import run_methods
 from vo_lib.runs.folder import run_folder
 from vo_lib.runs.identity import run_identity
 from vo_lib.runs.match_cache import CachedMatches
+from vo_lib.runs.tables import csv_text
 
 SEEDS = 5
 LOWEST_SCORE = 0.1  # of a detected box: an alternative has this score

@@ -24,7 +24,8 @@ from measure.detector_experiments import EXPERIMENTS, SEEDS, Experiment, judged,
 from vo_lib.commands.common import parse_whole
 from vo_lib.commands.console import print_wrapped, reporting
 from vo_lib.errors import DataError
-from vo_lib.files import csv_text, read_csv, write_atomic
+from vo_lib.files import write_atomic
+from vo_lib.runs.tables import csv_text, read_csv
 
 NOTEBOOKS = Path(__file__).resolve().parents[1] / "notebooks"
 

@@ -31,11 +31,12 @@ from vo_lib.detection.label_folders import labelled_sequence
 from vo_lib.detection.settings import DetectorConfig
 from vo_lib.errors import DataError
 from vo_lib.evaluation.statistics import COUNTED
-from vo_lib.files import read_csv, write_atomic
+from vo_lib.files import write_atomic
 from vo_lib.report.page import ReportTable, markdown, provenance
 from vo_lib.runs.drive import Run
 from vo_lib.runs.folder import read_run, run_folder
 from vo_lib.runs.jobs import Job, run_jobs
+from vo_lib.runs.tables import read_csv
 
 ABLATION = Path(__file__).parents[1] / "notebooks" / "ablation.csv"  # its tables end the whole page
 

@@ -33,7 +33,8 @@ from vo_lib.detection.model_files import copy_model
 from vo_lib.detection.models import detector_folder, list_detectors
 from vo_lib.detection.yolo import YoloDetector
 from vo_lib.errors import DataError
-from vo_lib.files import read_text, refuse_foreign, write_atomic
+from vo_lib.files import read_text, write_atomic
+from vo_lib.runs.folder import refuse_foreign
 
 MODEL = "detector.onnx"
 OWN = "# written by `vo data train_detector`\n"  # first line of data.yaml, by which the folder is recognised

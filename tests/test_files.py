@@ -9,19 +9,19 @@ from pathlib import Path
 import pytest
 
 from vo_lib import DataError
+from vo_lib.data.label_names import read_yaml
 from vo_lib.files import (
     DRAFT,
     LOCK,
     locked_draft,
     only_process,
-    read_csv,
     read_mapping,
     read_text,
-    read_yaml,
-    refuse_foreign,
     write_atomic,
     written_together,
 )
+from vo_lib.runs.folder import refuse_foreign
+from vo_lib.runs.tables import read_csv
 
 BEFORE = {"b.txt": "old b", "d.txt": "old d", "end.json": "old end"}
 

@@ -13,12 +13,8 @@ from .errors import DataError
 def checkout_folder() -> Path | None:
     """The kit's own folder, if this package lies in it; None for an installed copy."""
     folder = Path(__file__).resolve().parents[1]
-    return folder if _is_kit(folder) else None
-
-
-def _is_kit(folder: Path) -> bool:
-    """Whether a folder is the kit's own; a copy of the library may lie in the folder of any project."""
-    return (folder / "data_scripts" / "vo_street").is_dir() and (folder / "notebooks").is_dir()
+    # A copy of the library may lie in the folder of any project.
+    return folder if (folder / "data_scripts" / "vo_street").is_dir() else None
 
 
 def kit_folder_text() -> str:
@@ -26,14 +22,14 @@ def kit_folder_text() -> str:
     package = next(iter(metadata.distributions(name="stereo-vo-kit")), None)
     note = package and package.read_text("direct_url.json")
     folder = url2pathname(json.loads(note or "{}").get("url", "").removeprefix("file://"))
-    return folder if folder and _is_kit(Path(folder)) else "the kit's folder (the one with README.md)"
+    is_there = folder and Path(folder, "data_scripts").is_dir()
+    return folder if is_there else "the kit's folder (the one with README.md)"
 
 
 def kit_subfolder(name: str) -> Path:
     """The folder `name` of the kit's own, such as "notebooks"; `DataError` in an installed copy."""
     folder = checkout_folder()
     if folder is None:
-        raise DataError(
-            f"this copy of the library lacks the folder {name}: run `pip install -e .` in {kit_folder_text()}"
-        )
+        command = f"run `pip install -e .` in {kit_folder_text()}"
+        raise DataError(f"this copy of the library lacks the folder {name}: {command}")
     return folder / name

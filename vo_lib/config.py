@@ -55,21 +55,13 @@ def preset(method: str, *, variant: str = "published", seed: int = 0) -> MethodC
 
     An unknown name raises `DataError` with the nearest valid name.
     """
-    config_class(variant)  # refuses an unknown variant
-    methods = VARIANTS[variant]
-    if method in METHODS and method not in methods:
-        raise DataError(f"{method} is not in the paper, only in variant kit: add --variant kit")
-    if method not in methods:
-        near = did_you_mean(method, methods)
-        raise DataError(f"unknown method {method!r}: {near}the methods are {', '.join(methods)}")
-    return dataclasses.replace(methods[method], seed=seed)
-
-
-def config_class(variant: str) -> type[MethodConfig]:
-    """The settings class of a variant; `DataError` for an unknown variant."""
-    if variant not in CONFIG_CLASSES:
+    if variant not in VARIANTS:
         raise DataError(f"unknown variant {variant!r}: expected one of {', '.join(VARIANTS)}")
-    return CONFIG_CLASSES[variant]
+    methods = VARIANTS[variant]
+    if method not in methods:
+        near = "add --variant kit, or " if method in METHODS else did_you_mean(method, methods)
+        raise DataError(f"{method!r} is no method of variant {variant}: {near}choose {', '.join(methods)}")
+    return dataclasses.replace(methods[method], seed=seed)
 
 
 def change(config: AnyConfig, name: str, value: Any) -> AnyConfig:

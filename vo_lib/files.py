@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import io
 import json
 import os
 import secrets
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -49,11 +48,9 @@ def read_bytes(path: str | Path) -> bytes:
 
 def read_text(path: str | Path) -> str:
     """Text of a file in UTF-8, with line ending \\n; `DataError` for other content, such as UTF-16."""
-    try:
-        text = read_bytes(path).decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = "\0"
-    if "\0" in text:  # so it is in UTF-16 without a mark, which often decodes as UTF-8
+    text = read_bytes(path).decode("utf-8-sig", "replace")
+    # Zeros are those of UTF-16 without a mark, which often decodes as UTF-8.
+    if "\0" in text or "\ufffd" in text:
         raise DataError("is not a text file in UTF-8", path)
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
@@ -69,49 +66,18 @@ def read_mapping(path: str | Path, expected: str) -> dict[str, Any]:
     return data
 
 
-def read_csv(path: str | Path) -> list[tuple[int, list[str]]]:
-    """Rows of a CSV file, each with the number of its last line; empty rows and comments (#) are skipped.
-
-    Raises `DataError` with file and line if the file is not CSV.
-    """
-    reader = csv.reader(io.StringIO(read_text(path)))
-    try:
-        return [(reader.line_num, cells) for cells in reader if cells and not cells[0].startswith("#")]
-    except csv.Error as error:
-        raise DataError(f"is not CSV: {error}", path, reader.line_num) from None
-
-
-def read_yaml(path: str | Path) -> dict[str, Any]:
-    """The mapping in a YAML file, or {} for other content; `DataError` for a file that is not YAML."""
-    import yaml  # the library reads no YAML when a run starts
-
-    try:
-        content = yaml.safe_load(read_text(path))
-    # PyYAML raises these errors also for invalid dates and for deep nesting.
-    except (yaml.YAMLError, ValueError, TypeError, AttributeError, RecursionError) as error:
-        mark = getattr(error, "problem_mark", None)
-        raise DataError("is not YAML", path, mark and mark.line + 1) from None
-    return content if isinstance(content, dict) else {}
-
-
 @contextmanager
-def only_process(folder: Path, waiting: Callable[[Path], None] | None = None) -> Iterator[None]:
+def only_process(folder: Path) -> Iterator[None]:
     """A lock on a folder for this process. If the process ends, the operating system releases the lock.
 
-    Drafts of files that a killed process has left in the folder are deleted. One with a lock of its own
-    (`locked_draft`) stays.
-
-    waiting : called with the folder, once, if another process has the lock; the context then begins when that
-        process ends. Without `waiting`, such a lock raises `DataError`.
+    Raises `DataError` if another process has the lock. Drafts of files that a killed process has left in the
+    folder are deleted. One with a lock of its own (`locked_draft`) stays.
     """
     lock = FileLock(folder / LOCK)
     try:
         lock.acquire(timeout=0)
     except Timeout:
-        if waiting is None:
-            raise DataError("another process is working in this folder", folder) from None
-        waiting(folder)
-        lock.acquire()
+        raise DataError("another process is working in this folder: wait until it ends", folder) from None
     try:
         for draft in folder.glob(f".*{DRAFT}"):
             if draft.is_file() and not Path(f"{draft}{LOCK}").exists():
@@ -186,24 +152,6 @@ def written_together(folder: Path) -> Iterator[Path]:
             os.replace(draft / name, folder / name.removesuffix(DRAFT))
 
 
-def refuse_foreign(folder: Path, names: Iterable[str], own: bool) -> None:
-    """Raise `DataError` with the first file that a result would replace in a folder that is not the kit's.
-
-    own : whether the folder has results of the kit; a folder with the lock of a process is the kit's too.
-    """
-    there = [name for name in names if os.path.lexists(folder / name)]
-    if there and not own and not (folder / LOCK).exists():
-        raise DataError("is not the kit's file: choose another folder for the results", folder / there[0])
-
-
-def csv_text(rows: Iterable[Sequence[object]]) -> str:
-    """CSV text of rows, the first of which is the heading; the line ending is \\n."""
-    buffer = io.StringIO()
-    csv.writer(buffer, lineterminator="\n").writerows(rows)
-    return buffer.getvalue()
-
-
 def file_sha256(path: str | Path) -> str:
     """SHA-256 of a file, 64 hexadecimal digits; raises like `open_binary`."""
-    with open_binary(path) as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    return hashlib.sha256(read_bytes(path)).hexdigest()

@@ -13,8 +13,6 @@ from typing import Any
 
 import loky
 
-PARENT_CHECK_S = 0.5  # interval at which a worker checks that its parent process exists
-
 
 class ThisProcess(Executor):
     """An executor without worker processes: `submit` makes the call at once."""
@@ -35,23 +33,20 @@ def local_pool(workers: int) -> Iterator[Executor]:
     if workers == 1:
         yield ThisProcess()
         return
-    pool = loky.ProcessPoolExecutor(workers, initializer=_set_up_worker, initargs=(os.getpid(),))
+    pool = loky.ProcessPoolExecutor(workers, initializer=_follow_parent, initargs=(os.getpid(),))
     try:
         yield pool
-    except BaseException:
-        pool.shutdown(kill_workers=True)
-        raise
-    pool.shutdown()
+    finally:
+        pool.shutdown(kill_workers=True)  # after an error, some of them still work
 
 
-def _set_up_worker(parent: int) -> None:
-    """Make a worker ignore Ctrl-C, which the parent process handles, and end when the parent ends."""
+def _follow_parent(parent: int) -> None:
+    """Make a worker ignore Ctrl-C, which its parent handles, and end with the process of this number."""
+
+    def watch() -> None:
+        while os.getppid() == parent:  # on Windows always: there, a worker ends when its call does
+            time.sleep(0.5)
+        os._exit(1)
+
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, args=(parent,), daemon=True).start()
-
-
-def _end_with_parent(parent: int) -> None:
-    """Wait for the end of the parent process, which has this number, then end this process."""
-    while os.getppid() == parent:  # on Windows always: there, a worker whose parent was killed ends its call
-        time.sleep(PARENT_CHECK_S)
-    os._exit(1)
+    threading.Thread(target=watch, daemon=True).start()

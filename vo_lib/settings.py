@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from typing import Any, cast, get_args, get_type_hints
 
@@ -117,9 +117,7 @@ class Setting:
         if self.kind is str:
             return not self.is_list or re.fullmatch(WORD_OF_LIST, item) is not None
         # NaN fails every comparison.
-        is_not_too_low = self.low is None or item >= self.low
-        is_not_too_high = self.high is None or item <= self.high
-        return is_not_too_low and is_not_too_high
+        return (self.low is None or item >= self.low) and (self.high is None or item <= self.high)
 
     def describe(self) -> str:
         """The allowed values as text, such as "a number from 0 to 5 px"."""
@@ -150,21 +148,9 @@ class Checked:
                 item.check(getattr(self, item.name))
 
 
-# The type of each field by name. A call takes a millisecond, and each config.json needs one for each section.
-_hints = functools.cache(get_type_hints)
-
-
-def declared(cls: type, prefix: str = "") -> tuple[Setting, ...]:
-    """All settings of a settings class, depth first, in the order of declaration."""
-    return _declared(cls, prefix)
-
-
-# Cached, since each picture of a panel asks for the settings some fifty times. The cached function is not
-# `declared` itself, because a cache hides the types of the arguments from mypy.
-@functools.cache
-def _declared(cls: type, prefix: str) -> tuple[Setting, ...]:
-    """`declared`, with `prefix` in front of every name."""
-    hints = _hints(cls)
+def _declared(cls: type, prefix: str = "") -> tuple[Setting, ...]:
+    """All settings of a settings class, depth first, with `prefix` in front of every name."""
+    hints = get_type_hints(cls)
     items = list[Setting]()
     for field in dataclasses.fields(cls):
         kind = hints[field.name]
@@ -174,6 +160,11 @@ def _declared(cls: type, prefix: str) -> tuple[Setting, ...]:
             kind = [*get_args(kind), kind][0]  # str and float for tuple[str, ...] and float | None
             items.append(Setting(prefix + field.name, kind, field.default, **field.metadata))
     return tuple(items)
+
+
+# All settings of a settings class, in the order of declaration. Cached, since each picture of a panel asks
+# for them some fifty times.
+declared: Callable[..., tuple[Setting, ...]] = functools.cache(_declared)
 
 
 def replace(config: Any, name: str, value: Any) -> Any:
@@ -207,16 +198,14 @@ def unused_because(config: Any, name: str) -> str:
     return ""
 
 
-def to_dict(config: Any) -> dict[str, Any]:
-    """The settings as nested dicts for JSON."""
-    return dataclasses.asdict(config)
+to_dict = dataclasses.asdict  # the settings as nested dicts for JSON
 
 
 def from_dict(cls: Any, data: dict[str, Any]) -> Any:
     """Settings from nested dicts as returned by `to_dict`; absent fields keep their defaults."""
     if not isinstance(data, dict):
         raise DataError(f"expected a JSON object with the settings of {cls.__name__}")
-    hints = _hints(cls)
+    hints = get_type_hints(cls)
     values = dict[str, Any]()
     for name, value in data.items():
         if name not in hints:

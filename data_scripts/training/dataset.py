@@ -15,9 +15,9 @@ from typing import Any
 
 import platformdirs
 
-from vo_lib.data.label_names import names_in_description
+from vo_lib.data.label_names import names_in_description, read_yaml
 from vo_lib.errors import DataError
-from vo_lib.files import read_text, read_yaml
+from vo_lib.files import read_text
 
 IMAGE_ENDINGS = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 SPLITS = {"train": "train", "valid": "val", "test": "test"}  # our name and the key in data.yaml

@@ -16,9 +16,10 @@ import numpy as np
 
 from vo_lib.data.label_files import write_labels
 from vo_lib.data.scenes import KITTI_F, SCENES, TABLE_SCENES, SceneConfig, scene_config
-from vo_lib.files import read_text, refuse_foreign, write_atomic
+from vo_lib.files import read_text, write_atomic
 from vo_lib.geometry.types import Progress
 from vo_lib.parallel import local_pool
+from vo_lib.runs.folder import refuse_foreign
 from vo_lib.settings import Checked, setting
 from vo_street.render import Renderer
 from vo_street.sensor import expose, exposures, smear

@@ -1097,8 +1097,8 @@ def test_choices_and_ends_are_those_of_the_state(street: Sequence) -> None:
         (ch05.FilteringPanel, "view.model", "", "model: the field is empty; type `street`, "),
         (ch07.ReproducePanel, "view.model", " ", "boxes: the field is empty; type `street`, "),
         (ch07.ReproducePanel, "view.model", "yolov8n.pt", "boxes: yolov8n.pt: no such file"),
-        (ch07.ReproducePanel, "view.methods", "mesvo_f,a b", "systems: unknown method 'a b'"),
-        (ch07.ReproducePanel, "view.methods", "viso", "systems: unknown method 'viso'"),
+        (ch07.ReproducePanel, "view.methods", "mesvo_f,a b", "systems: 'a b' is no method"),
+        (ch07.ReproducePanel, "view.methods", "viso", "systems: 'viso' is no method"),
     ],
 )
 def test_errors_name_the_control(

@@ -14,13 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ..config import config_class
+from ..config import CONFIG_CLASSES
 from ..data.catalogue import parse_sequences
 from ..data.sequence import Sequence
 from ..detection.models import find_model
 from ..errors import DataError
 from ..evaluation.kitti_errors import SubsequenceProtocol
-from ..files import only_process, refuse_foreign
+from ..files import only_process
 from ..loops.settings import LoopConfig
 from ..paper.settings import MethodConfig
 from ..report.blocks import Axes, Block, make_blocks, parse_axes
@@ -55,7 +55,7 @@ from ..report.table1_page import (
 )
 from ..report.table1_plan import RUNS, Cell, default_sequences, jobs_of, plan_cells, split_missing
 from ..runs.durations import Durations
-from ..runs.folder import has_runs, read_run, run_folder
+from ..runs.folder import has_runs, read_run, refuse_foreign, run_folder
 from ..runs.jobs import Job, Outcome, refuse_other_runs
 from ..runs.match_cache import CachedMatches
 from . import close_loops, common, vehicle_boxes
@@ -128,7 +128,7 @@ def _read_table(options: argparse.Namespace) -> _Table:
     axes: Axes = {}
     for variant, of_variant in methods.items():
         if of_variant:  # every variant tests the values, which are the same for all
-            axes = parse_axes(options.axes, config_class(variant)())
+            axes = parse_axes(options.axes, CONFIG_CLASSES[variant]())
     blocks = make_blocks(methods, chosen.changes, axes, options.loops, chosen.must_be_used)
     seeds = common.parse_whole("--seeds", options.seeds)
     common.parse_whole("--jobs", options.jobs)  # refused before the work

@@ -6,7 +6,6 @@ import argparse
 import shlex
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 from ..config import VARIANTS
@@ -178,17 +177,11 @@ def with_detected_boxes(
             classes=classes,
             provider=options.provider,
             cache=options.cache,
-            waiting=_print_waiting,
             progress=report,
             detected=add_time,
         )
     warn_without_vehicles(sequence)
     return sequence
-
-
-def _print_waiting(folder: Path) -> None:
-    """Say why nothing happens while another process detects vehicles in the same images."""
-    print_wrapped("note: another process detects vehicles in these images; waiting until it ends")
 
 
 @contextmanager

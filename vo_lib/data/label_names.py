@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import DataError
-from ..files import read_mapping, read_text, read_yaml
+from ..files import read_mapping, read_text
 from .class_names import ClassNames
 
 DETECTOR_RECORD = "detector.json"  # in a label folder that the kit's detector wrote
@@ -231,3 +231,16 @@ def _whole_numbers(values: Any) -> tuple[int, ...] | None:
     if not isinstance(values, list) or not all(isinstance(value, int) for value in values):
         return None
     return tuple(values)
+
+
+def read_yaml(path: str | Path) -> dict[str, Any]:
+    """The mapping in a YAML file, or {} for other content; `DataError` for a file that is not YAML."""
+    import yaml  # the library reads no YAML when a run starts
+
+    try:
+        content = yaml.safe_load(read_text(path))
+    # PyYAML raises these errors also for invalid dates and for deep nesting.
+    except (yaml.YAMLError, ValueError, TypeError, AttributeError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        raise DataError("is not YAML", path, mark and mark.line + 1) from None
+    return content if isinstance(content, dict) else {}

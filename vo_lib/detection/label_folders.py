@@ -191,7 +191,6 @@ def write_label_folder(
     provider: str = "cpu",
     replace: bool = False,
     others: Iterable[Path] = (),
-    waiting: Callable[[Path], None] | None = None,
     progress: Progress | None = None,
     detected: Callable[[int, float], None] | None = None,
 ) -> int:
@@ -207,7 +206,6 @@ def write_label_folder(
     replace : delete the frames' labels of another detector with its record and list of images, and no other
         file.
     others : other folders with labels of this record; the labels of the same images are copied.
-    waiting : called if another process writes labels into the folder (see `only_process`).
     detected : called at the end with the number of images in which the detector ran, if it ran in any, and
         the seconds that this took; copied labels count in neither.
 
@@ -216,7 +214,7 @@ def write_label_folder(
     DataError : the folder is that of a sequence or a run, or has the record of another program.
         A file in it is named as a label and is none.
         It has labels of another detector, and `replace` is false or such a label is of no frame.
-        Another process writes labels into it, and `waiting` is None.
+        Another process writes labels into it.
         The model or an image cannot be used, or the classes cannot be chosen (`chosen_mask`).
     """
     record = detection_record(model, config, classes, provider)
@@ -225,7 +223,7 @@ def write_label_folder(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise DataError(f"the folder cannot be created: {error.strerror}", folder) from None
-    with only_process(folder, waiting):
+    with only_process(folder):
         _require_replaceable(folder)
         is_own = _are_labels_of(folder, record)
         if not is_own:
@@ -332,7 +330,6 @@ def labelled_sequence(
     classes: tuple[str, ...] = (VEHICLES,),
     provider: str = "cpu",
     cache: Path | None = None,
-    waiting: Callable[[Path], None] | None = None,
     progress: Progress | None = None,
     detected: Callable[[int, float], None] | None = None,
 ) -> Sequence:
@@ -357,7 +354,6 @@ def labelled_sequence(
         provider=provider,
         replace=True,
         others=[other for other in of_this_detector if other != folder],
-        waiting=waiting or (lambda _: None),  # so that the call waits
         progress=progress,
         detected=detected,
     )

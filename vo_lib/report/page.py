@@ -10,8 +10,8 @@ from datetime import date
 from typing import Any
 
 from ..evaluation.kitti_errors import FEW_SUBSEQUENCES
-from ..files import csv_text
 from ..runs.identity import library_versions, machine_info
+from ..runs.tables import csv_text
 
 NO_NUMBER = "–"
 COUNT_COLUMN = "sub-seqs"  # number of sub-sequences from which a row's errors come

@@ -28,7 +28,6 @@ from ..evaluation.kitti_errors import (
 )
 from ..evaluation.path_errors import PathErrors, evaluate
 from ..evaluation.statistics import mean_and_deviation
-from ..files import read_csv
 from ..geometry.rows import joined
 from ..geometry.types import Array
 from ..runs.drive import Run
@@ -36,6 +35,7 @@ from ..runs.earlier_seconds import FRONT_END_STAGES
 from ..runs.folder import read_run
 from ..runs.jobs import Outcome
 from ..runs.run_quality import warnings_of
+from ..runs.tables import read_csv
 from .blocks import Block
 from .page import finite_or_none
 from .paper_unit import PAPERS_OWN, RE_KIND, converted

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -13,22 +13,13 @@ from typing import Any
 import numpy as np
 
 from .. import settings
-from ..config import config_class
+from ..config import METHODS, preset
 from ..data.kitti import has_images
 from ..data.label_names import DETECTOR_RECORD
 from ..data.poses import format_kitti_poses, format_tum, read_kitti_poses
 from ..data.sequence import Sequence
 from ..errors import DataError
-from ..files import (
-    DRAFT,
-    csv_text,
-    file_sha256,
-    read_csv,
-    read_mapping,
-    refuse_foreign,
-    write_atomic,
-    written_together,
-)
+from ..files import DRAFT, LOCK, file_sha256, read_mapping, write_atomic, written_together
 from ..geometry.motion import inverse
 from ..geometry.result import Flag, FrameResult
 from ..geometry.types import Array
@@ -36,6 +27,7 @@ from ..paper.settings import MethodConfig
 from .drive import Run
 from .identity import machine_info, short_digest
 from .run_quality import LOG, evaluate_run, path_lost, warnings_of
+from .tables import csv_text, read_csv
 
 CONFIG = "config.json"
 METRICS = "metrics.json"
@@ -96,6 +88,16 @@ def run_folder(folder: str | Path) -> Iterator[Path]:
         with suppress(OSError):
             for new_folder in new_folders:
                 new_folder.rmdir()
+
+
+def refuse_foreign(folder: Path, names: Iterable[str], own: bool) -> None:
+    """Raise `DataError` with the first file that a result would replace in a folder that is not the kit's.
+
+    own : whether the folder has results of the kit; a folder with the lock of a process is the kit's too.
+    """
+    there = [name for name in names if os.path.lexists(folder / name)]
+    if there and not own and not (folder / LOCK).exists():
+        raise DataError("is not the kit's file: choose another folder for the results", folder / there[0])
 
 
 def refuse_foreign_files(folder: Path, fresh: bool = False) -> None:
@@ -244,7 +246,8 @@ def _digest_of_settings(values: dict[str, Any]) -> str:
 def settings_in(data: dict[str, Any], path: Path) -> MethodConfig:
     """The settings in the content of the config.json at `path`; a `DataError` names this file."""
     try:
-        config: MethodConfig = settings.from_dict(config_class(str(data.get("variant"))), data["settings"])
+        cls = type(preset(METHODS[0], variant=str(data.get("variant"))))
+        config: MethodConfig = settings.from_dict(cls, data["settings"])
     except DataError as error:
         raise DataError(str(error), path) from None
     return config
