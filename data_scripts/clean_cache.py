@@ -43,10 +43,13 @@ def run(options: argparse.Namespace) -> int:
     sizes = cache_sizes(options.cache)
     # Moved away first: a process that begins to write meanwhile then fails, and never gets half a folder.
     doomed = Path(tempfile.mkdtemp(dir=cache))
+    print_wrapped(f"{cache}: drawn streets and what was computed go, registered detectors stay")
     for path in sorted(cache.iterdir()):
-        if path.name not in (MARKER, detector_folder().name, doomed.name):
+        stays = path.name in (MARKER, detector_folder().name, doomed.name)
+        if not stays:
             path.rename(doomed / path.name)
-            print_wrapped(f"{path.name}: {format_bytes(sizes.get(path.name, 0))} deleted")
+        if path.name in sizes:
+            print_wrapped(f"{path.name}: {format_bytes(sizes[path.name])} {'stay' if stays else 'deleted'}")
     shutil.rmtree(doomed)
     return 0
 

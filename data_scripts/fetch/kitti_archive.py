@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 from fetch.download import write_file
 from fetch.zip_archives import Archives, Member
 from vo_lib.errors import DataError
-from vo_lib.files import read_bytes
+from vo_lib.files import DRAFT, only_process, read_bytes
 from vo_lib.geometry.types import Progress
 
 # The links of PAGE under "odometry data set", with the sizes on that page.
@@ -83,7 +83,8 @@ def fetch(
 ) -> None:
     """Write members of archives as files below `root`, several in parallel, each file atomically.
 
-    The first failure ends the download; complete files are kept, so a second call continues.
+    The first failure ends the download; complete files are kept, so a second call continues, and deletes what
+    a killed one has left half-written. Raises `DataError` if another process writes below `root`.
 
     progress : called with (bytes done, total bytes).
     """
@@ -93,14 +94,19 @@ def fetch(
     def take(member: Member) -> None:
         write_file(root / member.target, archives.read(member))
 
-    pool = ThreadPoolExecutor(max_workers=jobs)
-    try:
-        for member, _ in zip(members, pool.map(take, members), strict=True):
-            done += member.info.compress_size
-            if progress is not None:
-                progress(done, total)
-    finally:
-        pool.shutdown(cancel_futures=True)
+    root.mkdir(parents=True, exist_ok=True)
+    with only_process(root):
+        for folder in {(root / member.target).parent for member in members}:
+            for draft in folder.glob(f".*{DRAFT}"):
+                draft.unlink()
+        pool = ThreadPoolExecutor(max_workers=jobs)
+        try:
+            for member, _ in zip(members, pool.map(take, members), strict=True):
+                done += member.info.compress_size
+                if progress is not None:
+                    progress(done, total)
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 def link_tree(tree: Path, root: Path, sequences: Iterable[str]) -> list[str]:
