@@ -153,7 +153,7 @@ def _pairs(reference: _Reference, file: PoseFile, name: str) -> tuple[Index, Ind
         return np.arange(count), np.arange(count)
     rows, own = match_times(reference.file.times, file.times)
     if len(rows) < max(2, LEAST_SHARE * min(count, true_count)):
-        ranges = [f"{times[0]:.3f} to {times[-1]:.3f} s" for times in (file.times, reference.file.times)]
+        ranges = [f"{times[0]:.13g} to {times[-1]:.13g} s" for times in (file.times, reference.file.times)]
         raise DataError(
             f"only {len(rows)} times of {name} are those of {reference.name} within {TIME_TOLERANCE_S:g} s: "
             f"{' and '.join(ranges)}; expected seconds of one clock"

@@ -165,7 +165,7 @@ def _poses_of_frames(path: Path, times: Array) -> Array:
         return file.poses
     rows, pose_rows = match_times(times, file.times)
     if len(rows) < 2:
-        ranges = [f"{each[0]:.3f} to {each[-1]:.3f} s" for each in (file.times, times)]
+        ranges = [f"{each[0]:.13g} to {each[-1]:.13g} s" for each in (file.times, times)]
         raise DataError(f"fewer than two poses at times of the sequence: {' and '.join(ranges)}", path)
     return file.poses[pose_rows]
 
