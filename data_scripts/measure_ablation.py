@@ -44,6 +44,7 @@ from vo_lib.commands.common import parse_jobs, parse_whole
 from vo_lib.commands.console import print_lines, print_wrapped, reporting
 from vo_lib.data.catalogue import SYNTHETIC, parse_sequences
 from vo_lib.data.sequence import Sequence
+from vo_lib.data.tables import csv_text, read_csv
 from vo_lib.errors import DataError
 from vo_lib.evaluation.kitti_errors import SHORT_PROTOCOL, kitti_errors, trajectory_distances
 from vo_lib.files import read_mapping, write_atomic
@@ -55,7 +56,6 @@ from vo_lib.runs.drive import Run
 from vo_lib.runs.folder import read_run, run_folder
 from vo_lib.runs.identity import run_identity
 from vo_lib.runs.jobs import Job, run_jobs
-from vo_lib.runs.tables import csv_text, read_csv
 
 SEEDS = 5
 DRAWN_FRAMES = 100  # the first frames of a drawn scene; all frames would take a night

@@ -33,6 +33,7 @@ from vo_lib.commands.console import print_wrapped, reporting
 from vo_lib.config import change, preset
 from vo_lib.data.catalogue import SYNTHETIC
 from vo_lib.data.sequence import Sequence
+from vo_lib.data.tables import csv_text
 from vo_lib.evaluation.kitti_errors import SubsequenceProtocol, suitable_protocol, trajectory_distances
 from vo_lib.evaluation.statistics import standard_deviation
 from vo_lib.files import read_mapping, write_atomic
@@ -55,7 +56,6 @@ from vo_lib.runs.drive import run_methods
 from vo_lib.runs.folder import run_folder
 from vo_lib.runs.identity import run_identity
 from vo_lib.runs.match_cache import CachedMatches
-from vo_lib.runs.tables import csv_text
 
 SEEDS = 5
 LOWEST_SCORE = 0.1  # of a detected box: an alternative has this score

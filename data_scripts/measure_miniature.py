@@ -23,9 +23,9 @@ from threadpoolctl import threadpool_limits
 from measure.detector_experiments import EXPERIMENTS, SEEDS, Experiment, judged, row_head
 from vo_lib.commands.common import parse_whole
 from vo_lib.commands.console import print_wrapped, reporting
+from vo_lib.data.tables import csv_text, read_csv
 from vo_lib.errors import DataError
 from vo_lib.files import write_atomic
-from vo_lib.runs.tables import csv_text, read_csv
 
 NOTEBOOKS = Path(__file__).resolve().parents[1] / "notebooks"
 

@@ -27,6 +27,7 @@ from vo_lib.data.catalogue import SYNTHETIC, parse_sequences
 from vo_lib.data.label_remarks import missing_labels
 from vo_lib.data.scenes import TABLE_SCENES
 from vo_lib.data.sequence import Sequence
+from vo_lib.data.tables import read_csv
 from vo_lib.detection.label_folders import labelled_sequence
 from vo_lib.detection.settings import DetectorConfig
 from vo_lib.errors import DataError
@@ -36,7 +37,6 @@ from vo_lib.report.page import ReportTable, markdown, provenance
 from vo_lib.runs.drive import Run
 from vo_lib.runs.folder import read_run, run_folder
 from vo_lib.runs.jobs import Job, run_jobs
-from vo_lib.runs.tables import read_csv
 
 ABLATION = Path(__file__).parents[1] / "notebooks" / "ablation.csv"  # its tables end the whole page
 

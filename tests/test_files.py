@@ -10,6 +10,7 @@ import pytest
 
 from vo_lib import DataError
 from vo_lib.data.label_names import read_yaml
+from vo_lib.data.tables import read_csv
 from vo_lib.files import (
     DRAFT,
     LOCK,
@@ -21,7 +22,6 @@ from vo_lib.files import (
     written_together,
 )
 from vo_lib.runs.folder import refuse_foreign
-from vo_lib.runs.tables import read_csv
 
 BEFORE = {"b.txt": "old b", "d.txt": "old d", "end.json": "old end"}
 

@@ -89,7 +89,7 @@ def test_error_of_a_value_names_the_values_of_the_own_variant() -> None:
 
 
 def test_a_method_of_variant_kit_alone_is_refused_in_one_sentence() -> None:
-    with pytest.raises(DataError, match=r"^moving_selection is not in the paper, .*: add --variant kit$"):
+    with pytest.raises(DataError, match=r"^'moving_selection' is no method of .*: add --variant kit, or"):
         preset("moving_selection")
 
 

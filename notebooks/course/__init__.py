@@ -9,7 +9,7 @@ selection one by one, and `rotation_errors` compares their results with the trut
 
 Pictures: `drawing` has their style, and `colours` their colours. `drawn_matches` draws matches into photos, `by_depth`
 is a chart of two chapters, `view3d` shows shapes that the mouse rotates, and `raster` turns figures into pixels.
-`measured_results` reads the tables beside the notebooks.
+`measured_results` reads the tables beside the notebooks, and `intervals` tests means over seeds.
 
 Exercises: `checker` checks answers, with the comparisons of `results`; `stored_answers` saves those that passed, and
 `own_functions` runs them on frames beside the library's. `answer_log` writes down what the checks said, and `tasks`,

@@ -21,9 +21,9 @@ from pathlib import Path
 from typing import Any
 
 from vo_lib.commands.console import ENDINGS, OneLineParser, exit_code
+from vo_lib.data.tables import csv_text
 from vo_lib.errors import DataError
 from vo_lib.files import write_atomic
-from vo_lib.runs.tables import csv_text
 
 from .grading import LIMIT_S, SAID, grade
 from .submissions import find_submissions, namesakes, read_submission

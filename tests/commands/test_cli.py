@@ -26,10 +26,10 @@ from vo_lib.commands.run import FLAG_MEANINGS
 from vo_lib.config import CONFIG_CLASSES
 from vo_lib.data.poses import read_kitti_poses, read_poses
 from vo_lib.data.sequence import Sequence
+from vo_lib.data.tables import read_csv
 from vo_lib.detection.network_image import yolox_cells
 from vo_lib.geometry.result import Flag
 from vo_lib.kit.calibration import read_learnt_calibration
-from vo_lib.runs.tables import read_csv
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = {"config.json", "frames.csv", "metrics.json", "poses.txt", "poses_tum.txt", "trajectory.png"}

@@ -20,7 +20,7 @@ from course.ch01.front_end_table import (
 )
 from measure import ablation as measurement
 from measure.ablation import IDEAS, Ablation, read_row
-from vo_lib.runs.tables import read_csv
+from vo_lib.data.tables import read_csv
 
 NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks"
 WITH_LOSSES = ("alternating", "blurred")  # disturbances with which the paper's front end loses frames

@@ -29,9 +29,9 @@ from measure.disturbances import DISTURBANCES, GAP_START, Disturbance, disturb, 
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.poses import write_kitti_poses
 from vo_lib.data.sequence import Sequence
+from vo_lib.data.tables import csv_text, read_csv
 from vo_lib.geometry.types import Array, Image
 from vo_lib.report.page import ReportTable, markdown
-from vo_lib.runs.tables import csv_text, read_csv
 
 FRAMES = 10
 BY_NAME = {kind.name: kind for kind in DISTURBANCES}

@@ -15,8 +15,8 @@ from course.ch05 import miniature
 from measure import detector_experiments
 from measure.detector_experiments import Experiment, average_precision, found_labels, groups_of
 from vo_lib.data.sequence import Sequence
+from vo_lib.data.tables import read_csv
 from vo_lib.geometry.boxes import Boxes
-from vo_lib.runs.tables import read_csv
 
 
 def test_a_vehicle_is_in_the_groups_of_its_size_place_and_class() -> None:

@@ -9,7 +9,6 @@ import re
 import shutil
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -256,28 +255,17 @@ def test_record_of_another_program_is_kept(
 
 
 @pytest.mark.usefixtures("pictures_not_drawn")
-def test_second_detection_waits_for_the_first(
+def test_second_detection_of_the_same_images_is_refused(
     bands: Path, model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     record = detection_record(model, DetectorConfig())
     folder = label_folder(open_sequence(bands), record, tmp_path / "cache")
     folder.mkdir(parents=True)
-    held, end = threading.Event(), threading.Event()
-
-    def detect() -> None:
-        with only_process(folder):
-            held.set()
-            end.wait()
-
-    first = threading.Thread(target=detect)
-    first.start()
-    held.wait()
-    threading.Timer(0.5, end.set).start()
-    words = ["--detector", str(model), "--cache", str(tmp_path / "cache"), "--features.blob_cell", "9"]
-    assert main(["run", str(bands), "--out", str(tmp_path / "out"), *words]) == 0
-    first.join()
-    assert "another process detects vehicles in these images" in " ".join(capsys.readouterr().out.split())
-    assert len(texts(folder)) == 6
+    words = ["run", str(bands), "--out", str(tmp_path / "out"), "--detector", str(model)]
+    with only_process(folder):
+        assert main([*words, "--cache", str(tmp_path / "cache")]) == 2
+    assert "another process is working in this folder: wait until it ends" in capsys.readouterr().err
+    assert texts(folder) == {}
 
 
 def test_cached_labels_belong_to_one_detector(bands: Path, model: Path, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from vo_lib.commands.cli import main
 from vo_lib.config import preset
 from vo_lib.data.catalogue import open_sequence
 from vo_lib.data.sequence import Sequence
+from vo_lib.data.tables import read_csv
 from vo_lib.errors import DataError
 from vo_lib.geometry.motion import inverse
 from vo_lib.geometry.twist import motion_from_twist
@@ -27,7 +28,6 @@ from vo_lib.loops.settings import LoopConfig
 from vo_lib.report.film import LOOP_LINE_COLOUR, Film, film_frames
 from vo_lib.report.plots import png, trajectories_figure
 from vo_lib.runs.drive import run
-from vo_lib.runs.tables import read_csv
 from vo_lib.settings import replace
 
 CONFIG = LoopConfig(every=2, gap=6, similarity=-1.0)

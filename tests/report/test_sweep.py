@@ -16,13 +16,13 @@ from vo_lib import Sequence, open_sequence, preset, run
 from vo_lib.commands.cli import main
 from vo_lib.config import change
 from vo_lib.data.poses import from_first, read_kitti_poses
+from vo_lib.data.tables import read_csv
 from vo_lib.evaluation.kitti_errors import SHORT_PROTOCOL, kitti_errors
 from vo_lib.report.blocks import parse_axis
 from vo_lib.report.sweep_table import DEFAULT, Measured, Sweep, heat_map, run_sweep, sweep_table
 from vo_lib.runs.drive import run_methods
 from vo_lib.runs.jobs import Job, Outcome, run_jobs
 from vo_lib.runs.run_quality import warnings_of
-from vo_lib.runs.tables import read_csv
 
 
 @pytest.fixture(scope="module")

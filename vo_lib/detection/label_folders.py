@@ -335,9 +335,8 @@ def labelled_sequence(
 ) -> Sequence:
     """The sequence with a detector's labels, which are stored in the cache folder.
 
-    Images that this detector has seen before, in any place, are not detected again. If another process
-    detects the same images, `waiting` is called with the folder, then the call waits. `detected` and errors
-    as in `write_label_folder`.
+    Images that this detector has seen before, in any place, are not detected again. `detected` and errors as
+    in `write_label_folder`.
     """
     config = config or DetectorConfig()
     record = detection_record(model, config, classes, provider)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..data.poses import write_kitti_poses
+from ..data.tables import csv_text
 from ..files import write_atomic
-from ..runs.tables import csv_text
 from .graph import LoopClosure
 
 COLUMNS = ["first", "second", "similarity", "matches", "inliers", "residual_px", "weight", "gap_m"]

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field, replace
 from datetime import date
 from typing import Any
 
+from ..data.tables import csv_text
 from ..evaluation.kitti_errors import FEW_SUBSEQUENCES
 from ..runs.identity import library_versions, machine_info
-from ..runs.tables import csv_text
 
 NO_NUMBER = "–"
 COUNT_COLUMN = "sub-seqs"  # number of sub-sequences from which a row's errors come

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from ..data.catalogue import KITTI
 from ..data.kitti import EXPECTED_FRAMES
+from ..data.tables import read_csv
 from ..errors import DataError
 from ..evaluation.kitti_errors import (
     KITTI_PROTOCOL,
@@ -35,7 +36,6 @@ from ..runs.earlier_seconds import FRONT_END_STAGES
 from ..runs.folder import read_run
 from ..runs.jobs import Outcome
 from ..runs.run_quality import warnings_of
-from ..runs.tables import read_csv
 from .blocks import Block
 from .page import finite_or_none
 from .paper_unit import PAPERS_OWN, RE_KIND, converted

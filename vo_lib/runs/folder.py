@@ -18,6 +18,7 @@ from ..data.kitti import has_images
 from ..data.label_names import DETECTOR_RECORD
 from ..data.poses import format_kitti_poses, format_tum, read_kitti_poses
 from ..data.sequence import Sequence
+from ..data.tables import csv_text, read_csv
 from ..errors import DataError
 from ..files import DRAFT, LOCK, file_sha256, read_mapping, write_atomic, written_together
 from ..geometry.motion import inverse
@@ -27,7 +28,6 @@ from ..paper.settings import MethodConfig
 from .drive import Run
 from .identity import machine_info, short_digest
 from .run_quality import LOG, evaluate_run, path_lost, warnings_of
-from .tables import csv_text, read_csv
 
 CONFIG = "config.json"
 METRICS = "metrics.json"

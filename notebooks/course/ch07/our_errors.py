@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from vo_lib.data.catalogue import KITTI
+from vo_lib.data.tables import read_csv
 from vo_lib.errors import DataError
 from vo_lib.evaluation.statistics import mean_and_deviation
 from vo_lib.geometry.types import Array
@@ -19,7 +20,6 @@ from vo_lib.report import table1
 from vo_lib.report.record import RECORD, RecordRow, read_record
 from vo_lib.report.table1 import ERROR_KINDS
 from vo_lib.report.table1_page import TABLE
-from vo_lib.runs.tables import read_csv
 
 MAKE_ONE = "run the command above, or name its folder in the first line"
 
