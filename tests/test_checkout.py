@@ -14,7 +14,7 @@ import pytest
 from vo_lib.checkout import checkout_folder
 
 ROOT = Path(__file__).resolve().parents[1]
-IN_WORDS = "the kit's folder (the one with README.md)"
+IN_WORDS = "the kit's folder (with README.md)"
 
 
 @pytest.fixture(scope="module")

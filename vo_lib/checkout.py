@@ -22,8 +22,7 @@ def kit_folder_text() -> str:
     package = next(iter(metadata.distributions(name="stereo-vo-kit")), None)
     note = package and package.read_text("direct_url.json")
     folder = url2pathname(json.loads(note or "{}").get("url", "").removeprefix("file://"))
-    is_there = folder and Path(folder, "data_scripts").is_dir()
-    return folder if is_there else "the kit's folder (the one with README.md)"
+    return folder if folder and Path(folder, "data_scripts").is_dir() else "the kit's folder (with README.md)"
 
 
 def kit_subfolder(name: str) -> Path:

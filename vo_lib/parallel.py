@@ -28,16 +28,18 @@ class ThisProcess(Executor):
 def local_pool(workers: int) -> Iterator[Executor]:
     """Worker processes on this machine, which end with the context. With 1 worker, calls run in this process.
 
-    Unlike processes of the standard library, loky's processes start without a `__main__` guard.
+    The context waits for all calls, but after an error it ends the processes at once. Unlike processes of the
+    standard library, loky's processes start without a `__main__` guard.
     """
     if workers == 1:
         yield ThisProcess()
         return
-    pool = loky.ProcessPoolExecutor(workers, initializer=_follow_parent, initargs=(os.getpid(),))
-    try:
-        yield pool
-    finally:
-        pool.shutdown(kill_workers=True)  # after an error, some of them still work
+    with loky.ProcessPoolExecutor(workers, initializer=_follow_parent, initargs=(os.getpid(),)) as pool:
+        try:
+            yield pool
+        except BaseException:
+            pool.shutdown(kill_workers=True)
+            raise
 
 
 def _follow_parent(parent: int) -> None:

@@ -1,7 +1,8 @@
-"""Results do not depend on the number of threads."""
+"""Results do not depend on the number of threads, and a pool of processes ends with its context."""
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import cv2
@@ -10,6 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from vo_lib import open_sequence, preset, run
 from vo_lib.config import change
+from vo_lib.parallel import local_pool
 from vo_lib.runs.drive import single_threaded
 
 
@@ -52,3 +54,19 @@ def test_a_failed_run_does_not_limit_the_threads(bands: Path) -> None:
     assert caught.tb
     assert cv2.getNumThreads() == 3
     cv2.setNumThreads(before)
+
+
+def test_a_pool_waits_for_its_calls_and_ends_them_after_an_error() -> None:
+    with local_pool(2) as pool:
+        futures = [pool.submit(time.sleep, 0.2) for _ in range(4)]
+    assert all(future.done() for future in futures)
+    start = time.monotonic()
+
+    def broken() -> None:
+        with local_pool(2) as pool:
+            pool.submit(time.sleep, 60.0)
+            raise KeyError
+
+    with pytest.raises(KeyError):
+        broken()
+    assert time.monotonic() - start < 30.0
