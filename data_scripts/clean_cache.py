@@ -37,7 +37,8 @@ def run(options: argparse.Namespace) -> int:
     if not cache.exists():
         print_wrapped(f"{cache}: there is no cache")
         return 0
-    if cache.is_symlink() or not (cache / MARKER).is_file():
+    marker = cache / MARKER
+    if cache.is_symlink() or marker.is_symlink() or not marker.is_file():
         raise DataError(f"was not made by the kit (no {MARKER}, or a link), so nothing was deleted", cache)
     refuse_in_use(cache)
     sizes = cache_sizes(options.cache)
@@ -48,8 +49,9 @@ def run(options: argparse.Namespace) -> int:
         stays = path.name in (MARKER, detector_folder().name, doomed.name)
         if not stays:
             path.rename(doomed / path.name)
-        if path.name in sizes:
-            print_wrapped(f"{path.name}: {format_bytes(sizes[path.name])} {'stay' if stays else 'deleted'}")
+        size = f" {format_bytes(sizes[path.name])}" if path.name in sizes else ""
+        if path.name not in (MARKER, doomed.name):
+            print_wrapped(f"{path.name}:{size} {'kept' if stays else 'deleted'}")
     shutil.rmtree(doomed)
     return 0
 
@@ -57,6 +59,8 @@ def run(options: argparse.Namespace) -> int:
 def refuse_in_use(cache: Path) -> None:
     """Raise `DataError` if a process is writing into the cache."""
     for file in cache.rglob(f"*{LOCK}"):
+        if file.is_symlink() or not file.is_file():
+            continue
         try:
             with FileLock(file, timeout=0):
                 pass

@@ -105,6 +105,7 @@ def test_everything_in_the_cache_is_deleted_but_the_detectors(
     assert clean(*words) == 0
     printed = capsys.readouterr().out
     assert all(f"{kind}: " in printed for kind in kinds)
+    assert "detectors: 7 bytes kept" in printed
     assert "synthetic: 0 bytes" not in printed
     assert {path.name for path in cache.iterdir()} == {MARKER, "detectors"}
     assert detector.read_bytes() == b"weights"

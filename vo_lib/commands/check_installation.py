@@ -103,5 +103,5 @@ def _detectors() -> Finding:
 def _cache() -> Finding:
     """The size of the cache by kind, and how to free space."""
     sizes = [f"{name}: {size / 1e6:.1f} MB" for name, size in cache_sizes().items()]
-    to_free = steps({"vo data clean_cache": "deletes all of it; `vo list` then forgets imported folders"})
+    to_free = steps({"vo data clean_cache": "deletes all of it but registered detectors"})
     return Finding("cache", "ok", "\n".join([str(cache_folder()), *sizes]), f"to free space{to_free}")

@@ -102,10 +102,9 @@ def known_folder(name: str, cache: Path | None = None) -> Path | None:
 
     `cache` : as in `drawn.cache_folder`. Raises as `kitti_roots` if the name is one of KITTI.
     """
-    if Path(name).is_dir():
-        return Path(name)
-    folders = _kitti_folders() if name.startswith(KITTI) else scene_folders(cache)
-    return folders.get(name)
+    if name.startswith(KITTI):
+        return _kitti_folders().get(name)
+    return scene_folders(cache).get(name, Path(name) if Path(name).is_dir() else None)
 
 
 def _not_found(name: str) -> DataError:
@@ -140,8 +139,8 @@ def open_sequence(
     folder = known_folder(name, cache)
     if folder is None:
         raise _not_found(name)
-    if Path(name).is_dir():
-        return open_folder(folder, folder.resolve().name, labels)
-    if name.startswith(SYNTHETIC):
+    if name in scene_folders():
         folder = ensure_scene(name.removeprefix(SYNTHETIC), cache, progress, jobs=DRAWING_PROCESSES)
+    elif not name.startswith(KITTI):
+        name = folder.resolve().name
     return open_folder(folder, name, labels)

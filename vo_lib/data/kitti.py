@@ -67,7 +67,7 @@ def find_truth(folder: Path) -> Path | None:
     places = (Path(os.path.abspath(folder)), folder.resolve())
     in_layout = [place for place in places if place.parent.name == "sequences"]
     of_kitti = [place.parent.parent / "poses" / f"{place.name}.txt" for place in in_layout]
-    return next(filter(Path.exists, [*of_kitti, folder / "poses.txt"]), None)
+    return next(filter(os.path.lexists, [*of_kitti, folder / "poses.txt"]), None)
 
 
 def has_images(folder: Path) -> bool:

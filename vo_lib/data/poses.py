@@ -22,7 +22,7 @@ from ..geometry.types import Array, Index
 
 KITTI_ROW = "12 numbers, the upper 3×4 of a pose, row by row"
 POSE_ROW = "12 numbers (KITTI) or 8, t x y z qx qy qz qw (TUM); evo_traj … --save_as_tum converts others"
-POSE_ARRAY = "an array (N, 4, 4) of poses"
+POSE_ARRAY = "an array (N, 4, 4) of poses; evo_traj … --save_as_tum converts files of other systems"
 # Largest deviation of an entry of R Rᵀ from the identity, and of a quaternion's length from 1: large enough
 # for files with three digits, small enough to detect rows in another format.
 ROTATION_TOLERANCE = 1e-2
@@ -62,9 +62,10 @@ def read_poses(path: str | Path) -> PoseFile:
         return PoseFile(None, _read_array(path))
     rows, lines = read_number_rows(path, POSE_ROW, 8, 12)
     if rows.shape[1] == 12:
-        return PoseFile(None, _kitti_poses(rows, lines, path))
+        return PoseFile(None, _kitti_poses(rows, lines, path, POSE_ROW))
     times = rows[:, 0]
-    _refuse(times[1:] <= times[:-1], "the time does not increase", path, lines[1:])
+    late = f"the time does not increase; expected {POSE_ROW}"
+    _refuse(times[1:] <= times[:-1], late, path, lines[1:])
     with np.errstate(over="ignore"):
         length = np.linalg.norm(rows[:, 4:], axis=1)
     # An overflow gives an infinite length, which is refused like any other.
@@ -80,14 +81,14 @@ def read_poses(path: str | Path) -> PoseFile:
 def read_kitti_poses(path: str | Path) -> Array:
     """Poses T_w_c (N, 4, 4), N >= 1, of a file in KITTI's format alone; otherwise as `read_poses`."""
     rows, lines = read_number_rows(path, KITTI_ROW, 12)
-    return _kitti_poses(rows, lines, path)
+    return _kitti_poses(rows, lines, path, KITTI_ROW)
 
 
-def _kitti_poses(rows: Array, lines: list[int], path: str | Path) -> Array:
-    """Checked poses (N, 4, 4) of rows (N, 12) with these line numbers."""
+def _kitti_poses(rows: Array, lines: list[int], path: str | Path, expected: str) -> Array:
+    """Checked poses (N, 4, 4) of rows (N, 12) with these line numbers; `expected` : what a row should be."""
     T = np.tile(np.eye(4), (len(rows), 1, 1))
     T[:, :3] = rows.reshape(-1, 3, 4)
-    _refuse(~is_rotation(T[:, :3, :3]), f"the 3×3 part is not a rotation; expected {KITTI_ROW}", path, lines)
+    _refuse(~is_rotation(T[:, :3, :3]), f"the 3×3 part is not a rotation; expected {expected}", path, lines)
     _refuse_far(T, path, lines)
     return T
 
@@ -120,7 +121,7 @@ def _refuse(invalid: NDArray[np.bool_], fault: str, path: str | Path, lines: lis
 def _refuse_far(T: Array, path: str | Path, lines: list[int]) -> None:
     """Raise `DataError` for poses (N, 4, 4) with a coordinate that is not one on Earth."""
     is_far = np.abs(T[:, :3, 3]).max(axis=1) > MAX_COORDINATE_M
-    _refuse(is_far, f"a position beyond {MAX_COORDINATE_M:g} m", path, lines)
+    _refuse(is_far, f"a position beyond {MAX_COORDINATE_M:g} m; expected {POSE_ROW}", path, lines)
 
 
 def refuse_intervals(times: Array, path: str | Path) -> None:
@@ -184,7 +185,8 @@ def read_number_rows(path: str | Path, expected: str, *counts: int) -> tuple[Arr
     """
     rows: list[list[float]] = []
     lines: list[int] = []
-    for number, line in enumerate(read_text(path).rstrip().splitlines(), start=1):
+    text = read_text(path).rstrip()
+    for number, line in enumerate(text.split("\n") if text else [], start=1):
         if line.lstrip().startswith("#"):
             continue
         words = line.split()
@@ -208,5 +210,5 @@ def finite_number(word: str) -> float:
         with suppress(ValueError):
             value = float(word)
     if not math.isfinite(value):
-        raise ValueError(f"{word[:20]!r} is not a finite number")
+        raise ValueError(f"{ascii(word)[:20]} is not a finite number")
     return value

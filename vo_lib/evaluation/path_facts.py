@@ -64,8 +64,9 @@ def doubt(truth: Array, poses: Array) -> str:
     if forward_share(truth) >= FORWARD > forward_share(poses):
         return "does not move along its own +z axis as the truth does: other axes, or inverted poses"
     true_length = path_length(truth)
-    ratio = path_length(poses) / true_length if true_length > 0 else 1.0
+    length = path_length(poses)
     least, most = LENGTH_RATIOS
-    if not least <= ratio <= most:
+    if not least * true_length <= length <= most * true_length:
+        ratio = length / true_length if true_length > 0 else np.inf
         return f"is {ratio:.3g} times as long as the truth: other frames, another unit, or no scale"
     return ""
