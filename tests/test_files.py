@@ -19,9 +19,8 @@ from vo_lib.files import (
     read_mapping,
     read_text,
     write_atomic,
-    written_together,
 )
-from vo_lib.runs.folder import refuse_foreign
+from vo_lib.runs.folder import refuse_foreign, written_together
 
 BEFORE = {"b.txt": "old b", "d.txt": "old d", "end.json": "old end"}
 

@@ -137,21 +137,6 @@ def write_atomic(path: str | Path, data: bytes | str) -> None:
         os.replace(draft, path)
 
 
-@contextmanager
-def written_together(folder: Path) -> Iterator[Path]:
-    """A temporary folder, whose files replace those of `folder` one by one when the context ends.
-
-    Every file is complete on the disk before the first one is replaced, so on a full disk the files from
-    before remain. A file whose name ends with `DRAFT` is the mark of a complete result: it is the last one,
-    and gets its name without the ending only then. Raises `DataError` like `write_atomic`.
-    """
-    with locked_draft(folder / "results") as draft:
-        draft.mkdir()
-        yield draft
-        for name in sorted(os.listdir(draft), key=lambda name: (name.endswith(DRAFT), name)):
-            os.replace(draft / name, folder / name.removesuffix(DRAFT))
-
-
 def file_sha256(path: str | Path) -> str:
     """SHA-256 of a file, 64 hexadecimal digits; raises like `open_binary`."""
     return hashlib.sha256(read_bytes(path)).hexdigest()

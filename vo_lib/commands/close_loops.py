@@ -13,7 +13,6 @@ from ..data.sequence import Sequence
 from ..evaluation.ate_rpe import rmse
 from ..evaluation.kitti_errors import suitable_protocol
 from ..evaluation.path_errors import evaluate
-from ..files import written_together
 from ..geometry.types import Array
 from ..loops.closure_files import write_closure
 from ..loops.find import PlacePairs, comparison_key, find_loops
@@ -22,7 +21,7 @@ from ..loops.settings import LoopConfig
 from ..paper.settings import MethodConfig
 from ..report.page import COUNT_COLUMN, ReportTable, few_marked, format_number
 from ..runs.drive import single_threaded
-from ..runs.folder import LOOPS, LOOPS_POSES, POSES
+from ..runs.folder import LOOPS, LOOPS_POSES, POSES, written_together
 from ..runs.jobs import Outcome
 from ..settings import declared
 from .console import reporting

@@ -12,7 +12,7 @@ from ..errors import DataError
 from ..evaluation.ate_rpe import Alignment
 from ..evaluation.kitti_errors import SubsequenceProtocol, suitable_protocol
 from ..evaluation.path_errors import PathErrors, evaluate
-from ..files import read_mapping, write_atomic, written_together
+from ..files import read_mapping, write_atomic
 from ..geometry.types import Array
 from ..report.compare import (
     GIVE_TRUTH,
@@ -23,7 +23,7 @@ from ..report.compare import (
     tables_without_truth,
     write_pictures,
 )
-from ..runs.folder import POSES, POSES_TUM, changed_files, refuse_foreign, run_folder
+from ..runs.folder import POSES, POSES_TUM, changed_files, refuse_foreign, run_folder, written_together
 from .common import changed_words, parse_delta, parse_lengths, parse_whole, require_drawing
 from .console import print_wrapped, show_report_table, warn
 

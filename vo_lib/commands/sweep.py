@@ -15,7 +15,7 @@ from ..data.catalogue import parse_sequences
 from ..data.sequence import Sequence
 from ..detection.models import find_model
 from ..errors import DataError
-from ..files import only_process, write_atomic, written_together
+from ..files import only_process, write_atomic
 from ..paper.settings import MethodConfig
 from ..report.blocks import Axes, changed, combinations, parse_axes, reasons_words
 from ..report.page import records_csv
@@ -32,7 +32,7 @@ from ..report.sweep_table import (
 from ..report.table1 import is_own_table
 from ..report.table1_plan import refuse_equal_names, slug
 from ..runs.durations import Durations
-from ..runs.folder import has_runs, refuse_foreign, run_folder
+from ..runs.folder import has_runs, refuse_foreign, run_folder, written_together
 from ..runs.jobs import Job, Outcome, refuse_other_runs
 from . import common, vehicle_boxes
 from .console import print_notes, print_warnings, print_wrapped, reporting, show_report_table

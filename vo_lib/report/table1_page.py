@@ -13,9 +13,9 @@ from ..data.catalogue import KITTI
 from ..evaluation.kitti_errors import FEW_SUBSEQUENCES, KITTI_PROTOCOL, subsequences_text
 from ..evaluation.path_facts import path_difference, path_length
 from ..evaluation.statistics import COUNTED, NO_CHANGE, mean_and_deviation, one_run_shows
-from ..files import write_atomic, written_together
+from ..files import write_atomic
 from ..geometry.types import Array
-from ..runs.folder import read_run
+from ..runs.folder import read_run, written_together
 from ..runs.jobs import Outcome
 from ..runs.match_cache import CachedMatches
 from .blocks import Block, settings_folder

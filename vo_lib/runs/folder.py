@@ -20,7 +20,7 @@ from ..data.poses import format_kitti_poses, format_tum, read_kitti_poses
 from ..data.sequence import Sequence
 from ..data.tables import csv_text, read_csv
 from ..errors import DataError
-from ..files import DRAFT, LOCK, file_sha256, read_mapping, write_atomic, written_together
+from ..files import DRAFT, LOCK, file_sha256, locked_draft, read_mapping, write_atomic
 from ..geometry.motion import inverse
 from ..geometry.result import Flag, FrameResult
 from ..geometry.types import Array
@@ -88,6 +88,30 @@ def run_folder(folder: str | Path) -> Iterator[Path]:
         with suppress(OSError):
             for new_folder in new_folders:
                 new_folder.rmdir()
+
+
+@contextmanager
+def written_together(folder: Path) -> Iterator[Path]:
+    """A temporary folder, whose files replace those of `folder` one by one when the context ends.
+
+    Every file is complete on the disk before the first one is replaced, so on a full disk the files from
+    before remain. A file whose name ends with `DRAFT` is the mark of a complete result: it is the last one,
+    and gets its name without the ending only then. If this is interrupted, files that were not there before
+    go again, so that none of them is taken for somebody else's. Raises `DataError` like `write_atomic`.
+    """
+    with locked_draft(folder / "results") as draft:
+        draft.mkdir()
+        yield draft
+        names = sorted(os.listdir(draft), key=lambda name: (name.endswith(DRAFT), name))
+        targets = {name: folder / name.removesuffix(DRAFT) for name in names}
+        new = [target for target in targets.values() if not os.path.lexists(target)]
+        try:
+            for name, target in targets.items():
+                os.replace(draft / name, target)
+        except BaseException:
+            for target in new:
+                target.unlink(missing_ok=True)
+            raise
 
 
 def refuse_foreign(folder: Path, names: Iterable[str], own: bool) -> None:
